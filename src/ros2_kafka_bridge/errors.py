@@ -1,0 +1,70 @@
+"""The errors of the bridge, grouped by what is done about them.
+
+BridgeError
+├── ConfigError              nothing was started: mend the configuration (exit status 2)
+├── RecordError              this record or message can never be delivered: on_error applies
+│   ├── DecodeError          a record's value is not what the route's format says
+│   ├── EncodeError          a message cannot be written in the route's format
+│   └── RecordTooLargeError  larger than a limit of the route or of the broker
+├── RouteError               this route alone has failed: tried again with backoff
+└── TransportError           broker or subscriber away: wait and try again
+
+A bug (AssertionError, TypeError, ...) is none of these and is never swallowed by a policy.
+"""
+
+
+class BridgeError(Exception):
+    """The root of everything that the bridge raises on purpose."""
+
+
+class ConfigError(BridgeError):
+    """The configuration is wrong; `problems` holds every mistake found, one line each."""
+
+    def __init__(self, problems: list[str]) -> None:
+        super().__init__('\n'.join(problems))
+        self.problems = problems
+
+
+class RecordError(BridgeError):
+    """One record or message can never be delivered."""
+
+
+class DecodeError(RecordError):
+    """The value of a record is not what the format of the route says."""
+
+
+class EncodeError(RecordError):
+    """A message cannot be written in the format of the route."""
+
+
+class RecordTooLargeError(RecordError):
+    """A record or message is larger than a limit.
+
+    Args:
+        size_bytes: The size that was refused.
+        limit_bytes: The limit, None where only the broker knows it.
+        limit_name: Where the limit is set, in the words of the one who can change it.
+    """
+
+    def __init__(self, size_bytes: int, limit_bytes: int | None, limit_name: str) -> None:
+        limit = limit_name if limit_bytes is None else f'{limit_name} ({limit_bytes} bytes)'
+        super().__init__(f'{size_bytes} bytes, more than {limit}')
+        self.size_bytes = size_bytes
+        self.limit_bytes = limit_bytes
+
+
+class RouteError(BridgeError):
+    """One route cannot go on; the others do.
+
+    Args:
+        message: What happened, and what to do.
+        final: True where trying again cannot help (`on_error: stop`).
+    """
+
+    def __init__(self, message: str, *, final: bool = False) -> None:
+        super().__init__(message)
+        self.final = final
+
+
+class TransportError(BridgeError):
+    """The other side is away or busy for now."""
