@@ -1,0 +1,83 @@
+# Each target does all the set-up that it needs, in .venv.
+
+PYTHON ?= python3
+T ?= tests
+A ?=
+PORT ?= 9092
+
+BIN := .venv/bin
+READY := .venv/ready
+LOCK := $(BIN)/uv pip compile pyproject.toml --all-extras --group dev --universal \
+	--python-version 3.11 --generate-hashes --no-header --quiet
+
+# A sourced ROS 2 must not mix with the ROS 2 wheels in .venv.
+unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTATION
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+export ROS2_KAFKA_BRIDGE_KAFKA_JARS ?= $(CURDIR)/.kafka/jars
+
+.PHONY: help setup test check lint format types locked kafka bench docs lock java
+.DEFAULT_GOAL := help
+
+help: ## what there is to make
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(READY) ## .venv with the locked dependencies and this project
+
+test: $(if $(filter-out tests/unit%,$(T)),java) $(READY) ## all tests (some: T=tests/unit, A='-k name')
+	$(BIN)/python -m pytest $(T) $(A)
+
+check: lint format types locked ## what must hold before a commit: lint, format, types, lock
+
+lint: $(READY)
+	$(BIN)/ruff check
+
+format: $(READY)
+	$(BIN)/ruff format --check
+
+types: $(READY)
+	$(BIN)/mypy
+
+# A copy, because uv keeps the versions that its output file names already.
+locked: $(READY)
+	@cp requirements.lock .venv/requirements.lock
+	@$(LOCK) --output-file .venv/requirements.lock > .venv/lock.log
+	@diff requirements.lock .venv/requirements.lock > .venv/lock.diff || \
+		{ echo 'requirements.lock is not what pyproject.toml asks for: make lock' >&2; exit 1; }
+	@! grep -n '://' requirements.lock || \
+		{ echo 'requirements.lock must not name the place it was made with' >&2; exit 1; }
+	@echo 'requirements.lock is in date'
+
+kafka: java $(READY) ## a real one-node Kafka in the foreground (PORT=9092)
+	@$(BIN)/python -m ros2_kafka_bridge.testing.local_kafka --port $(PORT) $(A)
+
+bench: java $(READY) ## drain a topic through both directions, three contestants side by side
+	$(BIN)/python -m benchmarks.drain $(A)
+
+docs: $(READY) ## the tables in docs, from the code
+	$(BIN)/python tools/make_docs.py $(A)
+
+lock: $(READY) ## requirements.lock, after a change of pyproject.toml
+	$(LOCK) --output-file requirements.lock > .venv/lock.log
+
+# pip is asked once, for uv, with the hashes of the lock. Always into an empty .venv: the wheels
+# of ROS 2 hold the metadata of a second package, which `uv pip sync` would remove with its files.
+$(READY): pyproject.toml requirements.lock
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo 'Python 3.11 or newer is needed: make PYTHON=/path/to/python3' >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2> /dev/null || \
+		{ echo 'Python can make no virtual environments here: install python3-venv' >&2; exit 1; }
+	@echo 'Setting up .venv ...'
+	@$(PYTHON) -m venv --clear .venv
+	@awk '/^[a-z]/ {found = /^uv==/} found' requirements.lock > .venv/uv.txt
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r .venv/uv.txt
+	@$(BIN)/uv pip install --quiet --python $(BIN)/python --require-hashes -r requirements.lock
+	@$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --editable .
+	@touch $@
+
+java:
+	@"$${JAVA_HOME:+$$JAVA_HOME/bin/}java" -version 2>&1 | \
+		grep -Eq 'version "(1[7-9]|[2-9][0-9])' || \
+		{ echo 'Java 17 or newer is needed, to run Apache Kafka' >&2; exit 1; }
+	@command -v mvn > /dev/null || \
+		{ echo 'Maven (mvn) is needed, to fetch Apache Kafka' >&2; exit 1; }
