@@ -20,13 +20,17 @@ Encode = Callable[[bytes], bytes | None]
 class MakeDecode(Protocol):
     """Makes the decode function for one message type."""
 
-    def __call__(self, layout: Layout) -> Decode: ...
+    def __call__(self, layout: Layout, /) -> Decode:
+        """Raises ConfigError where the format cannot carry the type."""
+        ...
 
 
 class MakeEncode(Protocol):
     """Makes the encode function for one message type."""
 
-    def __call__(self, layout: Layout) -> Encode: ...
+    def __call__(self, layout: Layout, /) -> Encode:
+        """Raises ConfigError where the format cannot carry the type."""
+        ...
 
 
 class Format(NamedTuple):

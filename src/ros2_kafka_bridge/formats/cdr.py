@@ -1,0 +1,67 @@
+"""cdr: the record's value is the CDR bytes of the message, as ROS 2 sends them.
+
+Bytes are looked at, never changed: DDS takes garbage without a word, and readers drop it so.
+"""
+
+from collections.abc import Callable
+
+from ros2_kafka_bridge.errors import DecodeError, EncodeError
+from ros2_kafka_bridge.formats.layout import Layout, has_slack, make_end
+
+
+def make_decode(layout: Layout) -> Callable[[bytes | None], bytes]:
+    """Make the function from a record's value to the same bytes, without padding behind.
+
+    Returns:
+        The function. It raises DecodeError for a null value and for what is not one message
+        of this type; where nothing is to be cut off, it returns the same object.
+    """
+    exact = _make_exact(layout)
+
+    def decode(value: bytes | None) -> bytes:
+        if value is None:
+            raise DecodeError('the value is null (a tombstone), and cdr has no message for it')
+        return exact(value)
+
+    return decode
+
+
+def make_encode(layout: Layout) -> Callable[[bytes], bytes]:
+    """Make the function from a message's bytes to the same bytes, without padding behind.
+
+    Returns:
+        The function. It raises EncodeError for what is not one message of this type.
+    """
+    exact = _make_exact(layout)
+
+    def encode(message: bytes) -> bytes:
+        try:
+            return exact(message)
+        except DecodeError as error:
+            raise EncodeError(str(error)) from None
+
+    return encode
+
+
+def _make_exact(layout: Layout) -> Callable[[bytes], bytes]:
+    end_of = make_end(layout)
+    slack = has_slack(layout)
+
+    def exact(value: bytes) -> bytes:
+        fields_end = end_of(value)
+        # Some vendors pad and say so in the header: readers cut that much off.
+        end = fields_end + (value[3] & 3)
+        behind = len(value) - end
+        if not behind:
+            return value
+        if behind < 0:
+            raise DecodeError(
+                f'padding: needs {end - fields_end} bytes at {fields_end}, as the '
+                f'header says, the value has {len(value)}'
+            )
+        # Slack of 4 bytes comes from a field that has at least 4 bytes itself.
+        if behind > (end if slack else 3):
+            raise DecodeError(f'{behind} bytes behind the last field, at {end}')
+        return value[:end]
+
+    return exact

@@ -1,0 +1,96 @@
+"""text: a std_msgs/msg/String whose text is the record's value, as UTF-8.
+
+The bytes of such a message are a fixed prefix, its length, the text and a NUL.
+"""
+
+import struct
+from collections.abc import Callable
+from typing import Final
+
+from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
+from ros2_kafka_bridge.formats.layout import Layout
+
+MESSAGE_TYPE: Final = 'std_msgs/msg/String'
+
+_LENGTH_LITTLE: Final = struct.Struct('<I').unpack_from
+_LENGTH_BIG: Final = struct.Struct('>I').unpack_from
+# The header of little endian, then the length.
+_PREFIX: Final = struct.Struct('<4sI').pack
+_HEADER: Final = b'\x00\x01\x00\x00'
+
+
+def make_decode(layout: Layout) -> Callable[[bytes | None], bytes]:
+    """Make the function from a record's value to the CDR bytes of a String.
+
+    Returns:
+        The function. It raises DecodeError for a null value, a NUL, and what is not UTF-8.
+
+    Raises:
+        ConfigError: The type is not std_msgs/msg/String.
+    """
+    _check_type(layout)
+    return _decode
+
+
+def make_encode(layout: Layout) -> Callable[[bytes], bytes]:
+    """Make the function from the CDR bytes of a String to a record's value.
+
+    Returns:
+        The function. It raises EncodeError for bytes that are no String, and for a text that
+        has a NUL or is not UTF-8.
+
+    Raises:
+        ConfigError: The type is not std_msgs/msg/String.
+    """
+    _check_type(layout)
+    return _encode
+
+
+def _check_type(layout: Layout) -> None:
+    if layout.type_name != MESSAGE_TYPE:
+        raise ConfigError([f'text carries {MESSAGE_TYPE}, not {layout.type_name}'])
+
+
+def _decode(value: bytes | None) -> bytes:
+    if value is None:
+        raise DecodeError('the value is null (a tombstone), and text has no message for it')
+    if 0 in value or not value.isascii():
+        _check_text(value)
+    return _PREFIX(_HEADER, len(value) + 1) + value + b'\0'
+
+
+def _encode(message: bytes) -> bytes:
+    if len(message) < 9 or message[0] or message[1] > 1:
+        raise EncodeError(f'not the bytes of a String: {message[:8].hex(" ")}')
+    (length,) = (_LENGTH_LITTLE if message[1] else _LENGTH_BIG)(message, 4)
+    nul = 7 + length
+    text = message[8:nul]
+    if message.find(0, 8) != nul or len(message) > nul + 4 or not text.isascii():
+        _check_string(message, nul)
+    return text
+
+
+def _check_text(value: bytes) -> None:
+    """Look again, slowly, at a value that is not plain ASCII."""
+    if 0 in value:
+        raise DecodeError(f'a NUL at byte {value.index(0)}: ROS strings cannot hold it')
+    try:
+        value.decode()
+    except UnicodeDecodeError as error:
+        found = value[error.start]
+        raise DecodeError(f'not UTF-8 at byte {error.start}: {found:#04x}') from None
+
+
+def _check_string(message: bytes, nul: int) -> None:
+    """Look again, slowly, at a message that is not plain ASCII."""
+    if nul < 8 or nul >= len(message) or message[nul]:
+        length = nul - 7
+        raise EncodeError(
+            f'data: a length of {length} at 4 and no NUL at {nul}, in {len(message)} bytes'
+        )
+    if len(message) > nul + 4:
+        raise EncodeError(f'{len(message) - nul - 1} bytes behind the String, at {nul + 1}')
+    try:
+        _check_text(message[8:nul])
+    except DecodeError as error:
+        raise EncodeError(f'data: {error}') from None

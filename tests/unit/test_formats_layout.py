@@ -1,0 +1,452 @@
+"""The layout of every installed message type, held against rclpy's own serialization."""
+
+import contextlib
+import importlib
+import random
+import struct
+import time
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+
+from ros2_kafka_bridge.errors import ConfigError, DecodeError
+from ros2_kafka_bridge.formats import FORMATS
+from ros2_kafka_bridge.formats.layout import (
+    PRIMITIVES,
+    Array,
+    Field,
+    Kind,
+    Layout,
+    Primitive,
+    Sequence,
+    String,
+    has_slack,
+    make_end,
+    make_reader,
+)
+from ros2_kafka_bridge.ros.types import load_type, type_names
+
+EVERY_TYPE = pytest.mark.parametrize('name', type_names())
+SAMPLE = [
+    'diagnostic_msgs/msg/DiagnosticArray',
+    'nav_msgs/msg/Odometry',
+    'sensor_msgs/msg/JointState',
+    'sensor_msgs/msg/PointCloud2',
+    'test_msgs/msg/Arrays',
+    'test_msgs/msg/BoundedSequences',
+    'test_msgs/msg/MultiNested',
+    'test_msgs/msg/UnboundedSequences',
+    'test_msgs/msg/WStrings',
+    'visualization_msgs/msg/MarkerArray',
+]
+ALPHABET = 'abc xyz_09/äßж日'
+
+
+@lru_cache
+def layout_of(name: str) -> Layout:
+    return load_type(name).layout
+
+
+@lru_cache
+def end_of(name: str) -> Callable[[bytes], int]:
+    return make_end(layout_of(name))
+
+
+def new_message(type_name: str) -> Any:
+    package, _, short = type_name.split('/')
+    return getattr(importlib.import_module(f'{package}.msg'), short)()
+
+
+def random_message(type_name: str, seed: int) -> Any:
+    message = new_message(type_name)
+    fill(message, layout_of(type_name), random.Random(seed))  # noqa: S311 -- repeatable
+    return message
+
+
+def fill(message: Any, layout: Layout, source: random.Random) -> Any:
+    for name, kind in layout.fields:
+        setattr(message, name, random_value(kind, source))
+    return message
+
+
+def random_value(kind: Kind, source: random.Random) -> Any:
+    match kind:
+        case Primitive():
+            return random_number(kind.name, source)
+        case String():
+            most = min(6, 6 if kind.bound is None else kind.bound)
+            letters = ALPHABET + '𝄞' if kind.wide and kind.bound is None else ALPHABET
+            return ''.join(source.choices(letters, k=source.randint(0, most)))
+        case Array():
+            return [random_value(kind.item, source) for _ in range(kind.length)]
+        case Sequence():
+            most = 3 if kind.bound is None else min(3, kind.bound)
+            return [random_value(kind.item, source) for _ in range(source.randint(0, most))]
+        case Layout():
+            return fill(new_message(kind.type_name), kind, source)
+
+
+def random_number(name: str, source: random.Random) -> Any:
+    match name:
+        case 'bool':
+            return source.random() < 0.5
+        case 'byte':
+            return source.randbytes(1)
+        case 'float32' | 'float64':
+            return source.randint(-1000, 1000) / 4
+        case _:
+            code = '<' + PRIMITIVES[name]
+            return struct.unpack(code, source.randbytes(struct.calcsize(code)))[0]
+
+
+class Writer:
+    """Writes XCDR1 value by value, in either byte order: slow, and nothing like the compiler."""
+
+    def __init__(self, order: str) -> None:
+        self.order = order
+        self.body = bytearray()
+
+    def value_of(self, message: Any, layout: Layout) -> bytes:
+        """The whole value, header included."""
+        self.put(layout, message)
+        return (b'\0\1\0\0' if self.order == '<' else b'\0\0\0\0') + self.body
+
+    def number(self, code: str, number: Any) -> None:
+        """One primitive, aligned."""
+        self.body += bytes(-len(self.body) % struct.calcsize('<' + code))
+        self.body += struct.pack(self.order + code, number)
+
+    def put(self, kind: Kind, value: Any) -> None:
+        """A value of any kind."""
+        match kind:
+            case Primitive():
+                self.number(PRIMITIVES[kind.name], value[0] if kind.name == 'byte' else value)
+            case String():
+                self.text(kind, value)
+            case Array():
+                for item in value:
+                    self.put(kind.item, item)
+            case Sequence():
+                self.number('I', len(value))
+                for item in value:
+                    self.put(kind.item, item)
+            case Layout():
+                for name, inner in kind.fields:
+                    self.put(inner, getattr(value, name))
+                if not kind.fields:
+                    self.number('B', 0)
+
+    def text(self, kind: String, value: str) -> None:
+        """A string, narrow or wide."""
+        if kind.wide:
+            units = struct.iter_unpack('<H', value.encode('utf-16-le'))
+            self.put(Sequence(Primitive('uint32')), [unit for (unit,) in units])
+        else:
+            content = value.encode() + b'\0'
+            self.number('I', len(content))
+            self.body += content
+
+
+def mutations(value: bytes, source: random.Random, times: int) -> list[bytes]:
+    found = []
+    for _ in range(times):
+        changed = bytearray(value)
+        for _ in range(source.randint(1, 3)):
+            changed[source.randrange(len(changed))] = source.choice([0, 1, 2, 127, 128, 255])
+        found.append(bytes(changed))
+    return found
+
+
+def cuts(value: bytes) -> list[int]:
+    step = max(1, len(value) // 200)
+    return sorted({*range(0, len(value), step), *range(max(0, len(value) - 20), len(value))})
+
+
+@EVERY_TYPE
+def test_a_message_of_any_type_ends_where_rclpy_ends_it(name: str) -> None:
+    for seed in range(4):
+        message = random_message(name, seed)
+        value = serialize_message(message)
+        end = len(Writer('<').value_of(message, layout_of(name)))
+        assert end_of(name)(value) == end
+        behind = len(value) - end
+        assert behind <= 3 or (has_slack(layout_of(name)) and behind <= end)
+
+
+@EVERY_TYPE
+@pytest.mark.parametrize('order', ['<', '>'])
+def test_a_message_of_any_type_is_read_in_both_byte_orders(name: str, order: str) -> None:
+    for seed in range(2):
+        message = random_message(name, seed)
+        value = Writer(order).value_of(message, layout_of(name))
+        assert end_of(name)(value) == len(value)
+        assert deserialize_message(value, type(message)) == message
+
+
+@EVERY_TYPE
+def test_a_message_of_any_type_cut_short_anywhere_is_refused(name: str) -> None:
+    value = Writer('<').value_of(random_message(name, 5), layout_of(name))
+    for size in cuts(value):
+        with pytest.raises(DecodeError):
+            end_of(name)(value[:size])
+
+
+@EVERY_TYPE
+def test_bytes_of_any_kind_are_refused_with_a_decode_error_or_accepted(name: str) -> None:
+    source = random.Random(name)  # noqa: S311 -- repeatable
+    value = serialize_message(random_message(name, 7))
+    noise = [b'\0\1\0\0' + source.randbytes(size) for size in range(0, 200, 9)]
+    refused = 0
+    for changed in mutations(value, source, 60) + noise:
+        try:
+            assert end_of(name)(changed) <= len(changed)
+        except DecodeError:
+            refused += 1
+    assert refused
+
+
+@pytest.mark.parametrize('name', SAMPLE)
+def test_what_is_accepted_is_accepted_by_rclpy_too(name: str) -> None:
+    decode = FORMATS['cdr'].make_decode(layout_of(name))
+    source = random.Random(name)  # noqa: S311 -- repeatable
+    accepted = 0
+    for seed in range(20):
+        message = random_message(name, seed)
+        for changed in mutations(serialize_message(message), source, 20):
+            try:
+                value = decode(changed)
+            except DecodeError:
+                continue
+            deserialize_message(value, type(message))
+            accepted += 1
+    assert accepted
+
+
+@pytest.mark.parametrize('name', SAMPLE)
+@settings(max_examples=60, derandomize=True, deadline=None, database=None)
+@given(body=st.binary(max_size=200), head=st.sampled_from([b'\0\1\0\0', b'\0\0\0\0', b'']))
+def test_no_bytes_break_a_validator(name: str, head: bytes, body: bytes) -> None:
+    with contextlib.suppress(DecodeError):
+        assert end_of(name)(head + body) <= len(head + body)
+
+
+@pytest.mark.parametrize('name', SAMPLE)
+def test_a_huge_declared_length_is_refused_at_once(name: str) -> None:
+    value = serialize_message(random_message(name, 3))
+    started = time.monotonic()
+    for at in range(4, len(value) - 4, 4):
+        for length in (0x7FFFFFFF, 0xFFFFFFFF):
+            changed = value[:at] + length.to_bytes(4, 'little') + value[at + 4 :]
+            with contextlib.suppress(DecodeError):
+                assert end_of(name)(changed) <= len(changed)
+    assert time.monotonic() - started < 2
+
+
+def test_many_items_without_bytes_are_refused_before_they_are_walked() -> None:
+    layout = Layout('t/msg/T', (Field('items', Sequence(Layout('t/msg/Empty', ()))),))
+    value = b'\0\1\0\0' + (2**32 - 1).to_bytes(4, 'little') + bytes(10)
+    with pytest.raises(DecodeError, match='items: needs 4294967295 items at 8, the value has 10'):
+        make_end(layout)(value)
+
+
+ODOMETRY = serialize_message(random_message('nav_msgs/msg/Odometry', 1))
+
+
+@pytest.mark.parametrize(
+    ('header', 'accepted'),
+    [
+        ('00 01 00 00', True),
+        ('00 01 00 03', True),
+        ('00 03 00 00', False),
+        ('00 07 00 00', False),
+        ('01 01 00 00', False),
+        ('7b 22 61 22', False),
+    ],
+)
+def test_only_the_headers_of_plain_cdr_are_accepted(header: str, accepted: bool) -> None:  # noqa: FBT001
+    value = bytes.fromhex(header) + ODOMETRY[4:]
+    if accepted:
+        assert end_of('nav_msgs/msg/Odometry')(value) == len(value)
+    else:
+        with pytest.raises(DecodeError, match=rf'encapsulation header: .* found {header}'):
+            end_of('nav_msgs/msg/Odometry')(value)
+
+
+def test_an_empty_value_is_refused() -> None:
+    with pytest.raises(DecodeError, match=r'encapsulation header: .* found nothing'):
+        end_of('std_msgs/msg/String')(b'')
+
+
+STRING = (Field('data', String()),)
+
+
+def refusal(fields: tuple[Field, ...], body: bytes) -> str:
+    with pytest.raises(DecodeError) as caught:
+        make_end(Layout('t/msg/T', fields))(b'\0\1\0\0' + body)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('fields', 'body', 'words'),
+    [
+        (STRING, b'', 'data: needs 4 bytes at 4, the value has 4'),
+        (STRING, b'\5\0\0\0ab\0', 'data: needs 5 bytes at 8, the value has 11'),
+        (STRING, b'\0\0\0\0', 'data: needs a length of at least 1 at 4, found 0'),
+        (STRING, b'\2\0\0\0ab', 'data: needs a NUL at 9, found 0x62'),
+        (STRING, b'\4\0\0\0a\0b\0', 'data: has a NUL inside, at 9'),
+        (STRING, b'\3\0\0\0a\xff\0', 'data: is not UTF-8 at 9: 0xff'),
+        (
+            (Field('short', String(2)),),
+            b'\4\0\0\0abc\0',
+            'short: at most 2 bytes, found 3 at 4',
+        ),
+        (
+            (Field('wide', String(1, wide=True)),),
+            b'\2\0\0\0a\0\0\0b\0\0\0',
+            'wide: at most 1 units, found 2 at 4',
+        ),
+        (
+            (Field('wide', String(wide=True)),),
+            b'\1\0\0\0\0\xd8\0\0',
+            'wide: is not UTF-16 in units of 4 bytes at 8',
+        ),
+        (
+            (Field('wide', String(wide=True)),),
+            b'\1\0\0\0\0\0\1\0',
+            'wide: has a unit of more than 16 bits behind 8',
+        ),
+        (
+            (Field('wide', String(wide=True)),),
+            b'\2\0\0\0a\0\0\0',
+            'wide: needs 8 bytes at 8, the value has 12',
+        ),
+        (
+            (Field('on', Primitive('bool')),),
+            b'\2',
+            'on: needs a bool (0 or 1) at 4, found 2',
+        ),
+        (
+            (Field('on', Sequence(Primitive('bool'))),),
+            b'\3\0\0\0\0\1\7',
+            'on: needs a bool (0 or 1) at 10, found 7',
+        ),
+        (
+            (Field('on', Array(Primitive('bool'), 2)),),
+            b'\0\xff',
+            'on: needs a bool (0 or 1) at 5, found 255',
+        ),
+        (
+            (Field('few', Sequence(Primitive('int8'), 1)),),
+            b'\2\0\0\0ab',
+            'few: at most 1 items, found 2 at 4',
+        ),
+        (
+            (Field('a', Array(Primitive('float64'), 36)),),
+            bytes(30),
+            'a[3]: needs 8 bytes at 28, the value has 34',
+        ),
+        (
+            (Field('a', Sequence(Primitive('float64'))),),
+            b'\2\0\0\0' + bytes(4) + bytes(8),
+            'a[1]: needs 8 bytes at 20, the value has 20',
+        ),
+        (
+            (Field('t', Sequence(Layout('t/msg/U', STRING))),),
+            b'\2\0\0\0' + b'\1\0\0\0\0' + bytes(3) + b'\2\0\0\0x\1',
+            't[1].data: needs a NUL at 21, found 0x01',
+        ),
+    ],
+)
+def test_a_refusal_says_where_and_what(fields: tuple[Field, ...], body: bytes, words: str) -> None:
+    assert refusal(fields, body) == words
+
+
+def test_a_refusal_names_the_field_inside_nested_messages() -> None:
+    cloud = random_message('geometry_msgs/msg/PolygonStamped', 1)
+    cloud.header.frame_id = 'map'
+    cloud.polygon.points = [new_message('geometry_msgs/msg/Point32') for _ in range(3)]
+    value = serialize_message(cloud)
+    with pytest.raises(DecodeError, match=r'^polygon.points\[2\].y: needs 4 bytes at 52'):
+        end_of('geometry_msgs/msg/PolygonStamped')(value[:-8])
+
+
+def test_a_field_is_read_by_its_path_in_both_byte_orders() -> None:
+    message = random_message('nav_msgs/msg/Odometry', 9)
+    message.child_frame_id = 'bäse'
+    layout = layout_of('nav_msgs/msg/Odometry')
+    for order in '<>':
+        value = Writer(order).value_of(message, layout)
+        assert make_reader(layout, 'child_frame_id')(value) == 'bäse'
+        assert make_reader(layout, 'header.stamp.sec')(value) == message.header.stamp.sec
+        y = message.pose.pose.position.y
+        assert make_reader(layout, 'pose.pose.position.y')(value) == y
+
+
+@pytest.mark.parametrize('path', [*(f'{name}_value' for name in PRIMITIVES if name != 'bool')])
+def test_every_primitive_is_read(path: str) -> None:
+    name = 'test_msgs/msg/BasicTypes'
+    message = random_message(name, 4)
+    expected = getattr(message, path)
+    found = make_reader(layout_of(name), path)(serialize_message(message))
+    assert found == (expected[0] if isinstance(expected, bytes) else expected)
+
+
+def test_a_bool_is_read_as_a_bool() -> None:
+    reader = make_reader(layout_of('std_msgs/msg/Bool'), 'data')
+    assert reader(b'\0\1\0\0\1') is True
+    assert reader(b'\0\1\0\0\0') is False
+    with pytest.raises(DecodeError, match='data: needs a bool'):
+        reader(b'\0\1\0\0\2')
+
+
+def test_a_wide_string_is_read_with_letters_beyond_16_bits() -> None:
+    message = new_message('test_msgs/msg/WStrings')
+    message.wstring_value = 'aж𝄞'
+    reader = make_reader(layout_of('test_msgs/msg/WStrings'), 'wstring_value')
+    assert reader(serialize_message(message)) == 'aж𝄞'
+
+
+def test_a_field_behind_strings_and_sequences_is_read() -> None:
+    name = 'sensor_msgs/msg/PointCloud2'
+    message = random_message(name, 2)
+    value = serialize_message(message)
+    assert make_reader(layout_of(name), 'is_dense')(value) == message.is_dense
+    with pytest.raises(DecodeError):
+        make_reader(layout_of(name), 'is_dense')(value[:-1])
+
+
+@pytest.mark.parametrize(
+    ('path', 'words'),
+    [
+        ('header.fram_id', 'no number or text at header.fram_id (did you mean header.frame_id?)'),
+        ('frame_id', 'no number or text at frame_id (did you mean header.frame_id?)'),
+        ('header.stamp', 'no number or text at header.stamp (did you mean header.stamp.sec or '),
+        ('pose.covariance', 'no number or text at pose.covariance'),
+        ('', 'no number or text at '),
+    ],
+)
+def test_a_path_to_no_scalar_is_a_mistake_in_the_configuration(path: str, words: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make_reader(layout_of('nav_msgs/msg/Odometry'), path)
+    assert caught.value.problems[0].startswith(f'nav_msgs/msg/Odometry has {words}')
+
+
+def test_a_large_array_in_a_sequence_is_walked() -> None:
+    tile = Layout('t/msg/Tile', (Field('pixels', Array(Primitive('uint16'), 500_000)),))
+    layout = Layout('t/msg/T', (Field('tiles', Sequence(tile)),))
+    value = b'\0\1\0\0\2\0\0\0' + bytes(2_000_000)
+    assert make_end(layout)(value) == len(value)
+    with pytest.raises(DecodeError, match='tiles: needs 2 items at 8, the value has 1999999'):
+        make_end(layout)(value[:-1])
+
+
+def test_names_of_fields_never_become_source() -> None:
+    evil = 'x"); raise SystemExit  # \n'
+    layout = Layout('t/msg/T', (Field(evil, String()), Field('y', Primitive('int8'))))
+    assert make_end(layout)(b'\0\1\0\0\1\0\0\0\0\5') == 10
+    assert make_reader(layout, 'y')(b'\0\1\0\0\1\0\0\0\0\5') == 5
