@@ -1,0 +1,152 @@
+"""The settings of both ends of a route."""
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from ros2_kafka_bridge import config_checks as checks
+from ros2_kafka_bridge.config_values import (
+    Count,
+    Domain,
+    KafkaTopic,
+    KeyTemplate,
+    MessageType,
+    Positive,
+    Properties,
+    RosTopic,
+)
+from ros2_kafka_bridge.config_words import Mistake, Settings
+from ros2_kafka_bridge.kafka.properties import is_consumers
+
+
+class QoS(Settings):
+    """Quality of service of the bridge's own ROS endpoint; the bridge chooses what is left out."""
+
+    reliability: Literal['reliable', 'best_effort'] | None = Field(
+        None, description='Whether a lost message is sent again. The bridge chooses reliable.'
+    )
+    durability: Literal['volatile', 'transient_local'] | None = Field(
+        None, description='Whether a late reader gets what was published before.'
+    )
+    history: Literal['keep_all', 'keep_last'] | None = Field(
+        None,
+        description='Whether a full history waits or overwrites. The bridge chooses keep_all.',
+    )
+    depth: Count | None = Field(None, description='Messages that keep_last keeps.')
+    deadline_s: Positive | None = Field(
+        None, description='Longest time between two messages, in seconds.'
+    )
+    lifespan_s: Positive | None = Field(
+        None, description='Age at which a message is no longer delivered, in seconds.'
+    )
+    liveliness: Literal['automatic', 'manual_by_topic'] | None = Field(
+        None, description='How a writer shows that it lives.'
+    )
+
+    @classmethod
+    def mistakes(
+        cls, given: Mapping[str, Any], _context: Mapping[str, Any], /
+    ) -> Iterator[Mistake]:
+        """A depth belongs to keep_last, and only to it."""
+        keeps_last, depth = given.get('history') == 'keep_last', given.get('depth')
+        if keeps_last and depth is None:
+            yield Mistake(('history',), 'keep_last needs a depth, such as depth: 10')
+        if depth is not None and not keeps_last:
+            yield Mistake(('depth',), 'only history: keep_last has a depth')
+
+
+class RosSettings(Settings):
+    """How the bridge joins the ROS graph."""
+
+    domain_id: Domain | None = Field(
+        None, description='ROS domain, 0 to 232. Without it ROS_DOMAIN_ID counts.'
+    )
+    lease_s: Positive | None = Field(
+        None,
+        description='Time after which a silent participant is gone, in seconds. '
+        "Without it the middleware's own.",
+    )
+
+
+def _dead_letter_mistakes(given: Mapping[str, Any]) -> Iterator[Mistake]:
+    topic, dead_letter = given.get('kafka'), given.get('dead_letter')
+    if dead_letter is not None and dead_letter == topic:
+        yield Mistake(('dead_letter',), 'is the topic of the route itself: give it another one')
+    room = checks.KAFKA_NAME_LIMIT - len(checks.DEAD_LETTER_SUFFIX)
+    if dead_letter is None and isinstance(topic, str) and room < len(topic):
+        text = f'is missing: {checks.DEAD_LETTER_SUFFIX} does not fit behind so long a topic name'
+        yield Mistake(('dead_letter',), text)
+
+
+class KafkaSource(Settings):
+    """A Kafka topic that a route reads."""
+
+    kafka: KafkaTopic = Field(description='Kafka topic.')
+    start: Literal['latest', 'earliest'] = Field(
+        'latest', description='Where to begin in a partition without a committed offset.'
+    )
+    group: Annotated[str, Field(min_length=1)] | None = Field(
+        None, description='Consumer group. Without it `<name of the bridge>.<name of the route>`.'
+    )
+    dead_letter: KafkaTopic | None = Field(
+        None,
+        description='Kafka topic for records that can never be delivered. '
+        'Without it `<topic>.dead-letters`.',
+    )
+
+    @classmethod
+    def mistakes(
+        cls, given: Mapping[str, Any], _context: Mapping[str, Any], /
+    ) -> Iterator[Mistake]:
+        """A topic is not its own dead-letter topic."""
+        yield from _dead_letter_mistakes(given)
+
+
+class KafkaSink(Settings):
+    """A Kafka topic that a route writes."""
+
+    kafka: KafkaTopic = Field(description='Kafka topic.')
+    key: KeyTemplate | None = Field(
+        None,
+        description='Key of a record: text with `{ros.topic}`, `{ros.gid}` or `{message.a.b}`. '
+        'Without it the ROS topic, so that one topic stays in order in one partition.',
+    )
+    properties: Properties = Field(
+        default_factory=dict,
+        description='librdkafka properties for this route only, by their own names.',
+    )
+    dead_letter: KafkaTopic | None = Field(
+        None,
+        description='Kafka topic for messages that can never be delivered. '
+        'Without it `<topic>.dead-letters`.',
+    )
+
+    @classmethod
+    def mistakes(
+        cls, given: Mapping[str, Any], _context: Mapping[str, Any], /
+    ) -> Iterator[Mistake]:
+        """A sink has no use for a consumer's property, and is not its own dead-letter topic."""
+        yield from _dead_letter_mistakes(given)
+        properties = given.get('properties')
+        for name in properties if isinstance(properties, Mapping) else ():
+            if is_consumers(str(name)):
+                yield Mistake(('properties', str(name)), "a consumer's property: a sink has none")
+
+
+class RosSource(Settings):
+    """A ROS topic that a route takes from."""
+
+    ros: RosTopic = Field(description='ROS topic, by its absolute name such as /orders.')
+    type: MessageType | None = Field(
+        None, description='Message type. Without it the type that the graph shows.'
+    )
+    qos: QoS = Field(default_factory=QoS, description="Quality of service of the bridge's reader.")
+
+
+class RosSink(Settings):
+    """A ROS topic that a route publishes to."""
+
+    ros: RosTopic = Field(description='ROS topic, by its absolute name such as /orders.')
+    type: MessageType = Field(description='Message type, such as std_msgs/msg/String.')
+    qos: QoS = Field(default_factory=QoS, description="Quality of service of the bridge's writer.")

@@ -1,0 +1,72 @@
+"""The kinds of values that settings hold, each with its check."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Annotated
+
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
+
+from ros2_kafka_bridge import config_checks as checks
+from ros2_kafka_bridge.config_words import Mistake, kind_of, refused
+from ros2_kafka_bridge.kafka.properties import PropertyValue, is_secret, refusal
+
+CheckType = Callable[[str], str | None]
+CheckKafka = Callable[[Mapping[str, object]], dict[str, str]]
+
+
+def no_bool(value: object) -> object:
+    """The value, if it is not true or false, which Python would count as 1 and 0.
+
+    Raises:
+        ValueError: It is.
+    """
+    if isinstance(value, bool):
+        raise ValueError('expected a number, got true or false')  # noqa: TRY004  # pydantic's way
+    return value
+
+
+def _known_type(name: str, info: ValidationInfo) -> str:
+    checks.message_type(name)
+    check: CheckType | None = (info.context or {}).get('check_type')
+    problem = check(name) if check else None
+    if problem:
+        raise ValueError(problem)
+    return name
+
+
+def _property_values(value: object) -> object:
+    if not isinstance(value, dict):
+        return value
+    mistakes = [Mistake((str(n),), t) for n, v in value.items() for t in _property_mistake(n, v)]
+    if mistakes:
+        raise refused('properties', mistakes)
+    return value
+
+
+def _property_mistake(name: object, value: object) -> Iterator[str]:
+    reason = refusal(str(name))
+    if reason is not None:
+        yield f'is refused: {reason}'
+    elif not isinstance(value, str | int | float):
+        yield f'expected text, a number, true or false, got {kind_of(value)}'
+    elif is_secret(str(name)) and not isinstance(value, str):
+        yield 'expected text: put it in quotes, or YAML reads a number and changes it'
+
+
+def _template(value: str) -> str:
+    checks.key_parts(value)
+    return value
+
+
+NotNegative = Annotated[float, Field(ge=0), BeforeValidator(no_bool)]
+Domain = Annotated[int, Field(ge=0, le=232), BeforeValidator(no_bool)]
+CountOrNone = Annotated[int, Field(ge=0), BeforeValidator(no_bool)]
+Count = Annotated[int, Field(ge=1), BeforeValidator(no_bool)]
+Positive = Annotated[float, Field(gt=0), BeforeValidator(no_bool)]
+Name = Annotated[str, AfterValidator(checks.simple_name)]
+KafkaTopic = Annotated[str, AfterValidator(checks.kafka_topic)]
+RosTopic = Annotated[str, AfterValidator(checks.ros_topic)]
+MessageType = Annotated[str, AfterValidator(_known_type)]
+KeyTemplate = Annotated[str, AfterValidator(_template)]
+Properties = Annotated[dict[str, PropertyValue], BeforeValidator(_property_values)]

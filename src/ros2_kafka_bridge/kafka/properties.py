@@ -1,0 +1,318 @@
+"""librdkafka's properties: whose they are, which the bridge keeps for itself, which are wrong."""
+
+from __future__ import annotations
+
+import difflib
+import logging
+import re
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+PropertyValue = str | int | float | bool
+
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+CONSUMER_ONLY = _words(
+    """
+    auto.commit.enable auto.commit.interval.ms auto.offset.reset check.crcs
+    consume.callback.max.messages consume_cb coordinator.query.interval.ms enable.auto.commit
+    enable.auto.offset.store enable.partition.eof fetch.error.backoff.ms fetch.max.bytes
+    fetch.message.max.bytes fetch.min.bytes fetch.queue.backoff.ms fetch.wait.max.ms group.id
+    group.instance.id group.protocol group.protocol.type group.remote.assignor
+    heartbeat.interval.ms isolation.level max.partition.fetch.bytes max.poll.interval.ms
+    max.poll.records offset.store.method offset.store.path offset.store.sync.interval.ms
+    offset_commit_cb on_commit partition.assignment.strategy queued.max.messages.kbytes
+    queued.min.messages rebalance_cb session.timeout.ms share.acknowledgement.mode
+    """
+)
+PRODUCER_ONLY = _words(
+    """
+    acks batch.num.messages batch.size compression.codec compression.level compression.type
+    delivery.report.only.error delivery.timeout.ms dr_cb dr_msg_cb enable.gapless.guarantee
+    enable.idempotence linger.ms message.send.max.retries message.timeout.ms msg_order_cmp
+    on_delivery partitioner partitioner_cb produce.offset.report
+    queue.buffering.backpressure.threshold queue.buffering.max.kbytes
+    queue.buffering.max.messages queue.buffering.max.ms queuing.strategy request.required.acks
+    request.timeout.ms retries sticky.partitioning.linger.ms transaction.timeout.ms
+    transactional.id
+    """
+)
+_COMMON = _words(
+    """
+    allow.auto.create.topics bootstrap.servers broker.address.family broker.address.ttl
+    client.dns.lookup client.id client.rack connections.max.idle.ms debug enable.metrics.push
+    enable.ssl.certificate.verification https.ca.location https.ca.pem log.connection.close
+    log_level max.in.flight max.in.flight.requests.per.connection message.copy.max.bytes
+    message.max.bytes metadata.broker.list metadata.max.age.ms metadata.recovery.strategy
+    metadata.recovery.rebootstrap.trigger.ms plugin.library.paths receive.message.max.bytes
+    reconnect.backoff.max.ms reconnect.backoff.ms retry.backoff.max.ms retry.backoff.ms
+    sasl.kerberos.keytab sasl.kerberos.kinit.cmd sasl.kerberos.principal
+    sasl.kerberos.service.name sasl.mechanism sasl.mechanisms sasl.oauthbearer.client.id
+    sasl.oauthbearer.client.secret sasl.oauthbearer.config sasl.oauthbearer.extensions
+    sasl.oauthbearer.method sasl.oauthbearer.scope sasl.oauthbearer.token.endpoint.url
+    sasl.password sasl.username security.protocol socket.connection.setup.timeout.ms
+    socket.keepalive.enable socket.nagle.disable socket.receive.buffer.bytes
+    socket.send.buffer.bytes socket.timeout.ms ssl.ca.location ssl.ca.pem
+    ssl.certificate.location ssl.certificate.pem ssl.cipher.suites ssl.crl.location
+    ssl.endpoint.identification.algorithm ssl.key.location ssl.key.password ssl.key.pem
+    ssl.keystore.location ssl.keystore.password statistics.interval.ms topic.blacklist
+    topic.metadata.refresh.interval.ms
+    """
+)
+_TOPIC_LEVEL = _words(
+    """
+    acks auto.commit.enable auto.commit.interval.ms auto.offset.reset compression.codec
+    compression.level compression.type consume.callback.max.messages delivery.timeout.ms
+    enable.auto.commit message.timeout.ms offset.store.method offset.store.path
+    offset.store.sync.interval.ms partitioner produce.offset.report queuing.strategy
+    request.required.acks request.timeout.ms
+    """
+)
+_ALIASES = {
+    'auto.commit.enable': 'enable.auto.commit',
+    'compression.codec': 'compression.type',
+    'delivery.timeout.ms': 'message.timeout.ms',
+    'fetch.message.max.bytes': 'max.partition.fetch.bytes',
+    'max.in.flight.requests.per.connection': 'max.in.flight',
+    'message.send.max.retries': 'retries',
+    'metadata.broker.list': 'bootstrap.servers',
+    'queue.buffering.max.ms': 'linger.ms',
+    'request.required.acks': 'acks',
+    'sasl.mechanism': 'sasl.mechanisms',
+}
+_FUNCTIONS = _words(
+    """
+    background_event_cb closesocket_cb connect_cb consume_cb default_topic_conf dr_cb dr_msg_cb
+    error_cb interceptors log_cb logger msg_order_cmp oauth_cb oauthbearer_token_refresh_cb
+    offset_commit_cb on_commit on_delivery opaque open_cb partitioner_cb rebalance_cb resolve_cb
+    socket_cb ssl.certificate.verify_cb ssl_ca ssl_certificate ssl_engine_callback_data ssl_key
+    stats_cb throttle_cb default.topic.config
+    """
+)
+_REFUSED = {
+    'group.id': "use 'group' in 'from' of a route: every route has a group of its own",
+    'auto.offset.reset': "use 'start' in 'from' of a route: the bridge resolves it once itself",
+    'enable.auto.commit': 'the bridge commits an offset itself, once its message is confirmed',
+    'enable.auto.offset.store': 'the bridge stores an offset itself, once it is confirmed',
+    'transactional.id': 'the bridge writes no transactions: ROS cannot take part in one',
+    'delivery.report.only.error': 'the bridge needs the report of every record to confirm it',
+    'enable.partition.eof': 'the end of a partition is no record that a route could move',
+    'enabled_events': 'the bridge reads no event queue',
+    'log.queue': 'the bridge reads no log queue: the log would be lost',
+    'offset.store.method': 'offsets are kept by the consumer group in Kafka',
+}
+_SECRET = re.compile(r'password|passphrase|secret|token|private\.key\.pem$|^basic\.auth\.')
+_SECRET_NAMES = frozenset({'ssl.key.pem', 'sasl.oauthbearer.config', 'sasl.jaas.config'})
+_NO_SECRET = re.compile(r'token\.endpoint\.url$|\.location$|\.file$')
+_CREATION = re.compile(r'^Failed to create (producer|consumer): ')
+
+
+def canonical(name: str) -> str:
+    """The one spelling of a property that librdkafka knows by several."""
+    name = name.removeprefix('topic.') if name.removeprefix('topic.') in _TOPIC_LEVEL else name
+    return _ALIASES.get(name, name)
+
+
+def is_secret(name: str) -> bool:
+    """True for a property whose value must never be printed."""
+    if _NO_SECRET.search(name):
+        return False
+    return name in _SECRET_NAMES or _SECRET.search(name.lower()) is not None
+
+
+def refusal(name: str) -> str | None:
+    """Why the bridge does not take this property from its users, None where it does."""
+    if canonical(name) in _FUNCTIONS:
+        return 'it takes a function of a program, which a configuration cannot hold'
+    return _REFUSED.get(canonical(name))
+
+
+def is_consumers(name: str) -> bool:
+    """True for a property that only a consumer has."""
+    return _plain(name) in CONSUMER_ONLY
+
+
+def is_producers(name: str) -> bool:
+    """True for a property that only a producer has."""
+    return _plain(name) in PRODUCER_ONLY
+
+
+def common_properties(
+    properties: Mapping[str, PropertyValue], *, client_id: str
+) -> dict[str, PropertyValue]:
+    """What every client takes, for one that neither consumes nor produces."""
+    users = {n: v for n, v in properties.items() if not is_consumers(n) and not is_producers(n)}
+    return _merged({'client.id': client_id, 'reconnect.backoff.max.ms': 1000}, users)
+
+
+def consumer_properties(
+    properties: Mapping[str, PropertyValue], *, group: str, client_id: str
+) -> dict[str, PropertyValue]:
+    """The user's properties without the producer's, and what the bridge needs of a consumer.
+
+    Args:
+        properties: By librdkafka's names, as the user wrote them.
+        group: The consumer group.
+        client_id: Used where the user gives no `client.id`.
+    """
+    users = {n: v for n, v in properties.items() if not is_producers(n)}
+    own: dict[str, PropertyValue] = {
+        'client.id': client_id,
+        'queued.max.messages.kbytes': 8192,
+        'reconnect.backoff.max.ms': 1000,
+        'topic.metadata.refresh.interval.ms': 10000,
+    }
+    if str(users.get('group.protocol', 'classic')).lower() == 'classic':
+        own |= {
+            'session.timeout.ms': 6000,
+            'heartbeat.interval.ms': 2000,
+            'partition.assignment.strategy': 'cooperative-sticky',
+        }
+    return _merged(own, users) | {
+        'group.id': group,
+        'enable.auto.commit': 'false',
+        'enable.auto.offset.store': 'false',
+        'auto.offset.reset': 'error',
+    }
+
+
+def producer_properties(
+    properties: Mapping[str, PropertyValue], *, client_id: str
+) -> dict[str, PropertyValue]:
+    """The user's properties without the consumer's, and what the bridge needs of a producer.
+
+    Weaker `acks` of the user turn idempotence off, which librdkafka allows with `all` only.
+
+    Args:
+        properties: By librdkafka's names, as the user wrote them.
+        client_id: Used where the user gives no `client.id`.
+    """
+    users = {n: v for n, v in properties.items() if not is_consumers(n)}
+    own: dict[str, PropertyValue] = {
+        'client.id': client_id,
+        'acks': 'all',
+        'enable.idempotence': 'false' if has_weak_acks(users) else 'true',
+        'message.timeout.ms': 0,
+        'linger.ms': 1,
+        'reconnect.backoff.max.ms': 1000,
+        'queue.buffering.max.kbytes': 65536,
+    }
+    return _merged(own, users)
+
+
+def has_weak_acks(properties: Mapping[str, PropertyValue]) -> bool:
+    """True where the properties ask for fewer acknowledgements than all replicas' in sync."""
+    acks = [v for n, v in properties.items() if canonical(n) == 'acks']
+    return bool(acks) and str(acks[-1]).lower() not in {'all', '-1'}
+
+
+def property_problems(properties: Mapping[str, object]) -> dict[str, str]:
+    """What librdkafka would refuse, found by making clients that know no broker.
+
+    Args:
+        properties: By librdkafka's names, as the user wrote them.
+
+    Returns:
+        A sentence for each wrong property; no secret value is ever part of it.
+    """
+    usable = {n: _text(v) for n, v in properties.items() if refusal(n) is None}
+    problems = {}
+    for name, value in usable.items():
+        error = _client_error('producer', {name: value})
+        if error is not None and not _CREATION.match(error):
+            problems[name] = _sentence(name, value, error)
+    right = {name: value for name, value in usable.items() if name not in problems}
+    for name, problem in _together(right).items():
+        problems.setdefault(name, problem)
+    return problems
+
+
+def _plain(name: str) -> str:
+    short = name.removeprefix('topic.')
+    return short if short in _TOPIC_LEVEL else name
+
+
+def _text(value: object) -> PropertyValue:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float) and value.is_integer():
+        return int(value)
+    return value if isinstance(value, str | int | float) else str(value)
+
+
+def _merged(
+    own: Mapping[str, PropertyValue], users: Mapping[str, PropertyValue]
+) -> dict[str, PropertyValue]:
+    given = {canonical(name) for name in users}
+    kept = {name: value for name, value in own.items() if canonical(name) not in given}
+    return kept | {name: _text(value) for name, value in users.items()}
+
+
+def _together(properties: Mapping[str, PropertyValue]) -> dict[str, str]:
+    """Problems of properties that are right one by one: files, and pairs that do not fit."""
+    problems: dict[str, str] = {}
+    clients = {
+        'producer': producer_properties(properties, client_id='check'),
+        'consumer': consumer_properties(properties, group='check', client_id='check'),
+    }
+    for kind, settings in clients.items():
+        error = _client_error(kind, settings)
+        if error is not None:
+            users = {name: properties[name] for name in settings if name in properties}
+            name = _culprit(users, error)
+            problems.setdefault(name, _sentence(name, users.get(name, ''), error))
+    return problems
+
+
+def _culprit(properties: Mapping[str, PropertyValue], error: str) -> str:
+    """The user's property that an error speaks of, by its name or else by its value."""
+    named = re.findall(r'[a-z_]+(?:\.[a-z_]+)+|acks|retries', error)
+    for word in named:
+        for name in properties:
+            if canonical(name) == canonical(word):
+                return name
+    by_value = [n for n, v in properties.items() if len(str(v)) > 2 and str(v) in error]
+    related = [n for n in properties for word in named if n.split('.')[0] == word.split('.')[0]]
+    return next(iter([*by_value, *related, *properties]), 'bootstrap.servers')
+
+
+def _sentence(name: str, value: PropertyValue, error: str) -> str:
+    if error.startswith('No such configuration property'):
+        near = difflib.get_close_matches(name, CONSUMER_ONLY | PRODUCER_ONLY | _COMMON, 1, 0.75)
+        hint = f" (did you mean '{near[0]}'?)" if near else ''
+        return f'librdkafka knows no such property{hint}'
+    if is_secret(name) and (str(value) in error or not _CREATION.match(error)):
+        return 'librdkafka refuses its value'
+    text = _CREATION.sub('', error).strip()
+    return f'librdkafka refuses it: {text[:1].lower() + text[1:]}'
+
+
+def _client_error(kind: str, settings: Mapping[str, PropertyValue]) -> str | None:
+    """What librdkafka says of a client with these settings, None where it makes one."""
+    from confluent_kafka import Consumer, KafkaException, Producer  # noqa: PLC0415  # slow
+
+    brokerless: dict[str, Any] = {
+        name: value for name, value in settings.items() if canonical(name) != 'bootstrap.servers'
+    }
+    try:
+        if kind == 'producer':
+            Producer(brokerless, logger=_silent_logger()).flush(0)
+        else:
+            Consumer(brokerless, logger=_silent_logger()).close()
+    except KafkaException as error:
+        return str(error.args[0].str())
+    except (TypeError, ValueError) as error:
+        return str(error)
+    return None
+
+
+def _silent_logger() -> logging.Logger:
+    """A logger of nobody: what a client without a broker complains of interests nobody."""
+    logger = logging.Logger('ros2_kafka_bridge.kafka.properties')  # noqa: LOG001
+    logger.addHandler(logging.NullHandler())
+    return logger

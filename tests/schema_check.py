@@ -1,0 +1,91 @@
+"""As much of JSON Schema 2020-12 as the schema of a configuration uses."""
+
+from typing import Any
+
+_TYPES: dict[str, tuple[type, ...]] = {
+    'string': (str,),
+    'integer': (int,),
+    'number': (int, float),
+    'boolean': (bool,),
+    'null': (type(None),),
+    'array': (list,),
+    'object': (dict,),
+}
+_SILENT = {'$schema', '$defs', 'default', 'description', 'title'}
+_CHECKED = {
+    '$ref', 'anyOf', 'type', 'enum', 'const', 'minimum', 'maximum', 'exclusiveMinimum',
+    'minLength', 'minItems', 'items', 'required', 'properties', 'additionalProperties',
+}  # fmt: skip
+
+
+def schema_problems(root: dict[str, Any], value: Any) -> list[str]:
+    """What the schema refuses in a value; an unknown keyword fails the test."""
+    return _problems(root, root, value, '')
+
+
+def _problems(root: dict[str, Any], schema: dict[str, Any], value: Any, path: str) -> list[str]:
+    unknown = schema.keys() - _SILENT - _CHECKED
+    assert not unknown, f'keywords that this check does not know: {unknown}'
+    found = []
+    if '$ref' in schema:
+        target = root['$defs'][schema['$ref'].removeprefix('#/$defs/')]
+        found += _problems(root, target, value, path)
+    if 'anyOf' in schema and all(_problems(root, s, value, path) for s in schema['anyOf']):
+        found.append(f'{path}: none of the alternatives')
+    if 'type' in schema and not _is_type(schema['type'], value):
+        return [*found, f'{path}: no {schema["type"]}']
+    if value not in schema.get('enum', [value]):
+        found.append(f'{path}: none of the values')
+    return [
+        *found,
+        *_number_problems(schema, value, path),
+        *_list_problems(root, schema, value, path),
+        *_object_problems(root, schema, value, path),
+    ]
+
+
+def _is_type(name: str, value: Any) -> bool:
+    return isinstance(value, _TYPES[name]) and (name == 'boolean' or not isinstance(value, bool))
+
+
+def _number_problems(schema: dict[str, Any], value: Any, path: str) -> list[str]:
+    if not _is_type('number', value):
+        return []
+    wrong = (
+        value < schema.get('minimum', value)
+        or value > schema.get('maximum', value)
+        or ('exclusiveMinimum' in schema and value <= schema['exclusiveMinimum'])
+    )
+    return [f'{path}: out of range'] if wrong else []
+
+
+def _list_problems(
+    root: dict[str, Any], schema: dict[str, Any], value: Any, path: str
+) -> list[str]:
+    if isinstance(value, str | list) and len(value) < max(
+        schema.get('minItems', 0) * isinstance(value, list),
+        schema.get('minLength', 0) * isinstance(value, str),
+    ):
+        return [f'{path}: too short']
+    if not isinstance(value, list) or 'items' not in schema:
+        return []
+    return [
+        problem
+        for place, item in enumerate(value)
+        for problem in _problems(root, schema['items'], item, f'{path}[{place}]')
+    ]
+
+
+def _object_problems(
+    root: dict[str, Any], schema: dict[str, Any], value: Any, path: str
+) -> list[str]:
+    if not isinstance(value, dict):
+        return []
+    found = [f'{path}.{name}: missing' for name in schema.get('required', []) if name not in value]
+    for name, item in value.items():
+        part = schema.get('properties', {}).get(name, schema.get('additionalProperties', True))
+        if part is False:
+            found.append(f'{path}.{name}: unknown')
+        elif isinstance(part, dict):
+            found += _problems(root, part, item, f'{path}.{name}')
+    return found

@@ -1,0 +1,179 @@
+"""librdkafka's properties reach the client that they belong to, and wrong ones are found."""
+
+import confluent_kafka
+import pytest
+
+from ros2_kafka_bridge.kafka.properties import (
+    common_properties,
+    consumer_properties,
+    is_secret,
+    producer_properties,
+    property_problems,
+    refusal,
+)
+
+MIXED: dict[str, str | int | float | bool] = {
+    'bootstrap.servers': 'x:9092',
+    'linger.ms': 7,
+    'topic.acks': 'all',
+    'session.timeout.ms': 9000,
+    'socket.keepalive.enable': True,
+    'statistics.interval.ms': 1e3,
+}
+
+
+def test_a_consumer_gets_no_property_of_a_producer() -> None:
+    made = consumer_properties(MIXED, group='g', client_id='bridge')
+    assert made == {
+        'bootstrap.servers': 'x:9092',
+        'socket.keepalive.enable': 'true',
+        'statistics.interval.ms': 1000,
+        'client.id': 'bridge',
+        'group.id': 'g',
+        'enable.auto.commit': 'false',
+        'enable.auto.offset.store': 'false',
+        'auto.offset.reset': 'error',
+        'session.timeout.ms': 9000,
+        'heartbeat.interval.ms': 2000,
+        'partition.assignment.strategy': 'cooperative-sticky',
+        'queued.max.messages.kbytes': 8192,
+        'reconnect.backoff.max.ms': 1000,
+        'topic.metadata.refresh.interval.ms': 10000,
+    }
+
+
+def test_a_producer_gets_no_property_of_a_consumer() -> None:
+    made = producer_properties(MIXED, client_id='bridge')
+    assert made == {
+        'bootstrap.servers': 'x:9092',
+        'socket.keepalive.enable': 'true',
+        'statistics.interval.ms': 1000,
+        'client.id': 'bridge',
+        'topic.acks': 'all',
+        'enable.idempotence': 'true',
+        'message.timeout.ms': 0,
+        'linger.ms': 7,
+        'reconnect.backoff.max.ms': 1000,
+        'queue.buffering.max.kbytes': 65536,
+    }
+
+
+def test_any_other_client_gets_what_is_common() -> None:
+    made = common_properties(MIXED, client_id='bridge')
+    assert made.keys() == {
+        'bootstrap.servers',
+        'client.id',
+        'reconnect.backoff.max.ms',
+        'socket.keepalive.enable',
+        'statistics.interval.ms',
+    }
+
+
+def test_another_name_of_a_property_replaces_the_bridges_value() -> None:
+    made = producer_properties(
+        {'delivery.timeout.ms': 5000, 'queue.buffering.max.ms': 3}, client_id='bridge'
+    )
+    assert made.keys().isdisjoint({'message.timeout.ms', 'linger.ms'})
+
+
+def test_weaker_acks_turn_idempotence_off() -> None:
+    made = producer_properties({'request.required.acks': 1}, client_id='bridge')
+    assert made['enable.idempotence'] == 'false'
+    assert property_problems({'request.required.acks': 1}) == {}
+
+
+def test_the_group_protocol_of_brokers_takes_no_timeouts_of_clients() -> None:
+    made = consumer_properties({'group.protocol': 'consumer'}, group='g', client_id='bridge')
+    assert made.keys().isdisjoint({'session.timeout.ms', 'partition.assignment.strategy'})
+    assert property_problems({'group.protocol': 'consumer'}) == {}
+
+
+@pytest.mark.parametrize('kind', ['producer', 'consumer'])
+def test_a_client_complains_of_no_property(kind: str, capfd: pytest.CaptureFixture[str]) -> None:
+    every: dict[str, str | int | float | bool] = {
+        'fetch.min.bytes': 1,
+        'check.crcs': True,
+        'compression.level': 3,
+        'batch.size': 1000,
+    }
+    if kind == 'producer':
+        confluent_kafka.Producer(dict(producer_properties(every, client_id='b'))).flush(0)
+    else:
+        settings = dict(consumer_properties(every, group='g', client_id='b'))
+        confluent_kafka.Consumer(settings).close()
+    assert 'will be ignored' not in capfd.readouterr().err
+
+
+def test_all_problems_are_found_not_only_the_first() -> None:
+    found = property_problems(
+        {
+            'bootstrap.servers': 'x:9092',
+            'linger.msx': 1,
+            'acks': 9999,
+            'compression.type': 'zip',
+            'client.id': 'right',
+            'zzz': 1,
+        }
+    )
+    assert found == {
+        'linger.msx': "librdkafka knows no such property (did you mean 'linger.ms'?)",
+        'acks': 'librdkafka refuses it: configuration property "request.required.acks" '
+        'value 9999 is outside allowed range -1..1000',
+        'compression.type': 'librdkafka refuses it: invalid value "zip" for configuration '
+        'property "compression.codec"',
+        'zzz': 'librdkafka knows no such property',
+    }
+
+
+@pytest.mark.parametrize(
+    ('properties', 'culprit'),
+    [
+        ({'acks': 1, 'enable.idempotence': True}, 'acks'),
+        ({'max.in.flight': 10}, 'max.in.flight'),
+        ({'message.timeout.ms': 1, 'linger.ms': 50}, 'message.timeout.ms'),
+        (
+            {'client.id': 'x', 'security.protocol': 'ssl', 'ssl.ca.location': '/no'},
+            'ssl.ca.location',
+        ),
+        ({'sasl.mechanisms': 'PLAIN', 'security.protocol': 'sasl_plaintext'}, 'sasl.mechanisms'),
+    ],
+)
+def test_properties_that_do_not_fit_together_are_found(
+    properties: dict[str, object], culprit: str
+) -> None:
+    assert list(property_problems(properties)) == [culprit]
+
+
+def test_no_problem_shows_a_secret() -> None:
+    found = property_problems({'ssl.key.pem': 'hunter2', 'security.protocol': 'ssl'})
+    assert list(found) == ['ssl.key.pem']
+    assert 'hunter2' not in str(found)
+
+
+@pytest.mark.parametrize(
+    'name',
+    [
+        'sasl.password', 'ssl.key.password', 'ssl.key.pem', 'ssl.keystore.password',
+        'sasl.oauthbearer.client.secret', 'sasl.oauthbearer.config', 'sasl.jaas.config',
+        'basic.auth.user.info', 'sasl.oauthbearer.assertion.private.key.passphrase',
+        'sasl.oauthbearer.assertion.private.key.pem',
+    ],
+)  # fmt: skip
+def test_a_secret_is_known_by_its_name(name: str) -> None:
+    assert is_secret(name)
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['sasl.oauthbearer.token.endpoint.url', 'sasl.username', 'ssl.ca.pem', 'ssl.key.location'],
+)
+def test_what_is_no_secret_is_shown(name: str) -> None:
+    assert not is_secret(name)
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['group.id', 'auto.commit.enable', 'topic.auto.offset.reset', 'transactional.id', 'error_cb'],
+)
+def test_what_the_bridge_keeps_for_itself_is_refused_under_every_name(name: str) -> None:
+    assert refusal(name)

@@ -1,0 +1,211 @@
+"""Writes docs/configuration.md and docs/bridge.schema.json from the settings classes.
+
+With --check it writes nothing and fails where one of them is out of date.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from pydantic_core import PydanticUndefined
+
+from ros2_kafka_bridge.config import (
+    Config,
+    KafkaSink,
+    KafkaSource,
+    KafkaToRosRoute,
+    QoS,
+    RosSettings,
+    RosSink,
+    RosSource,
+    RosToKafkaRoute,
+)
+from ros2_kafka_bridge.config_file import loads
+from ros2_kafka_bridge.config_words import Settings
+from ros2_kafka_bridge.errors import ConfigError
+
+DOCS = Path(__file__).parent.parent / 'docs'
+DIALECT = 'https://json-schema.org/draft/2020-12/schema'
+FIRST = ('name', 'from', 'to', 'format')
+
+EXAMPLE = """\
+name: warehouse-1                       # of this bridge: consumer groups, origin header, node name
+kafka:                                  # any librdkafka property, by its own name
+  bootstrap.servers: localhost:9092
+ros: {domain_id: 0}                     # default: ROS_DOMAIN_ID, as every ROS program
+defaults: {drain_s: 8}                  # any field of a route
+routes:
+  - name: orders
+    from: {kafka: orders, start: earliest}
+    to: {ros: /orders, type: std_msgs/msg/String}
+    format: text
+  - name: orders_returned
+    from: {ros: /orders}
+    to: {kafka: orders.returned}
+    format: text
+"""
+
+WRONG = """\
+name: warehouse-1
+kafka:
+  bootstrap.servers: localhost:9092
+  group.id: mine
+routes:
+  - name: orders
+    from: {kafka: orders, start: earlyest}
+    to: {ros: orders, type: std_msgs/String}
+    formt: text
+"""
+
+PAGE = """\
+# Configuration
+
+<!-- Written by tools/make_docs.py from the settings classes; change those. -->
+
+One YAML 1.2 file describes one bridge: a Kafka cluster, a ROS domain, and the routes between
+them. The direction of a route is read from its `from` and `to`.
+
+```yaml
+{example}```
+
+- `${{NAME}}` in a value reads the environment; a missing variable is a mistake. `$${{` is a
+  literal `${{`.
+- `defaults` holds fields of routes; each counts for the routes whose direction it fits, and what
+  a route says itself counts more.
+- Names with `{{`, `}}`, `*` or a leading `^` are refused: they are kept for templates and
+  patterns.
+- Secrets (passwords, keys, tokens) are masked wherever a configuration is printed.
+- [`bridge.schema.json`](bridge.schema.json) lets an editor complete and check a file. For the
+  YAML language server, begin the file with
+  `# yaml-language-server: $schema=bridge.schema.json`.
+
+{tables}
+## Mistakes
+
+Every mistake in a file is reported at once, with file, line, field and what would be right;
+nothing is started then, and the exit status is 2. This file
+
+```yaml
+{wrong}```
+
+gives
+
+```text
+{problems}
+```
+"""
+
+SECTIONS: tuple[tuple[str, type[Settings]], ...] = (
+    ('The bridge', Config),
+    ('`ros`', RosSettings),
+    ('A route from Kafka to ROS', KafkaToRosRoute),
+    ('`from: {kafka: ...}`', KafkaSource),
+    ('`to: {ros: ...}`', RosSink),
+    ('A route from ROS to Kafka', RosToKafkaRoute),
+    ('`from: {ros: ...}`', RosSource),
+    ('`to: {kafka: ...}`', KafkaSink),
+    ('`qos`', QoS),
+)
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema of a configuration file, for editors."""
+    made = Config.model_json_schema(by_alias=True)
+    routes = [made['$defs'][name] for name in ('KafkaToRosRoute', 'RosToKafkaRoute')]
+    for route in routes:
+        # A default can stand in for it.
+        route['required'].remove('format')
+    fields = {name: field for route in routes for name, field in route['properties'].items()}
+    made['properties']['defaults'] |= {
+        'additionalProperties': False,
+        'properties': {n: f for n, f in fields.items() if n not in {'name', 'from', 'to'}},
+    }
+    made['properties']['kafka']['required'] = ['bootstrap.servers']
+    return {'$schema': DIALECT, **_without_titles(made), 'title': 'ros2-kafka-bridge'}
+
+
+def configuration_page() -> str:
+    """The page on the configuration, in Markdown."""
+    tables = '\n'.join(_section(title, model) for title, model in SECTIONS)
+    return PAGE.format(
+        example=EXAMPLE, tables=tables, wrong=WRONG, problems='\n'.join(_problems(WRONG))
+    )
+
+
+def _without_titles(value: Any) -> Any:
+    if isinstance(value, dict):
+        kept = {n: v for n, v in value.items() if n != 'title' or not isinstance(v, str)}
+        return {name: _without_titles(item) for name, item in kept.items()}
+    return [_without_titles(item) for item in value] if isinstance(value, list) else value
+
+
+def _problems(text: str) -> list[str]:
+    try:
+        loads(text, 'bridge.yaml', {})
+    except ConfigError as error:
+        return error.problems
+    raise AssertionError('the wrong example is right')
+
+
+def _section(title: str, model: type[Settings]) -> str:
+    schema = model.model_json_schema(by_alias=True)
+    names = sorted(
+        schema['properties'], key=lambda n: FIRST.index(n) if n in FIRST else len(FIRST)
+    )
+    rows = [_row(model, name, schema['properties'][name]) for name in names]
+    head = '| field | type | default | meaning |\n|---|---|---|---|'
+    return '\n'.join([f'## {title}', '', model.__doc__ or '', '', head, *rows, ''])
+
+
+def _row(model: type[Settings], name: str, schema: dict[str, Any]) -> str:
+    field = next(f for n, f in model.model_fields.items() if name in {n, f.alias})
+    if field.is_required():
+        default = 'required'
+    elif field.default is None or field.default is PydanticUndefined:
+        default = ''
+    else:
+        default = f'`{field.default}`'
+    return f'| `{name}` | {_type(schema)} | {default} | {field.description} |'
+
+
+def _type(schema: dict[str, Any]) -> str:
+    if 'anyOf' in schema:
+        return next(_type(part) for part in schema['anyOf'] if part.get('type') != 'null')
+    if 'enum' in schema:
+        return ', '.join(f'`{value}`' for value in schema['enum'])
+    words = {
+        'string': 'text',
+        'integer': 'whole number',
+        'number': 'number',
+        'array': 'list',
+        'object': 'mapping',
+    }
+    return words[schema.get('type', 'object')]
+
+
+def main() -> int:
+    """Write the files, or compare them with what would be written."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--check', action='store_true', help='write nothing, fail on a difference')
+    check = parser.parse_args().check
+    texts = {
+        'configuration.md': configuration_page(),
+        'bridge.schema.json': json.dumps(json_schema(), indent=2) + '\n',
+    }
+    stale = []
+    for name, text in texts.items():
+        path = DOCS / name
+        if not path.exists() or path.read_text('utf-8') != text:
+            stale.append(name)
+            if not check:
+                path.write_text(text, 'utf-8')
+    if check and stale:
+        print(f'out of date: {", ".join(stale)}: run tools/make_docs.py')
+        return 1
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
