@@ -1,0 +1,8 @@
+"""What the bridge is tested with, shipped so that its users test the same way.
+
+- `local_kafka.LocalKafka`: one real Apache Kafka node (needs Java 17 or newer, and Maven once).
+- `embedded_broker.EmbeddedBroker`: librdkafka's mock cluster, inside this process, at once.
+- `orders`: the random warehouse orders of the demo and of the benchmarks.
+
+Import the module that you need: this package itself imports nothing.
+"""

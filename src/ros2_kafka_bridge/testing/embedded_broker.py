@@ -1,0 +1,64 @@
+"""A Kafka broker inside this process, for demonstrations and quick tests."""
+
+import logging
+from types import TracebackType
+from typing import Final, Self
+
+from confluent_kafka import Producer
+
+ANSWER_S: Final = 5.0
+
+
+class EmbeddedBroker:
+    """librdkafka's mock cluster; clients of any process on this machine can join it.
+
+    It answers at once and needs no Java, but it is not faithful. Do not rest a claim on
+    durability, transactions or crashes on it; `LocalKafka` is for those:
+
+    - records live in memory, end with this object, and the oldest go without a retention setting;
+    - read_committed readers see aborted transactions, an old transactional producer is not
+      fenced, and offsets committed in a transaction are not stored;
+    - share groups get nothing; there is no TLS, SASL, ACL, compaction or configuration of topics;
+    - the first join of a consumer group takes about 3 s.
+
+    Args:
+        brokers: How many brokers the cluster has.
+    """
+
+    def __init__(self, brokers: int = 1) -> None:
+        self._brokers = brokers
+        self._host: Producer | None = None
+        self._bootstrap_servers = ''
+
+    @property
+    def bootstrap_servers(self) -> str:
+        """Where clients find the cluster, while it is open."""
+        assert self._bootstrap_servers, 'the broker is not open'
+        return self._bootstrap_servers
+
+    def __enter__(self) -> Self:
+        self._host = Producer(
+            {'bootstrap.servers': 'embedded', 'test.mock.num.brokers': self._brokers},
+            logger=_quiet_logger(),
+        )
+        brokers = self._host.list_topics(timeout=ANSWER_S).brokers.values()
+        self._bootstrap_servers = ','.join(f'{broker.host}:{broker.port}' for broker in brokers)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        assert self._host is not None
+        self._host.close()
+        self._host = None
+        self._bootstrap_servers = ''
+
+
+def _quiet_logger() -> logging.Logger:
+    # librdkafka announces each mock cluster as a notice; its warnings still show.
+    logger = logging.getLogger(__name__)
+    logger.setLevel(logging.WARNING)
+    return logger

@@ -1,0 +1,243 @@
+"""Processes and Kafka clients that the integration tests and fault tests work with."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+from confluent_kafka import Consumer, Message, Producer, TopicPartition
+from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
+    AdminClient,
+    NewTopic,
+)
+from ruamel.yaml import YAML
+
+PEERS = Path(__file__).parent / 'peers'
+
+
+class Process:
+    """A process of the test, with what it printed in a file; ended at the end of `with`."""
+
+    def __init__(
+        self, command: list[str], log: Path, environ: dict[str, str] | None = None
+    ) -> None:
+        self.log = log
+        with log.open('ab') as output:
+            self._popen = subprocess.Popen(
+                command,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                env={**os.environ, **(environ or {})},
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._popen.poll() is None:
+            self._popen.kill()
+        self._popen.wait()
+
+    def send(self, number: signal.Signals) -> None:
+        """Send a signal."""
+        self._popen.send_signal(number)
+
+    def kill(self) -> None:
+        """SIGKILL, and wait until it is gone."""
+        self._popen.kill()
+        self._popen.wait()
+
+    def end(self, timeout_s: float = 20.0) -> int:
+        """SIGTERM; returns the exit status."""
+        self._popen.terminate()
+        return self.wait(timeout_s)
+
+    def wait(self, timeout_s: float = 20.0) -> int:
+        """Wait for its own end; returns the exit status."""
+        try:
+            return self._popen.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f'still running after {timeout_s} s:\n{self.output()}') from None
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self._popen.poll() is None
+
+    def output(self) -> str:
+        """What it has printed so far."""
+        return self.log.read_text()
+
+    def wait_for(self, text: str, timeout_s: float = 20.0, count: int = 1) -> None:
+        """Wait until it has printed `text` (`count` times)."""
+        eventually(
+            lambda: self.output().count(text) >= count,
+            timeout_s,
+            lambda: f'{text!r} did not come:\n{self.output()}',
+        )
+
+
+def eventually(
+    condition: Callable[[], bool], timeout_s: float, what: Callable[[], str] = lambda: 'never'
+) -> None:
+    """Wait until a condition holds."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, what()
+        time.sleep(0.02)
+
+
+class Bench:
+    """What a test works with: a place for files, a broker, a ROS domain."""
+
+    def __init__(self, place: Path, bootstrap_servers: str, domain: int) -> None:
+        self.place = place
+        self.bootstrap_servers = bootstrap_servers
+        self._environ = {'ROS_DOMAIN_ID': str(domain)}
+        self._count = 0
+
+    def config(self, routes: list[dict[str, Any]], name: str = 'test', **more: Any) -> Path:
+        """Write a configuration file; returns its path."""
+        content = {
+            'name': name,
+            'kafka': {'bootstrap.servers': self.bootstrap_servers},
+            'routes': routes,
+            **more,
+        }
+        path = self._file('yaml')
+        with path.open('w') as file:
+            YAML(typ='safe').dump(content, file)
+        return path
+
+    def bridge(self, config: Path, *options: str, **environ: str) -> Process:
+        """Start the bridge."""
+        return self._start('-m', 'ros2_kafka_bridge', 'run', str(config), *options, **environ)
+
+    def command(self, *arguments: str, timeout_s: float = 30.0) -> tuple[int, str, str]:
+        """Run the command line to its end; returns status, standard output, standard error."""
+        done = subprocess.run(
+            [sys.executable, '-m', 'ros2_kafka_bridge', *arguments],
+            capture_output=True,
+            text=True,
+            timeout=timeout_s,
+            check=False,
+            env={**os.environ, **self._environ},
+        )
+        return done.returncode, done.stdout, done.stderr
+
+    def publisher(self, topic: str, *options: str) -> Process:
+        """Start a ROS node that publishes (tests/peers/ros_publisher.py)."""
+        return self._start(str(PEERS / 'ros_publisher.py'), topic, *options)
+
+    def subscriber(self, topic: str, file: Path, *options: str) -> Process:
+        """Start a ROS node that reads into a file (tests/peers/ros_subscriber.py)."""
+        return self._start(str(PEERS / 'ros_subscriber.py'), topic, str(file), *options)
+
+    def script(self, name: str, *arguments: str) -> Process:
+        """Start another script of tests/peers."""
+        return self._start(str(PEERS / name), *arguments)
+
+    def _start(self, *arguments: str, **environ: str) -> Process:
+        return Process(
+            [sys.executable, *arguments], self._file('log'), {**self._environ, **environ}
+        )
+
+    def _file(self, suffix: str) -> Path:
+        self._count += 1
+        return self.place / f'{self._count}.{suffix}'
+
+    # Kafka
+
+    def create_topic(self, topic: str, partitions: int = 1, **config: str) -> None:
+        """Create a topic; config keys with `_` for `.`."""
+        properties = {key.replace('_', '.'): value for key, value in config.items()}
+        new = NewTopic(topic, num_partitions=partitions, replication_factor=1, config=properties)
+        admin = self.admin()  # kept: its futures fail when it goes
+        admin.create_topics([new])[topic].result(10)
+
+    def admin(self) -> AdminClient:
+        """A client for administration."""
+        return AdminClient({'bootstrap.servers': self.bootstrap_servers})
+
+    def produce(self, topic: str, values: list[bytes | None], **more: Any) -> None:
+        """Produce records in order, and wait until all are there."""
+        producer = Producer(
+            {
+                'bootstrap.servers': self.bootstrap_servers,
+                'enable.idempotence': True,
+                'message.max.bytes': 20_000_000,
+            }
+        )
+        for value in values:
+            while True:
+                try:
+                    producer.produce(topic, value, **more)
+                    break
+                except BufferError:
+                    producer.poll(0.1)
+        assert producer.flush(60) == 0
+
+    def records(self, topic: str, count: int, timeout_s: float = 60.0) -> list[Message]:
+        """Read a topic from its beginning until `count` records came, and a little longer."""
+        config = {
+            'bootstrap.servers': self.bootstrap_servers,
+            'group.id': f'test-{time.monotonic_ns()}',
+            'auto.offset.reset': 'earliest',
+            'enable.auto.commit': False,
+            'fetch.message.max.bytes': 20_000_000,
+            'topic.metadata.refresh.interval.ms': 500,
+        }
+        found: list[Message] = []
+        with contextlib.closing(Consumer(config)) as consumer:
+            consumer.subscribe([topic])
+            deadline = time.monotonic() + timeout_s
+            while len(found) < count and time.monotonic() < deadline:
+                found += [m for m in consumer.consume(1000, 0.1) if m.error() is None]
+            # One too many would be a duplicate: give it the time to show.
+            found += [m for m in consumer.consume(1000, 0.5) if m.error() is None]
+        return found
+
+    def committed(self, group: str, topic: str, partition: int = 0) -> int:
+        """The committed offset of a group; negative where there is none."""
+        config = {'bootstrap.servers': self.bootstrap_servers, 'group.id': group}
+        with contextlib.closing(Consumer(config)) as consumer:
+            [answer] = consumer.committed([TopicPartition(topic, partition)], timeout=10)
+            return int(answer.offset)
+
+
+def values(records: list[Message]) -> list[bytes]:
+    """The values of records, none of them null."""
+    found = [record.value() for record in records]
+    assert all(value is not None for value in found)
+    return [value for value in found if value is not None]
+
+
+def headers(record: Message) -> dict[str, str]:
+    """The headers of a record as text."""
+    return {name: bytes(value or b'').decode() for name, value in list(record.headers() or [])}  # type: ignore[arg-type]
+
+
+def lines(file: Path) -> list[str]:
+    """The whole lines of a file that may be written to just now."""
+    if not file.exists():
+        return []
+    return file.read_text().split('\n')[:-1]
+
+
+def to_ros(kafka: str, ros: str, name: str = 'to_ros', **more: Any) -> dict[str, Any]:
+    """A route Kafka -> ROS for std_msgs/String as text, from the earliest record."""
+    source = {'kafka': kafka, 'start': 'earliest'}
+    sink = {'ros': ros, 'type': 'std_msgs/msg/String'}
+    return {'name': name, 'from': source, 'to': sink, 'format': 'text', **more}
+
+
+def to_kafka(ros: str, kafka: str, name: str = 'to_kafka', **more: Any) -> dict[str, Any]:
+    """A route ROS -> Kafka for std_msgs/String as text."""
+    source = {'ros': ros, 'type': 'std_msgs/msg/String'}
+    return {'name': name, 'from': source, 'to': {'kafka': kafka}, 'format': 'text', **more}

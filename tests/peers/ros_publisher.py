@@ -1,0 +1,61 @@
+"""Any user's node that publishes std_msgs/String; waits when its history is full.
+
+Prints `published N` when all is out, then stays until it is told to end: a TRANSIENT_LOCAL
+publisher keeps its history as long as it lives.
+"""
+
+import argparse
+import os
+import time
+
+import rclpy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+
+
+def main() -> None:
+    """Publish `--prefix` with a number behind it, `--count` times."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument('topic')
+    parser.add_argument('--count', type=int, required=True)
+    parser.add_argument('--rate', type=float, default=0.0, help='messages/s, 0 is no limit')
+    parser.add_argument('--prefix', default='')
+    parser.add_argument('--size', type=int, default=0, help='pad each to so many characters')
+    parser.add_argument('--reliability', default='reliable')
+    parser.add_argument('--durability', default='volatile')
+    parser.add_argument('--depth', type=int, default=0, help='KEEP_LAST of so many; 0: KEEP_ALL')
+    parser.add_argument('--readers', type=int, default=1, help='wait for so many first')
+    args = parser.parse_args()
+
+    rclpy.init()
+    node = rclpy.create_node(f'publisher_{os.getpid()}')
+    qos = QoSProfile(
+        reliability=ReliabilityPolicy[args.reliability.upper()],
+        durability=DurabilityPolicy[args.durability.upper()],
+        history=HistoryPolicy.KEEP_LAST if args.depth else HistoryPolicy.KEEP_ALL,
+        depth=args.depth,
+    )
+    publisher = node.create_publisher(String, args.topic, qos)
+    while publisher.get_subscription_count() < args.readers:
+        time.sleep(0.01)
+    if args.readers:
+        time.sleep(0.3)  # the writer knows of the match before the reader does
+    start = time.monotonic()
+    for number in range(args.count):
+        if args.rate:
+            time.sleep(max(0.0, start + number / args.rate - time.monotonic()))
+        message = String(data=f'{args.prefix}{number}'.ljust(args.size))
+        while True:
+            try:
+                publisher.publish(message)
+                break
+            except Exception as error:
+                if 'cannot publish data' not in str(error):
+                    raise
+                time.sleep(0.001)
+    print(f'published {args.count}', flush=True)  # noqa: T201
+    while True:
+        time.sleep(1)
+
+
+main()
