@@ -1,0 +1,20 @@
+"""Prints the first orders that the bridge publishes, as any ROS node would read them."""
+
+import rclpy
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+
+
+def main() -> None:
+    """Read `/orders` with a history that waits, so that nothing is lost here either."""
+    rclpy.init()
+    node = rclpy.create_node('print_orders')
+    qos = QoSProfile(
+        depth=0, history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE
+    )
+    node.create_subscription(String, '/orders', lambda order: print(order.data, flush=True), qos)
+    rclpy.spin(node)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,51 @@
+"""Moves every message between Apache Kafka and ROS 2, both ways, and loses none."""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.bridge import Bridge
+    from ros2_kafka_bridge.config import Config
+    from ros2_kafka_bridge.config_file import load, loads
+    from ros2_kafka_bridge.errors import (
+        BridgeError,
+        ConfigError,
+        DecodeError,
+        EncodeError,
+        RecordError,
+        RecordTooLargeError,
+        RouteError,
+        TransportError,
+    )
+    from ros2_kafka_bridge.metrics import Snapshot
+
+__version__ = '0.1.0'
+
+__all__ = [
+    'Bridge',
+    'BridgeError',
+    'Config',
+    'ConfigError',
+    'DecodeError',
+    'EncodeError',
+    'RecordError',
+    'RecordTooLargeError',
+    'RouteError',
+    'Snapshot',
+    'TransportError',
+    '__version__',
+    'load',
+    'loads',
+]
+
+_HOMES = {'Bridge': 'bridge', 'Config': 'config', 'Snapshot': 'metrics'} | dict.fromkeys(
+    ('load', 'loads'), 'config_file'
+)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is asked for: the command line starts without the rest."""
+    from importlib import import_module  # noqa: PLC0415
+
+    if name not in __all__:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(import_module(f'{__name__}.{_HOMES.get(name, "errors")}'), name)

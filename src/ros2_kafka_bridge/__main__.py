@@ -1,0 +1,5 @@
+"""`python -m ros2_kafka_bridge`."""
+
+from ros2_kafka_bridge.cli import main
+
+main()

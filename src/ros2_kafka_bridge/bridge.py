@@ -1,0 +1,167 @@
+"""The bridge: one configuration, running. Start-up, run and shutdown in reading order."""
+
+import logging
+import os
+import threading
+import time
+from contextlib import ExitStack
+
+from ros2_kafka_bridge.config import Config, warnings
+from ros2_kafka_bridge.errors import BridgeError, RouteError
+from ros2_kafka_bridge.logs import route_log
+from ros2_kafka_bridge.metrics import Counters, Snapshot, State
+from ros2_kafka_bridge.ros.node import RosNode, middleware, open_node
+from ros2_kafka_bridge.ros.probe import Abilities, limits, probe, probe_topic
+from ros2_kafka_bridge.status import status_line, totals
+from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.wiring import Direction, Route, Wiring, endpoints_of
+
+STATUS_S = 10.0
+_FIRST_BACKOFF_S = 1.0
+_LONGEST_BACKOFF_S = 30.0
+_CLOSING_S = 10.0
+
+
+class Bridge:
+    """Runs the routes of a configuration, each in a thread of its own.
+
+    Args:
+        config: What to run.
+        routes: Names of the routes to run; None runs all.
+    """
+
+    def __init__(self, config: Config, routes: frozenset[str] | None = None) -> None:
+        self.config = config
+        self.stop = Stop()
+        self._lanes = [
+            _Lane(route) for route in config.routes if routes is None or route.name in routes
+        ]
+        self._log = route_log()
+        self._crashed = False
+
+    def run(self) -> int:
+        """Run until a stop is asked for; returns the exit status.
+
+        Raises:
+            ConfigError: Nothing was started.
+        """
+        probed = probe_topic()
+        routes = [lane.route for lane in self._lanes]
+        endpoints = endpoints_of(routes, probed, self.config.ros.lease_s)
+        with open_node(self.config.name, self.config.ros.domain_id, endpoints) as node:
+            abilities = self._start(node, probed)
+            wiring = Wiring(self.config, node, abilities, endpoints, self.stop)
+            threads = [
+                threading.Thread(
+                    target=self._keep_running,
+                    args=(lane, wiring),
+                    name=lane.route.name,
+                    daemon=True,
+                )
+                for lane in self._lanes
+            ]
+            for thread in threads:
+                thread.start()
+            self._watch(threads)
+            self._shut_down(threads)
+        return 1 if self._crashed or any(lane.final for lane in self._lanes) else 0
+
+    def snapshots(self) -> list[Snapshot]:
+        """The counters of every route, each at one moment of its own."""
+        return [lane.snapshot() for lane in self._lanes]
+
+    # Start-up
+
+    def _start(self, node: RosNode, probed: str) -> Abilities:
+        for warning in warnings(self.config):
+            self._log.warning('%s', warning)
+        abilities = probe(node, probed)
+        for warning in limits(abilities):
+            self._log.warning('%s', warning)
+        self._log.info(
+            'bridge %s runs %d routes on %s', self.config.name, len(self._lanes), middleware()
+        )
+        return abilities
+
+    # Run
+
+    def _keep_running(self, lane: '_Lane', wiring: Wiring) -> None:
+        """Run one route until a stop, again and again while it fails; in a thread of its own."""
+        try:
+            with ExitStack() as stack:
+                backoff_s = _FIRST_BACKOFF_S
+                while not self._run_once(lane, wiring, stack, backoff_s):
+                    self.stop.wait(backoff_s)
+                    backoff_s = min(_LONGEST_BACKOFF_S, 2 * backoff_s)
+        except BaseException:
+            self._crashed = True
+            lane.log.critical('a bug of the bridge ended this route', exc_info=True)
+            self.stop.ask()
+
+    def _run_once(self, lane: '_Lane', wiring: Wiring, stack: ExitStack, backoff_s: float) -> bool:
+        """Run one route until it stops or fails; tells whether that was the end of it."""
+        draining = self.stop.asked  # a route that failed before still owes a drain
+        try:
+            lane.direction = lane.direction or wiring.make(lane.route, lane.log, stack)
+            lane.failure = ''
+            if lane.direction is not None:
+                lane.direction.run(self.stop)
+        except BridgeError as error:
+            lane.failure = str(error)
+            lane.final = draining or (isinstance(error, RouteError) and error.final)
+            again = '' if lane.final or self.stop.asked else f'; tried again in {backoff_s:.0f} s'
+            lane.log.error('failed: %s%s', error, again)  # noqa: TRY400 (the user's to mend)
+            return lane.final
+        return True
+
+    def _watch(self, threads: list[threading.Thread]) -> None:
+        before = {s.route: s for s in self.snapshots()}
+        looked_s = time.monotonic()
+        while not self.stop.asked and any(thread.is_alive() for thread in threads):
+            if self.stop.wait(0.2) or time.monotonic() - looked_s < STATUS_S:
+                continue
+            period_s, looked_s = time.monotonic() - looked_s, time.monotonic()
+            for lane in self._lanes:
+                now = lane.snapshot()
+                lane.log.info('%s', status_line(now, before[now.route], period_s))
+                before[now.route] = now
+
+    # Shutdown
+
+    def _shut_down(self, threads: list[threading.Thread]) -> None:
+        """Wait for the drains; what does not end in time is left behind."""
+        if any(thread.is_alive() for thread in threads):
+            self._log.info('stopping: draining; once more stops at once')
+        longest_s = max(lane.route.drain_s for lane in self._lanes)
+        deadline_s = time.monotonic() + longest_s + _CLOSING_S
+        while any(thread.is_alive() for thread in threads) and time.monotonic() < deadline_s:
+            if self.stop.at_once:
+                deadline_s = min(deadline_s, time.monotonic() + 2.0)
+            for thread in threads:
+                thread.join(0.05)
+        for lane in self._lanes:
+            lane.log.info('stopped: %s', totals(lane.snapshot()))
+        if any(thread.is_alive() for thread in threads):
+            self._log.error('some routes did not end in time and were left')
+            logging.shutdown()
+            os._exit(1)
+
+
+class _Lane:
+    """One route and what runs it."""
+
+    def __init__(self, route: Route) -> None:
+        self.route = route
+        self.log = route_log(route.name)
+        self.direction: Direction | None = None
+        self.failure = ''
+        self.final = False
+
+    def snapshot(self) -> Snapshot:
+        if self.direction is None:
+            empty = Counters(self.route.name).snapshot(0)
+        else:
+            empty = self.direction.snapshot
+        if self.failure:
+            return empty._replace(state=State.FAILED, reason=self.failure)
+        return empty

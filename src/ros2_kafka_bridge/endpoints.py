@@ -1,0 +1,206 @@
+"""The four ends that a direction joins, as the direction sees them.
+
+The real ones are in `kafka` and `ros`, memory ones in `testing`. All calls on an end come from
+the thread of its route, also the calls back.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+from ros2_kafka_bridge.errors import BridgeError
+
+Token = TypeVar('Token')
+
+HeaderList = list[tuple[str, str | bytes | None]]
+"""Headers in their order; a name may come twice."""
+
+
+class Record(Protocol):
+    """A record as Kafka's client hands it over."""
+
+    def partition(self) -> int | None:
+        """Number of its partition."""
+        ...
+
+    def offset(self) -> int | None:
+        """Its offset in the partition."""
+        ...
+
+    def key(self) -> bytes | None:
+        """Its key."""
+        ...
+
+    def value(self) -> bytes | None:
+        """Its value; None is a tombstone."""
+        ...
+
+    def headers(self) -> HeaderList | None:
+        """Its headers; None where it has none."""
+        ...
+
+    def timestamp(self) -> tuple[int, int]:
+        """Kind and milliseconds since 1970; kind 0 means that there is none."""
+        ...
+
+
+class Message(NamedTuple):
+    """A message as ROS hands it over.
+
+    Args:
+        cdr: Its bytes; up to three bytes of padding may follow the message.
+        gid: Of its publisher, 16 bytes; empty where the middleware does not tell.
+        seq: Its number at its publisher, from 1; 0 where the middleware does not tell.
+        source_time_ns: When it was published, since 1970.
+    """
+
+    cdr: bytes
+    gid: bytes
+    seq: int
+    source_time_ns: int
+
+
+class Outgoing(NamedTuple):
+    """A record to be produced."""
+
+    topic: str
+    key: bytes | None
+    value: bytes | None
+    headers: HeaderList
+
+
+class Rebalance(Protocol):
+    """What a source of records calls while it is polled."""
+
+    def revoked(self, partitions: frozenset[int]) -> None:
+        """Finish and commit what can be, then forget these partitions."""
+
+    def lost(self, partitions: frozenset[int]) -> None:
+        """Forget these partitions; others have them already."""
+
+
+class RecordSource(Protocol):
+    """The records of one topic, read as a member of a group."""
+
+    @property
+    def away(self) -> str:
+        """Why nothing can be read just now; empty when all is well."""
+        ...
+
+    @property
+    def lost_upstream(self) -> int:
+        """Records that the topic no longer held when the bridge came to read them."""
+        ...
+
+    def open(self, rebalance: Rebalance) -> None:
+        """Join the group."""
+
+    def poll(self, limit: int, timeout_s: float) -> Sequence[Record]:
+        """Wait up to `timeout_s` for the first record, then return what is there."""
+        ...
+
+    def hold(self) -> Sequence[Record]:
+        """Stay a member of the group without reading on; rarely a few records still come."""
+        ...
+
+    def commit(self, positions: Mapping[int, int]) -> None:
+        """Commit the next offset to read of each partition, without waiting for it."""
+
+    def commit_now(self, positions: Mapping[int, int], timeout_s: float) -> bool:
+        """Commit and wait; False when it was not confirmed in time."""
+        ...
+
+    def commit_before_revoke(self, positions: Mapping[int, int]) -> None:
+        """Commit from inside `Rebalance.revoked`."""
+
+    def lag(self, positions: Mapping[int, int]) -> int:
+        """How many records of the assigned partitions come behind `positions`."""
+        ...
+
+    def close(self) -> None:
+        """Leave the group."""
+
+
+class Reports(NamedTuple, Generic[Token]):
+    """What became of produced records, by the tokens they were given."""
+
+    confirmed: Sequence[Token]
+    failed: Sequence[tuple[Token, BridgeError]]
+
+
+class RecordSink(Protocol[Token]):
+    """Where records are produced."""
+
+    @property
+    def away(self) -> str:
+        """Why nothing can be produced just now; empty when all is well."""
+        ...
+
+    def open(self) -> None:
+        """Make the client; it connects in the background."""
+
+    def produce(self, record: Outgoing, token: Token) -> bool:
+        """Hand over a record; False: the queue is full, nothing was taken.
+
+        Raises:
+            RecordTooLargeError: The client itself refuses the size.
+        """
+        ...
+
+    def poll(self, timeout_s: float) -> Reports[Token]:
+        """Wait up to `timeout_s` for delivery reports and return them."""
+        ...
+
+    def close(self) -> Iterable[Token]:
+        """Give up what is not delivered; return the tokens that were delivered meanwhile."""
+        ...
+
+
+class MessageSource(Protocol):
+    """The messages of one ROS topic, of whatever publishers it has."""
+
+    @property
+    def lost_upstream(self) -> int:
+        """Messages lost before the bridge could take them, by the gaps in their numbers."""
+        ...
+
+    def open(self) -> None:
+        """Subscribe."""
+
+    def take(self, limit: int, timeout_s: float) -> Sequence[Message]:
+        """Wait up to `timeout_s` for messages, then take at most `limit`."""
+        ...
+
+    def close(self) -> None:
+        """Unsubscribe."""
+
+
+class Readers(NamedTuple):
+    """What a sink of messages knows about its readers.
+
+    Args:
+        matched: How many there are.
+        lost: Whether one has gone since the last look: publish again what is not confirmed.
+        confirmed: How many of the messages published since the last loss are confirmed.
+    """
+
+    matched: int
+    lost: bool
+    confirmed: int
+
+
+class MessageSink(Protocol):
+    """Where messages are published."""
+
+    def open(self) -> None:
+        """Make the publisher."""
+
+    def publish(self, cdr: bytes) -> bool:
+        """Publish; False: the history is full, nothing was taken, try the same bytes again."""
+        ...
+
+    def readers(self) -> Readers:
+        """Look at the readers."""
+        ...
+
+    def close(self) -> None:
+        """Destroy the publisher."""

@@ -1,0 +1,1 @@
+"""Everything that touches Kafka. No other package imports confluent_kafka."""

@@ -1,0 +1,49 @@
+"""Topics: looking at them and creating them."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from confluent_kafka import KafkaError, KafkaException
+from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
+    AdminClient,
+    ConfigResource,
+    NewTopic,
+    ResourceType,
+)
+
+from ros2_kafka_bridge.kafka.errors import translate
+
+_REQUEST_S = 10.0
+_LOOK_S = 2.0
+
+
+def ensure_topic(properties: Mapping[str, Any], topic: str) -> None:
+    """Create a topic of one partition if it is not there and may be created.
+
+    Without the permission nothing is done here: producing then says what is missing.
+
+    Raises:
+        TransportError: The broker did not answer.
+    """
+    admin = AdminClient(dict(properties))
+    try:
+        admin.create_topics([NewTopic(topic, num_partitions=1)])[topic].result(_REQUEST_S)
+    except KafkaException as error:
+        done = {
+            KafkaError.TOPIC_ALREADY_EXISTS,
+            KafkaError.TOPIC_AUTHORIZATION_FAILED,
+            KafkaError.CLUSTER_AUTHORIZATION_FAILED,
+        }
+        if error.args[0].code() not in done:
+            raise translate(error.args[0], f'topic {topic}') from error
+
+
+def topic_limit_bytes(properties: Mapping[str, Any], topic: str) -> int | None:
+    """Look up the topic's max.message.bytes; None where the broker does not tell."""
+    admin = AdminClient(dict(properties))
+    resource = ConfigResource(ResourceType.TOPIC, topic)
+    try:
+        answer = admin.describe_configs([resource], request_timeout=_LOOK_S)[resource]
+        return int(answer.result(_LOOK_S + 1)['max.message.bytes'].value)
+    except (KafkaException, TimeoutError):
+        return None

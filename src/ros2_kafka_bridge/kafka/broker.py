@@ -1,0 +1,85 @@
+"""Looking at a broker without changing anything, for `check --connect`."""
+
+import logging
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from confluent_kafka import ConsumerGroupTopicPartitions, KafkaException, TopicPartition
+from confluent_kafka.admin import AdminClient
+
+from ros2_kafka_bridge.kafka.errors import translate
+
+_REQUEST_S = 5.0
+
+
+class TopicView(NamedTuple):
+    """What is seen of a topic.
+
+    Args:
+        rights: Operations that this user may do (READ, WRITE, ...); None if the broker does not
+            tell.
+        problem: Why it is not there, in the broker's words.
+    """
+
+    exists: bool
+    partitions: int
+    rights: frozenset[str] | None
+    problem: str
+
+
+class Broker:
+    """A cluster, looked at with the user's own properties."""
+
+    def __init__(self, properties: Mapping[str, Any]) -> None:
+        self._admin = AdminClient(
+            dict(properties), logger=logging.getLogger(f'{__name__}.librdkafka')
+        )
+
+    def greeting(self) -> str:
+        """Say who answers.
+
+        Raises:
+            TransportError: Nobody does.
+            RouteError: This user is not let in.
+        """
+        try:
+            metadata = self._admin.list_topics(timeout=_REQUEST_S)
+        except KafkaException as error:
+            raise translate(error.args[0], 'the broker does not answer') from error
+        return f'{len(metadata.brokers)} brokers of cluster {metadata.cluster_id} answer'
+
+    def topic(self, topic: str) -> TopicView:
+        """Look at one topic."""
+        try:
+            answer = self._admin.describe_topics(
+                _topics([topic]), include_authorized_operations=True, request_timeout=_REQUEST_S
+            )[topic].result()
+        except KafkaException as error:
+            return TopicView(exists=False, partitions=0, rights=None, problem=error.args[0].str())
+        rights = answer.authorized_operations
+        names = None if rights is None else frozenset(right.name for right in rights)
+        return TopicView(exists=True, partitions=len(answer.partitions), rights=names, problem='')
+
+    def committed(self, group: str, topic: str, partitions: int) -> dict[int, int]:
+        """Look up the committed offsets of a group.
+
+        Raises:
+            RouteError: This user may not see the group.
+            TransportError: The coordinator does not answer.
+        """
+        asked = [TopicPartition(topic, number) for number in range(partitions)]
+        request = ConsumerGroupTopicPartitions(group, asked)
+        try:
+            answer = self._admin.list_consumer_group_offsets(
+                [request], request_timeout=_REQUEST_S
+            )[group].result()
+        except KafkaException as error:
+            raise translate(error.args[0], 'its offsets cannot be read') from error
+        found = answer.topic_partitions or []
+        return {p.partition: p.offset for p in found if p.offset >= 0}
+
+
+def _topics(names: list[str]) -> Any:
+    from confluent_kafka import TopicCollection  # noqa: PLC0415 (its stub says Any)
+
+    return TopicCollection(names)

@@ -1,0 +1,269 @@
+"""The records of one Kafka topic, read as a member of a group."""
+
+import logging
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
+
+from confluent_kafka import (
+    OFFSET_INVALID,
+    Consumer,
+    KafkaError,
+    KafkaException,
+    Message,
+    TopicPartition,
+)
+
+from ros2_kafka_bridge.endpoints import Rebalance, Record
+from ros2_kafka_bridge.kafka.errors import ClientHealth, translate
+
+_REQUEST_S = 10.0
+
+
+class KafkaSource:
+    """A `RecordSource` on a real topic.
+
+    Args:
+        properties: librdkafka properties of a consumer with its group.
+        topic: The topic to read.
+        start: `latest` or `earliest`: where a topic begins that the group never read.
+        log: Where to say what happens.
+    """
+
+    def __init__(
+        self,
+        properties: Mapping[str, Any],
+        topic: str,
+        start: str,
+        log: logging.LoggerAdapter[logging.Logger],
+    ) -> None:
+        self._properties = dict(properties)
+        self._topic = topic
+        self._start = start
+        self._log = log
+        self._health = ClientHealth(f'topic {topic}', log)
+        self._consumer: Consumer | None = None
+        self._committed: dict[int, int] = {}
+        self._held = False
+        self.lost_upstream = 0
+
+    @property
+    def away(self) -> str:
+        """Why nothing can be read just now; empty when all is well."""
+        return self._health.away
+
+    def open(self, rebalance: Rebalance) -> None:
+        """Join the group.
+
+        Raises:
+            RouteError: librdkafka refuses the properties.
+        """
+
+        def on_assign(_: Consumer, partitions: list[TopicPartition]) -> None:
+            self._held = False
+            self._log.info('reads %s', _names(self._topic, partitions))
+
+        def on_revoke(_: Consumer, partitions: list[TopicPartition]) -> None:
+            self._log.info('hands over %s', _names(self._topic, partitions))
+            rebalance.revoked(_numbers(partitions))
+            self._forget(partitions)
+
+        def on_lost(_: Consumer, partitions: list[TopicPartition]) -> None:
+            self._log.warning('lost %s to another bridge', _names(self._topic, partitions))
+            rebalance.lost(_numbers(partitions))
+            self._forget(partitions)
+
+        callbacks = {'error_cb': self._health.on_error, 'on_commit': self._on_commit}
+        try:
+            self._consumer = Consumer(
+                self._properties | callbacks, logger=logging.getLogger(f'{__name__}.librdkafka')
+            )
+            self._consumer.subscribe(
+                [self._topic], on_assign=on_assign, on_revoke=on_revoke, on_lost=on_lost
+            )
+        except KafkaException as error:
+            raise translate(error.args[0], f'topic {self._topic}') from error
+
+    def poll(self, limit: int, timeout_s: float) -> Sequence[Record]:
+        """Wait up to `timeout_s` for the first record, then return what is there."""
+        if self._held:
+            self._client.resume(self._client.assignment())
+            self._held = False
+        return self._read(limit, timeout_s)
+
+    def hold(self) -> Sequence[Record]:
+        """Stay a member of the group without reading on."""
+        if not self._held:
+            self._client.pause(self._client.assignment())
+            self._held = True
+        return self._read(1, 0.0)
+
+    def commit(self, positions: Mapping[int, int]) -> None:
+        """Commit the next offset to read of each partition, without waiting for it."""
+        news = self._news(positions)
+        if not news:
+            return
+        try:
+            self._client.commit(offsets=news, asynchronous=True)
+        except KafkaException as error:
+            self._log.warning('cannot commit now: %s', error.args[0].str())
+
+    def commit_now(self, positions: Mapping[int, int], timeout_s: float) -> bool:
+        """Commit and wait; False when it was not confirmed in time."""
+        # librdkafka's own synchronous commit waits for a broker without any limit.
+        deadline = time.monotonic() + timeout_s
+        self.commit(positions)
+        while self._news(positions) and time.monotonic() < deadline:
+            self._client.pause(self._client.assignment())
+            self._client.poll(0.05)
+        return not self._news(positions)
+
+    def commit_before_revoke(self, positions: Mapping[int, int]) -> None:
+        """Commit from inside a rebalance, where polling for the answer is not possible."""
+        news = self._news(positions)
+        if not news:
+            return
+        try:
+            self._client.commit(offsets=news, asynchronous=False)
+        except KafkaException as error:
+            self._log.warning('cannot commit before the hand-over: %s', error.args[0].str())
+
+    def lag(self, positions: Mapping[int, int]) -> int:
+        """How many records of the assigned partitions come behind `positions`."""
+        total = 0
+        for partition in self._client.assignment():
+            _, end = self._client.get_watermark_offsets(partition, cached=True)
+            position = positions.get(partition.partition)
+            if end >= 0 and position is not None:
+                total += max(0, end - position)
+        return total
+
+    def close(self) -> None:
+        """Leave the group."""
+        if self._consumer is not None:
+            self._consumer.close()
+            self._consumer = None
+
+    @property
+    def _client(self) -> Consumer:
+        assert self._consumer is not None, 'the source is open'
+        return self._consumer
+
+    def _read(self, limit: int, timeout_s: float) -> Sequence[Record]:
+        # consume() waits its whole timeout unless all `limit` records come; poll() does not.
+        first = self._client.poll(timeout_s)
+        self._health.raise_failure()
+        if first is None:
+            return ()
+        batch = [first, *self._client.consume(limit - 1, 0.0)] if limit > 1 else [first]
+        if any(message.error() for message in batch):
+            batch = [message for message in batch if self._is_record(message)]
+        else:
+            self._health.on_contact()
+        # The stubs do not tell that headers are a list; they are.
+        return cast('Sequence[Record]', batch)
+
+    def _is_record(self, message: Message) -> bool:
+        error = message.error()
+        if error is None:
+            return True
+        if error.code() == KafkaError._AUTO_OFFSET_RESET:  # noqa: SLF001 (its public name)
+            self._place(message.partition() or 0)
+            return False
+        if error.code() == KafkaError._MAX_POLL_EXCEEDED:  # noqa: SLF001
+            return False
+        self._health.on_error(error)
+        self._health.raise_failure()
+        return False
+
+    def _place(self, partition: int) -> None:
+        """Set where to read a partition whose stored offset is missing or out of range."""
+        try:
+            offset = self._resolve(partition)
+            here = TopicPartition(self._topic, partition)
+            self._client.incremental_unassign([here])
+            self._client.incremental_assign([TopicPartition(self._topic, partition, offset)])
+        except KafkaException as error:
+            raise translate(error.args[0], f'{self._topic}[{partition}]') from error
+        self._held = False
+
+    def _resolve(self, partition: int) -> int:
+        metadata = self._client.list_topics(self._topic, timeout=_REQUEST_S)
+        everywhere = [
+            TopicPartition(self._topic, p) for p in metadata.topics[self._topic].partitions
+        ]
+        committed = {
+            p.partition: p.offset
+            for p in self._client.committed(everywhere, timeout=_REQUEST_S)
+            if p.offset >= 0
+        }
+        if not committed:
+            return self._first_start(everywhere)[partition]
+        low, high = self._client.get_watermark_offsets(
+            TopicPartition(self._topic, partition), timeout=_REQUEST_S
+        )
+        if partition in committed:
+            self._say_gone(partition, committed[partition], low, high)
+        return low
+
+    def _first_start(self, everywhere: list[TopicPartition]) -> dict[int, int]:
+        """Resolve `start` once, for every partition, and commit it at once.
+
+        Also for partitions that others read: seen from them, a partition without an offset among
+        others with one has appeared later, and is read from its beginning.
+        """
+        side = 0 if self._start == 'earliest' else 1
+        offsets = {
+            p.partition: self._client.get_watermark_offsets(p, timeout=_REQUEST_S)[side]
+            for p in everywhere
+        }
+        self._client.commit(
+            offsets=[TopicPartition(self._topic, p, offset) for p, offset in offsets.items()],
+            asynchronous=False,
+        )
+        self._log.info('first start of this group: begins at the %s record', self._start)
+        return offsets
+
+    def _say_gone(self, partition: int, wanted: int, low: int, high: int) -> None:
+        if wanted < low:
+            self.lost_upstream += low - wanted
+            self._log.error(
+                '%s[%d]: %d records were deleted before the bridge read them (offsets %d to %d); '
+                'it goes on at %d: keep the topic longer than the bridge can be away '
+                '(retention.ms, retention.bytes)',
+                self._topic, partition, low - wanted, wanted, low - 1, low,
+            )  # fmt: skip
+        else:
+            self._log.error(
+                '%s[%d]: offset %d is not there, the topic holds %d to %d: it was made anew or '
+                'cut off; the bridge reads all that it holds now',
+                self._topic, partition, wanted, low, high - 1,
+            )  # fmt: skip
+
+    def _news(self, positions: Mapping[int, int]) -> list[TopicPartition]:
+        return [
+            TopicPartition(self._topic, partition, offset)
+            for partition, offset in positions.items()
+            if self._committed.get(partition, OFFSET_INVALID) != offset
+        ]
+
+    def _on_commit(self, error: KafkaError | None, partitions: list[TopicPartition]) -> None:
+        if error is not None:
+            self._log.warning('cannot commit now: %s', error.str())
+            return
+        self._health.on_contact()
+        self._committed.update(
+            {p.partition: p.offset for p in partitions if p.error is None and p.offset >= 0}
+        )
+
+    def _forget(self, partitions: list[TopicPartition]) -> None:
+        for partition in partitions:
+            self._committed.pop(partition.partition, None)
+
+
+def _numbers(partitions: list[TopicPartition]) -> frozenset[int]:
+    return frozenset(p.partition for p in partitions)
+
+
+def _names(topic: str, partitions: list[TopicPartition]) -> str:
+    return f'{topic}[{", ".join(str(p.partition) for p in sorted(partitions))}]'

@@ -1,0 +1,68 @@
+"""What the end of a topic says of the messages that are in it already."""
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from confluent_kafka import Consumer, KafkaException, Message, TopicPartition
+
+from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.kafka.errors import translate
+
+TAIL_RECORDS = 10_000
+_REQUEST_S = 10.0
+_READ_S = 60.0
+
+
+def read_tail(
+    properties: Mapping[str, Any], topic: str, records: int = TAIL_RECORDS
+) -> set[tuple[bytes, int]]:
+    """Read the last `records` records of each partition.
+
+    Returns:
+        Publisher gid and number (`ros.gid`, `ros.seq`) of each that carries them.
+
+    Raises:
+        TransportError: The broker is away.
+        RouteError: The topic may not be read.
+    """
+    consumer = Consumer(dict(properties))
+    try:
+        return _read(consumer, topic, records)
+    except KafkaException as error:
+        raise translate(error.args[0], f'topic {topic}') from error
+    finally:
+        consumer.close()
+
+
+def _read(consumer: Consumer, topic: str, records: int) -> set[tuple[bytes, int]]:
+    ends: dict[int, int] = {}
+    starts: list[TopicPartition] = []
+    partitions = consumer.list_topics(topic, timeout=_REQUEST_S).topics[topic].partitions
+    for partition in partitions:
+        here = TopicPartition(topic, partition)
+        low, high = consumer.get_watermark_offsets(here, timeout=_REQUEST_S)
+        if high > low:
+            ends[partition] = high
+            starts.append(TopicPartition(topic, partition, max(low, high - records)))
+    consumer.assign(starts)
+    found: set[tuple[bytes, int]] = set()
+    deadline_s = time.monotonic() + _READ_S
+    while ends:
+        for message in consumer.consume(1000, 0.05):
+            if error := message.error():
+                raise translate(error, f'topic {topic}')
+            _note(message, found)
+        for position in consumer.position(starts):
+            if position.offset >= ends.get(position.partition, position.offset + 1):
+                del ends[position.partition]
+        if time.monotonic() > deadline_s:
+            raise TransportError(f'topic {topic}: its end cannot be read')
+    return found
+
+
+def _note(message: Message, found: set[tuple[bytes, int]]) -> None:
+    headers = dict(message.headers() or ())
+    gid, seq = headers.get('ros.gid'), headers.get('ros.seq')
+    if isinstance(gid, bytes) and isinstance(seq, bytes):
+        found.add((bytes.fromhex(gid.decode()), int(seq)))

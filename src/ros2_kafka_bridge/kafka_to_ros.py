@@ -1,0 +1,373 @@
+"""Kafka -> ROS: the whole way of a record to ROS, on one page.
+
+    poll -> decode -> publish -> confirm -> commit
+
+Everything taken and not ended is in `window`, in the order of consumption. An entry waits in
+`pending` until the history takes it, then in `unconfirmed` until its readers have it. An entry
+that has ended leaves the window once all before it have: only then does its offset count.
+"""
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from ros2_kafka_bridge.config import KafkaToRosRoute
+from ros2_kafka_bridge.dead_letters import DeadLetters, explain, from_kafka
+from ros2_kafka_bridge.endpoints import MessageSink, Outgoing, Readers, Record, RecordSource
+from ros2_kafka_bridge.errors import (
+    BridgeError,
+    RecordError,
+    RecordTooLargeError,
+    RouteError,
+)
+from ros2_kafka_bridge.formats import Decode
+from ros2_kafka_bridge.logs import Occasional
+from ros2_kafka_bridge.metrics import Counters, Outcome, State
+from ros2_kafka_bridge.stop import Stop
+
+BATCH = 500
+COMMIT_S = 1.0
+SETTLE_S = 0.5
+REVOKE_S = 5.0
+HOLD_AFTER_S = 1.0
+_IDLE_S = 0.1
+_BUSY_S = 0.01
+_SHORTEST_NAP_S = 0.0005
+_LONGEST_NAP_S = 0.02
+_ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small records count too
+
+
+class Entry:
+    """One record on its way."""
+
+    __slots__ = ('cdr', 'offset', 'outcome', 'partition', 'record', 'size_bytes')
+
+    def __init__(self, record: Record) -> None:
+        self.record = record
+        self.partition = record.partition() or 0
+        self.offset = record.offset() or 0
+        self.size_bytes = len(record.value() or b'') + _ENTRY_BYTES
+        self.cdr = b''
+        self.outcome: Outcome | None = None
+
+
+class KafkaToRos:
+    """Moves the records of one topic to ROS; runs in a thread of its own.
+
+    Args:
+        route: The settings of the route.
+        origin: Name of the bridge; its own records are skipped.
+        source: Where the records come from.
+        sink: Where the messages go; open already, and stays open when the route fails.
+        decode: Makes the CDR bytes of a message from a record's value.
+        dead_letters: Where records go that can never be delivered.
+        log: Where to say what happens.
+    """
+
+    def __init__(
+        self,
+        route: KafkaToRosRoute,
+        origin: str,
+        source: RecordSource,
+        sink: MessageSink,
+        decode: Decode,
+        dead_letters: DeadLetters[Entry],
+        log: logging.LoggerAdapter[logging.Logger],
+    ) -> None:
+        self.counters = Counters(route.name)
+        self.snapshot = self.counters.snapshot(0)
+        self._route = route
+        self._origin = origin.encode()
+        self._source = source
+        self._sink = sink
+        self._decode = decode
+        self._dead_letters = dead_letters
+        self._log = log
+        self._occasional = Occasional(log)
+        self._window: deque[Entry] = deque()
+        self._window_bytes = 0
+        self._pending: deque[Entry] = deque()
+        self._unconfirmed: deque[Entry] = deque()
+        self._confirmed = 0  # of those published since a reader was lost last
+        self._positions: dict[int, int] = {}
+        self._ready_at_s: float | None = None
+        self._next_publish_s = 0.0
+        self._blocked_since_s: float | None = None
+        self._nap_s = _SHORTEST_NAP_S
+        self._tick_at_s = 0.0
+        self._expired = _expires(route.max_age_s)
+
+    def run(self, stop: Stop) -> None:
+        """Move records until a stop is asked for, then drain.
+
+        Raises:
+            RouteError: This route cannot go on; nothing is lost by running it again.
+        """
+        with self._opened():
+            while not stop.asked:
+                self._step()
+            self._drain(stop)
+
+    def _step(self) -> None:
+        readers = self._confirm()
+        obstacle = self._publish_pending(readers)
+        if obstacle is None:
+            self._blocked_since_s = None
+            self._nap_s = _SHORTEST_NAP_S
+            self._poll(_BUSY_S if self._window else _IDLE_S)
+        else:
+            self._wait(obstacle)
+        self._settle()
+        self._tick(obstacle)
+
+    # 1. Kafka -> entries
+
+    def _poll(self, timeout_s: float) -> None:
+        for record in self._source.poll(BATCH, timeout_s):
+            self._accept(record)
+
+    def _accept(self, record: Record) -> None:
+        entry = Entry(record)
+        self.counters.taken += 1
+        self._window.append(entry)
+        self._window_bytes += entry.size_bytes
+        headers = record.headers()
+        if headers and ('bridge.origin', self._origin) in headers:
+            entry.outcome = Outcome.SKIPPED
+            return
+        try:
+            entry.cdr = self._to_cdr(record.value())
+        except RecordError as error:
+            self._refuse(entry, error)
+        else:
+            self._pending.append(entry)
+
+    def _to_cdr(self, value: bytes | None) -> bytes:
+        if value is not None and len(value) > self._route.max_message_bytes:
+            raise RecordTooLargeError(
+                len(value), self._route.max_message_bytes, 'max_message_bytes of the route'
+            )
+        return self._decode(value)
+
+    def _refuse(self, entry: Entry, error: RecordError) -> None:
+        where = f'{self._route.source.kafka}[{entry.partition}]@{entry.offset}'
+        if self._route.on_error == 'stop':
+            raise RouteError(f'{where}: {error}; stopped, as on_error says', final=True)
+        self._occasional.warning(f'{self._route.on_error}: {where}: {error}')
+        if self._route.on_error == 'drop':
+            entry.outcome = Outcome.DROPPED
+            return
+        record = entry.record
+        origin = from_kafka(
+            self._route.name, self._route.source.kafka, entry.partition, entry.offset
+        )
+        letter = Outgoing('', record.key(), record.value(), record.headers() or [])
+        self._dead_letters.add(explain(letter, error, origin), entry)
+
+    # 2. entries -> ROS
+
+    def _publish_pending(self, readers: Readers) -> str | None:
+        """Publish what waits; tells what stands in the way, None when nothing is left."""
+        if self._window_bytes > self._route.max_in_flight_bytes and not self._pending:
+            return 'the window is full (max_in_flight_bytes)'
+        if not self._pending:
+            return None
+        if not self._enough(readers):
+            return f'{readers.matched} of {self._route.min_subscribers} subscribers are there'
+        pending, unconfirmed, publish = self._pending, self._unconfirmed, self._sink.publish
+        while pending:
+            entry = pending[0]
+            if self._expired(entry.record):
+                entry.outcome = Outcome.DROPPED
+            elif self._too_early():
+                return 'max_rate'
+            elif not publish(entry.cdr):
+                return 'the history is full: a subscriber does not take'
+            else:
+                unconfirmed.append(entry)
+            pending.popleft()
+        return None
+
+    def _enough(self, readers: Readers) -> bool:
+        if readers.matched < self._route.min_subscribers:
+            self._ready_at_s = None
+            return False
+        if self._route.min_subscribers == 0:
+            return True
+        # A writer knows of a match before the reader does; what it publishes meanwhile is lost.
+        now_s = time.monotonic()
+        if self._ready_at_s is None:
+            self._ready_at_s = now_s + SETTLE_S
+        return now_s >= self._ready_at_s
+
+    def _too_early(self) -> bool:
+        if self._route.max_rate is None:
+            return False
+        now_s = time.monotonic()
+        if now_s < self._next_publish_s:
+            return True
+        interval_s = 1 / self._route.max_rate
+        self._next_publish_s = max(self._next_publish_s, now_s - interval_s) + interval_s
+        return False
+
+    def _wait(self, obstacle: str) -> None:
+        now_s = time.monotonic()
+        if self._blocked_since_s is None:
+            self._blocked_since_s = now_s
+        if self._route.when_full == 'drop_oldest' and obstacle != 'max_rate':
+            self._poll(_BUSY_S)
+            self._drop_oldest()
+        elif now_s - self._blocked_since_s > HOLD_AFTER_S:
+            for record in self._source.hold():
+                self._accept(record)
+        if obstacle == 'max_rate':
+            time.sleep(min(_LONGEST_NAP_S, max(0.0, self._next_publish_s - now_s)))
+            return
+        time.sleep(self._nap_s)
+        self._nap_s = min(_LONGEST_NAP_S, self._nap_s * 2)
+
+    def _drop_oldest(self) -> None:
+        while len(self._pending) > self._route.max_in_flight:
+            self._pending.popleft().outcome = Outcome.DROPPED
+
+    # 3. confirmations -> positions -> commit
+
+    def _confirm(self) -> Readers:
+        readers = self._sink.readers()
+        if readers.lost:
+            self._publish_again()
+        for _ in range(readers.confirmed - self._confirmed):
+            entry = self._unconfirmed.popleft()
+            if entry.outcome is None:
+                entry.outcome = Outcome.CONFIRMED
+        self._confirmed = readers.confirmed
+        for entry in self._dead_letters.poll():
+            entry.outcome = Outcome.DEAD_LETTERED
+        return readers
+
+    def _publish_again(self) -> None:
+        again = [entry for entry in self._unconfirmed if entry.outcome is None]
+        self._unconfirmed.clear()
+        self._confirmed = 0
+        self._pending.extendleft(reversed(again))
+        self.counters.repeated += len(again)
+        if again:
+            self._log.warning(
+                'a subscriber of %s has gone: %d messages that it had not acknowledged are '
+                'published again',
+                self._route.sink.ros, len(again),
+            )  # fmt: skip
+
+    def _settle(self) -> None:
+        window, positions, end = self._window, self._positions, self.counters.end
+        while window and (outcome := window[0].outcome) is not None:
+            entry = window.popleft()
+            self._window_bytes -= entry.size_bytes
+            positions[entry.partition] = entry.offset + 1
+            end(outcome)
+
+    def _tick(self, obstacle: str | None) -> None:
+        now_s = time.monotonic()
+        if now_s < self._tick_at_s:
+            return
+        self._tick_at_s = now_s + COMMIT_S
+        self._source.commit(self._positions)
+        waiting = ''
+        if self._blocked_since_s is not None and now_s - self._blocked_since_s > HOLD_AFTER_S:
+            waiting = obstacle or ''
+        self._show(waiting or self._source.away)
+
+    def _show(self, reason: str) -> None:
+        self.counters.state = State.WAITING if reason else State.RUNNING
+        self.counters.reason = reason
+        self.counters.lost_upstream = self._source.lost_upstream
+        lag = self._source.lag(self._positions)
+        self.snapshot = self.counters.snapshot(len(self._window), lag)
+
+    # Hand-over, failure, end
+
+    def revoked(self, partitions: frozenset[int]) -> None:
+        """Wait for what these partitions have in flight, commit it, forget the rest."""
+        deadline_s = time.monotonic() + REVOKE_S
+        while time.monotonic() < deadline_s and self._has_unconfirmed(partitions):
+            self._confirm()
+            time.sleep(_BUSY_S)
+        self._settle()
+        self._source.commit_before_revoke(self._positions)
+        self.lost(partitions)
+
+    def lost(self, partitions: frozenset[int]) -> None:
+        """Forget these partitions; others have them already."""
+        self._give_back(lambda entry: entry.partition in partitions)
+        for partition in partitions:
+            self._positions.pop(partition, None)
+
+    def _has_unconfirmed(self, partitions: frozenset[int]) -> bool:
+        return any(e.outcome is None and e.partition in partitions for e in self._unconfirmed)
+
+    def _give_back(self, condition: Callable[[Entry], bool]) -> int:
+        """Return entries to Kafka: their offsets are not committed, they are read again."""
+        kept: deque[Entry] = deque()
+        for entry in self._window:
+            if condition(entry):
+                entry.outcome = Outcome.RETURNED
+                self._window_bytes -= entry.size_bytes
+                self.counters.end(Outcome.RETURNED)
+            else:
+                kept.append(entry)
+        self._window = kept
+        self._pending = deque(e for e in self._pending if e.outcome is None)
+        return len(self._pending)
+
+    def _drain(self, stop: Stop) -> None:
+        deadline_s = time.monotonic() + self._route.drain_s
+        self._give_back_pending()
+        while self._window and time.monotonic() < deadline_s and not stop.at_once:
+            self._confirm()
+            self._give_back_pending()
+            self._settle()
+            time.sleep(_BUSY_S)
+        left = len(self._window)
+        patience_s = 0.0 if stop.at_once else max(1.0, deadline_s - time.monotonic())
+        committed = self._source.commit_now(self._positions, patience_s)
+        if left:
+            self._log.warning(
+                'gave up waiting for %d records in flight: they are read again next time', left
+            )
+        if not committed:
+            self._log.warning('the last offsets are not committed: some records are repeated')
+
+    def _give_back_pending(self) -> None:
+        waiting = set(map(id, self._pending))
+        if waiting:
+            self._give_back(lambda entry: id(entry) in waiting)
+
+    @contextmanager
+    def _opened(self) -> Iterator[None]:
+        self._source.open(self)
+        try:
+            yield
+        finally:
+            self._give_back(lambda _: True)
+            try:
+                self._source.close()
+                self._dead_letters.close()
+            except BridgeError as error:
+                self._log.warning('while closing: %s', error)
+            self._positions.clear()
+            self.snapshot = self.counters.snapshot(len(self._window))
+
+
+def _expires(max_age_s: float | None) -> Callable[[Record], bool]:
+    """Make the question whether a record is too old to be published."""
+    if max_age_s is None:
+        return lambda _: False
+    limit_ms = max_age_s * 1000
+
+    def expired(record: Record) -> bool:
+        kind, created_ms = record.timestamp()
+        return kind != 0 and time.time() * 1000 - created_ms > limit_ms
+
+    return expired

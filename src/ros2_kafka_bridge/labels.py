@@ -1,0 +1,78 @@
+"""Key and headers of the records that carry ROS messages."""
+
+from collections.abc import Callable
+
+from ros2_kafka_bridge.config_checks import KeyPart, key_parts
+from ros2_kafka_bridge.endpoints import Message
+from ros2_kafka_bridge.formats.layout import Layout, make_reader
+from ros2_kafka_bridge.ros_to_kafka import MakeHeaders, MakeKey
+
+
+def make_headers(
+    topic: str, message_type: str, origin: str, type_hash: Callable[[bytes], str]
+) -> MakeHeaders:
+    """Make the function that writes a record's headers.
+
+    Args:
+        topic: The ROS topic.
+        message_type: Its type.
+        origin: Name of the bridge.
+        type_hash: REP-2011 hash of what the publisher with that gid sends, or empty.
+    """
+    by_publisher: dict[bytes, list[tuple[str, str | bytes | None]]] = {}
+
+    def for_publisher(gid: bytes) -> list[tuple[str, str | bytes | None]]:
+        told = {
+            'ros.topic': topic,
+            'ros.type': message_type,
+            'ros.type_hash': type_hash(gid),
+            'ros.gid': gid.hex(),
+            'bridge.origin': origin,
+        }
+        if len(by_publisher) > 1000:
+            by_publisher.clear()
+        same = by_publisher[gid] = [(n, value.encode()) for n, value in told.items() if value]
+        return same
+
+    def headers(message: Message) -> list[tuple[str, str | bytes | None]]:
+        same = by_publisher.get(message.gid) or for_publisher(message.gid)
+        return [
+            *same,
+            ('ros.seq', b'%d' % message.seq),
+            ('ros.source_time_ns', b'%d' % message.source_time_ns),
+        ]
+
+    return headers
+
+
+def make_key(template: str | None, topic: str, layout: Layout) -> MakeKey:
+    """Make the function that writes a record's key.
+
+    Args:
+        template: Text with `{ros.topic}`, `{ros.gid}`, `{message.a.b}`; None is the ROS topic.
+        topic: The ROS topic.
+        layout: Of the message type.
+
+    Raises:
+        ConfigError: The type has no such field.
+    """
+    parts = [_part(part, topic, layout) for part in key_parts(template or '{ros.topic}')]
+    if all(isinstance(part, str) for part in parts):
+        constant = ''.join(str(part) for part in parts).encode()
+        return lambda _: constant
+
+    def key(message: Message) -> bytes:
+        return ''.join(p if isinstance(p, str) else p(message) for p in parts).encode()
+
+    return key
+
+
+def _part(part: KeyPart, topic: str, layout: Layout) -> str | Callable[[Message], str]:
+    if part.kind == 'literal':
+        return part.text
+    if part.kind == 'ros.topic':
+        return topic
+    if part.kind == 'ros.gid':
+        return lambda message: message.gid.hex()
+    read = make_reader(layout, part.text)
+    return lambda message: str(read(message.cdr))

@@ -1,0 +1,89 @@
+"""What a route counts, and the snapshot of it that others may read."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import NamedTuple
+
+
+class Outcome(StrEnum):
+    """What became of a record or message that was taken. Each ends in exactly one."""
+
+    CONFIRMED = 'confirmed'
+    DEAD_LETTERED = 'dead_lettered'
+    DROPPED = 'dropped'
+    SKIPPED = 'skipped'
+    RETURNED = 'returned'
+
+
+class State(StrEnum):
+    """What a route is doing."""
+
+    STARTING = 'starting'
+    RUNNING = 'running'
+    WAITING = 'waiting'
+    FAILED = 'failed'
+    STOPPED = 'stopped'
+
+
+class Snapshot(NamedTuple):
+    """The counters of one route at one moment, made by the route's own thread.
+
+    `taken` equals the five outcomes plus `in_flight`, always. `in_flight` is the length of what
+    the route holds, not a difference. `lag` is in records (Kafka -> ROS only), `lost_upstream`
+    what was lost before the bridge could take it, `repeated` what was published again.
+    """
+
+    route: str
+    state: State
+    reason: str
+    taken: int
+    confirmed: int
+    dead_lettered: int
+    dropped: int
+    skipped: int
+    returned: int
+    in_flight: int
+    lost_upstream: int
+    repeated: int
+    lag: int | None
+
+    @property
+    def balanced(self) -> bool:
+        """Whether everything taken is accounted for."""
+        ended = self.confirmed + self.dead_lettered + self.dropped + self.skipped + self.returned
+        return self.taken == ended + self.in_flight
+
+
+@dataclass(slots=True)
+class Counters:
+    """The counters of one route; only the route's own thread touches them."""
+
+    route: str
+    state: State = State.STARTING
+    reason: str = ''
+    taken: int = 0
+    lost_upstream: int = 0
+    repeated: int = 0
+    ended: dict[Outcome, int] = field(default_factory=lambda: dict.fromkeys(Outcome, 0))
+
+    def end(self, outcome: Outcome, count: int = 1) -> None:
+        """Count `count` records or messages that ended in `outcome`."""
+        self.ended[outcome] += count
+
+    def snapshot(self, in_flight: int, lag: int | None = None) -> Snapshot:
+        """Freeze the counters; `in_flight` is the length of what the route holds now."""
+        return Snapshot(
+            route=self.route,
+            state=self.state,
+            reason=self.reason,
+            taken=self.taken,
+            confirmed=self.ended[Outcome.CONFIRMED],
+            dead_lettered=self.ended[Outcome.DEAD_LETTERED],
+            dropped=self.ended[Outcome.DROPPED],
+            skipped=self.ended[Outcome.SKIPPED],
+            returned=self.ended[Outcome.RETURNED],
+            in_flight=in_flight,
+            lost_upstream=self.lost_upstream,
+            repeated=self.repeated,
+            lag=lag,
+        )

@@ -1,0 +1,142 @@
+"""The bridge's one node in the ROS graph, and what it sees there."""
+
+import logging
+import os
+import re
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.ros.errors import translated
+from ros2_kafka_bridge.ros.profile import VARIABLES, Endpoints, make_profile, user_profile
+
+FASTDDS = 'rmw_fastrtps_cpp'
+
+
+class Peer(NamedTuple):
+    """An endpoint of the graph.
+
+    Args:
+        node: Name of its node with its namespace.
+        gid: 16 bytes.
+        type_hash: REP-2011, empty where it is not told.
+        reliability: `reliable` or `best_effort`.
+        durability: `volatile` or `transient_local`.
+        qos: All of it, as rclpy has it.
+    """
+
+    node: str
+    message_type: str
+    gid: bytes
+    type_hash: str
+    reliability: str
+    durability: str
+    qos: Any
+
+
+class RosNode:
+    """A node without executor, parameters or services; endpoints are made of `handle`."""
+
+    def __init__(self, node: Any, context: Any) -> None:
+        self.handle = node
+        self.context = context
+
+    def publishers(self, topic: str) -> list[Peer]:
+        """Who publishes on a topic, as far as discovery knows."""
+        return [_peer(info) for info in self.handle.get_publishers_info_by_topic(topic)]
+
+    def subscribers(self, topic: str) -> list[Peer]:
+        """Who subscribes to a topic, as far as discovery knows."""
+        return [_peer(info) for info in self.handle.get_subscriptions_info_by_topic(topic)]
+
+
+def middleware() -> str:
+    """The name of the middleware in use (`rmw_fastrtps_cpp`)."""
+    import rclpy  # noqa: PLC0415 (heavy)
+
+    return str(rclpy.utilities.get_rmw_implementation_identifier())
+
+
+@contextmanager
+def open_node(name: str, domain_id: int | None, endpoints: Endpoints) -> Iterator[RosNode]:
+    """Join the ROS graph.
+
+    Raises:
+        ConfigError: rclpy is missing, or refuses the name or the environment.
+    """
+    rclpy = _import_rclpy()
+    from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415 (heavy)
+
+    with ExitStack() as stack:
+        with _profile(endpoints), translated('ROS'):
+            context = rclpy.Context()
+            rclpy.init(
+                args=[],
+                context=context,
+                domain_id=domain_id,
+                signal_handler_options=SignalHandlerOptions.NO,
+            )
+            stack.callback(context.try_shutdown)
+            node = rclpy.create_node(
+                re.sub(r'\W', '_', f'kafka_bridge_{name}'),
+                context=context,
+                use_global_arguments=False,
+                enable_rosout=False,
+                start_parameter_services=False,
+                parameter_overrides=[
+                    rclpy.Parameter('start_type_description_service', value=False)
+                ],
+            )
+            stack.callback(node.destroy_node)
+        yield RosNode(node, context)
+
+
+def _import_rclpy() -> Any:
+    try:
+        import rclpy  # noqa: PLC0415 (heavy, and perhaps not there)
+        import rclpy.parameter  # noqa: PLC0415
+    except ImportError as error:
+        raise ConfigError(
+            [
+                (
+                    f'ROS 2 is not here ({error}): source your ROS 2 installation, or install '
+                    'the wheels with: pip install "ros2-kafka-bridge[ros]"'
+                )
+            ]
+        ) from error
+    logging.getLogger(__name__).debug('rclpy is %s', rclpy.__file__)
+    return rclpy
+
+
+@contextmanager
+def _profile(endpoints: Endpoints) -> Iterator[None]:
+    """Show Fast DDS our profile while it starts; it reads the file once."""
+    text = make_profile(endpoints, user_profile())
+    before = {variable: os.environ.get(variable) for variable in VARIABLES}
+    with tempfile.TemporaryDirectory(prefix='ros2-kafka-bridge-') as directory:
+        path = Path(directory) / 'profile.xml'
+        path.write_text(text, encoding='utf-8')
+        os.environ.pop(VARIABLES[1], None)
+        os.environ[VARIABLES[0]] = str(path)
+        yield
+    for variable, value in before.items():
+        os.environ.pop(variable, None)
+        if value is not None:
+            os.environ[variable] = value
+
+
+def _peer(info: Any) -> Peer:
+    qos = info.qos_profile
+    type_hash = getattr(info, 'topic_type_hash', None)
+    return Peer(
+        node=f'{info.node_namespace.rstrip("/")}/{info.node_name}',
+        message_type=info.topic_type,
+        gid=bytes(info.endpoint_gid)[:16],
+        type_hash='' if type_hash is None else str(type_hash),
+        reliability='best_effort' if qos.reliability.name == 'BEST_EFFORT' else 'reliable',
+        durability='transient_local' if qos.durability.name == 'TRANSIENT_LOCAL' else 'volatile',
+        qos=qos,
+    )

@@ -1,0 +1,141 @@
+"""The DDS profile of the bridge's own endpoints, made of the user's own and three settings.
+
+Fast DDS reads its settings from one XML file that an environment variable names. The bridge
+needs, for its own topics only: a history of known length (confirmation is read from its room), a
+short blocking time (publishing holds the interpreter lock), a quick heartbeat; and for the whole
+process: no intra-process delivery (it stalls when a history is full). All else stays as it is.
+"""
+
+import os
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from ros2_kafka_bridge.errors import ConfigError
+
+VARIABLES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
+NAMESPACE = 'http://www.eprosima.com'
+_NS = f'{{{NAMESPACE}}}'
+_BLOCKING_NS = 1_000_000
+_HEARTBEAT_NS = 10_000_000
+
+
+class Endpoints(NamedTuple):
+    """The endpoints that the bridge makes.
+
+    Args:
+        writers: ROS topic -> samples of its writer's history.
+        readers: ROS topic -> samples of its readers' caches.
+        lease_s: How long others wait for a dead bridge; None leaves it as it is.
+    """
+
+    writers: Mapping[str, int]
+    readers: Mapping[str, int]
+    lease_s: float | None = None
+
+
+def user_profile(environ: Mapping[str, str] | None = None) -> Path | None:
+    """The profile file that the user's environment names, if any."""
+    environ = os.environ if environ is None else environ
+    return next((Path(environ[v]) for v in VARIABLES if environ.get(v)), None)
+
+
+def make_profile(endpoints: Endpoints, user_file: Path | None = None) -> str:
+    """Write the XML of the profile.
+
+    Raises:
+        ConfigError: The user's own file cannot be read.
+    """
+    root = ET.Element(f'{_NS}dds') if user_file is None else _read(user_file)
+    settings = _child(root, 'library_settings', first=True)
+    _child(settings, 'intraprocess_delivery').text = 'OFF'
+    profiles = _child(root, 'profiles')
+    for topic, samples in sorted(endpoints.writers.items()):
+        _writer(_entry(profiles, 'data_writer', topic), samples)
+    for topic, samples in sorted(endpoints.readers.items()):
+        _limit(_entry(profiles, 'data_reader', topic), samples)
+    if endpoints.lease_s is not None:
+        _lease(profiles, endpoints.lease_s)
+    ET.register_namespace('', NAMESPACE)
+    return ET.tostring(root, encoding='unicode', xml_declaration=True)
+
+
+def _read(path: Path) -> ET.Element:
+    try:
+        root = ET.fromstring(path.read_text())  # noqa: S314 (the user's own file)
+    except (OSError, UnicodeDecodeError, ET.ParseError) as error:
+        raise ConfigError([f'{path}: the DDS profile cannot be read: {error}']) from error
+    for element in root.iter():
+        if not element.tag.startswith('{'):
+            element.tag = f'{_NS}{element.tag}'
+    if root.tag == f'{_NS}profiles':
+        outer = ET.Element(f'{_NS}dds')
+        outer.append(root)
+        return outer
+    return root
+
+
+def _child(parent: ET.Element, name: str, *, first: bool = False) -> ET.Element:
+    found = parent.find(f'{_NS}{name}')
+    if found is None:
+        found = ET.Element(f'{_NS}{name}')
+        parent.insert(0 if first else len(parent), found)
+    return found
+
+
+def _entry(profiles: ET.Element, kind: str, topic: str) -> ET.Element:
+    for element in profiles.findall(f'{_NS}{kind}'):
+        if element.get('profile_name') == topic:
+            return element
+    return ET.SubElement(profiles, f'{_NS}{kind}', {'profile_name': topic})
+
+
+def _limit(entry: ET.Element, samples: int) -> None:
+    limits = _child(_child(entry, 'topic', first=True), 'resourceLimitsQos')
+    for name, value in (
+        ('max_samples', samples),
+        ('max_instances', 1),
+        ('max_samples_per_instance', samples),
+        ('allocated_samples', min(samples, 100)),
+    ):
+        _child(limits, name).text = str(value)
+
+
+def _writer(entry: ET.Element, samples: int) -> None:
+    _limit(entry, samples)
+    reliability = _child(_child(entry, 'qos'), 'reliability')
+    _child(reliability, 'kind').text = 'RELIABLE'
+    _duration(_child(reliability, 'max_blocking_time'), 0, _BLOCKING_NS)
+    _duration(_child(_child(entry, 'times'), 'heartbeat_period'), 0, _HEARTBEAT_NS)
+
+
+def _lease(profiles: ET.Element, lease_s: float) -> None:
+    participant = next(
+        (
+            p
+            for p in profiles.findall(f'{_NS}participant')
+            if p.get('is_default_profile') == 'true'
+        ),
+        None,
+    )
+    if participant is None:
+        participant = ET.Element(
+            f'{_NS}participant',
+            {'profile_name': 'ros2_kafka_bridge', 'is_default_profile': 'true'},
+        )
+        profiles.insert(0, participant)
+    config = participant
+    for name in ('rtps', 'builtin', 'discovery_config'):
+        config = _child(config, name)
+    _duration(_child(config, 'leaseDuration'), *_split(lease_s))
+    _duration(_child(config, 'leaseAnnouncement'), *_split(lease_s / 3))
+
+
+def _split(seconds: float) -> tuple[int, int]:
+    return int(seconds), int(seconds % 1 * 1e9)
+
+
+def _duration(element: ET.Element, seconds: int, nanoseconds: int) -> None:
+    _child(element, 'sec').text = str(seconds)
+    _child(element, 'nanosec').text = str(nanoseconds)

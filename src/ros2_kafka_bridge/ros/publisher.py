@@ -1,0 +1,145 @@
+"""Publishing to ROS, and knowing what has arrived."""
+
+import logging
+import time
+from typing import Any
+
+from ros2_kafka_bridge.config import QoS
+from ros2_kafka_bridge.endpoints import Readers
+from ros2_kafka_bridge.ros.errors import translated
+from ros2_kafka_bridge.ros.node import RosNode
+from ros2_kafka_bridge.ros.qos import mismatch, profile, waits
+from ros2_kafka_bridge.ros.types import MessageType
+
+_AGE_S = 0.05
+_GRAPH_S = 1.0
+
+
+class RosSink:
+    """A `MessageSink` on a real topic.
+
+    A KEEP_ALL history of `room` samples cannot overwrite: when message k was accepted, message
+    k - room is acknowledged by every matched reader. At a pause, all are when the middleware says
+    so. Acknowledged counts as confirmed only after it has aged with no reader going away: a
+    reader that dies is forgotten by the history a moment before it is reported as gone, and then
+    everything looks acknowledged.
+
+    Args:
+        node: The bridge's node.
+        topic: The ROS topic.
+        message_type: What is published.
+        qos: What the route says about QoS.
+        room: Samples of the writer's history; None where it is not known to be bounded.
+        log: Where to say which subscribers do not match, or do not acknowledge.
+    """
+
+    def __init__(
+        self,
+        node: RosNode,
+        topic: str,
+        message_type: MessageType,
+        qos: QoS,
+        room: int | None,
+        log: logging.LoggerAdapter[logging.Logger],
+    ) -> None:
+        self._node = node
+        self._topic = topic
+        self._message_type = message_type
+        self._qos = qos
+        self._room = room
+        self._log = log
+        self._told: set[tuple[str, str]] = set()
+        self._graph_at_s = 0.0
+        self._waits = waits(qos)
+        self._publisher: Any = None
+        self._publisher_qos: Any = None
+        self._events: Any = None
+        self._refusal: type[Exception] = Exception
+        self._zero: Any = None
+        self._published = 0
+        self._acknowledged = 0
+        self._confirmed = 0
+        self._gone = 0
+        self._look_at_s = 0.0
+
+    def open(self) -> None:
+        """Make the publisher.
+
+        Raises:
+            RouteError: ROS refuses it, for example for another type on the same topic.
+        """
+        from rclpy.duration import Duration  # noqa: PLC0415 (heavy)
+        from rclpy.event_handler import PublisherEventCallbacks  # noqa: PLC0415
+        from rclpy.impl.implementation_singleton import (  # noqa: PLC0415
+            rclpy_implementation,
+        )
+
+        from ros2_kafka_bridge.ros.take import MatchEvents  # noqa: PLC0415
+
+        self._publisher_qos = profile(self._qos)
+        with translated(f'publisher of {self._topic}'):
+            self._publisher = self._node.handle.create_publisher(
+                self._message_type.python_class,
+                self._topic,
+                self._publisher_qos,
+                event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+            )
+            self._events = MatchEvents(self._publisher)
+        self._refusal = rclpy_implementation.RCLError
+        self._zero = Duration()
+
+    def publish(self, cdr: bytes) -> bool:
+        """Publish; False: the history is full, nothing was taken, try the same bytes again."""
+        try:
+            self._publisher.publish(cdr)
+        except self._refusal:
+            return False
+        self._published += 1
+        return True
+
+    def readers(self) -> Readers:
+        """Look at the readers."""
+        matched, gone = self._events.look()
+        if gone != self._gone:
+            self._gone = gone
+            self._published = self._acknowledged = self._confirmed = 0
+            return Readers(matched, lost=True, confirmed=0)
+        now_s = time.monotonic()
+        if now_s >= self._look_at_s:
+            self._look_at_s = now_s + _AGE_S
+            self._confirmed = self._acknowledged
+            self._acknowledged = self._look()
+        if now_s >= self._graph_at_s:
+            self._graph_at_s = now_s + _GRAPH_S
+            self._look_at_graph()
+        return Readers(matched, lost=False, confirmed=self._confirmed)
+
+    def close(self) -> None:
+        """Destroy the publisher."""
+        if self._publisher is not None:
+            self._events.close()
+            self._node.handle.destroy_publisher(self._publisher)
+            self._publisher = None
+
+    def _look(self) -> int:
+        if not self._waits or self._publisher.wait_for_all_acked(self._zero):
+            return self._published
+        if self._room is None:
+            return self._acknowledged
+        return max(self._acknowledged, self._published - self._room)
+
+    def _look_at_graph(self) -> None:
+        for peer in self._node.subscribers(self._topic):
+            if peer.message_type != self._message_type.name:
+                self._tell(peer.node, f'subscribes to it as {peer.message_type}: no match')
+            elif reason := mismatch(self._publisher_qos, peer.qos):
+                self._tell(
+                    peer.node, f'does not match, give this route the qos it asks for: {reason}'
+                )
+            elif peer.reliability == 'best_effort':
+                self._tell(peer.node, 'reads best effort: nothing tells what it has received')
+
+    def _tell(self, node: str, what: str) -> None:
+        if (node, what) not in self._told:
+            self._told.add((node, what))
+            self._log.warning('%s: %s %s', self._topic, node, what)

@@ -1,0 +1,289 @@
+"""Taking from ROS: subscriptions that follow the publishers of a topic."""
+
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from ros2_kafka_bridge.config import QoS
+from ros2_kafka_bridge.endpoints import Message
+from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.logs import Occasional
+from ros2_kafka_bridge.ros.errors import translated
+from ros2_kafka_bridge.ros.node import Peer, RosNode
+from ros2_kafka_bridge.ros.qos import mismatch, profile
+from ros2_kafka_bridge.ros.types import MessageType
+
+_GRAPH_S = 0.1
+_REMEMBERED = 1000
+
+
+class Offer(NamedTuple):
+    """The part of a publisher's QoS that a subscription follows."""
+
+    reliability: str
+    durability: str
+
+
+DEFAULT = Offer('reliable', 'volatile')
+
+
+class _Publisher:
+    """What is known of one publisher: its offer, and the last number taken."""
+
+    __slots__ = ('last', 'offer')
+
+    def __init__(self, offer: Offer | None) -> None:
+        self.offer = offer
+        self.last = 0
+
+
+class Sequences:
+    """Keeps the numbers of each publisher: no message twice, and every gap counted.
+
+    Two subscriptions of different QoS can match one publisher. Each publisher belongs to the
+    subscription of its own offer; from another one its messages count only while they follow
+    without a gap: what is missing there is still in the publisher's history, and comes through
+    its own.
+    """
+
+    def __init__(self, log: logging.LoggerAdapter[logging.Logger], topic: str) -> None:
+        self._publishers: dict[bytes, _Publisher] = {}
+        self._occasional = Occasional(log)
+        self._topic = topic
+        self.lost = 0
+
+    def offers(self, offers: dict[bytes, Offer]) -> None:
+        """Learn what each publisher offers."""
+        # One that has gone may come back with its history: its number is kept, within a bound.
+        gone = [gid for gid in self._publishers if gid not in offers]
+        for gid in gone[: max(0, len(gone) - _REMEMBERED)]:
+            del self._publishers[gid]
+        for gid, offer in offers.items():
+            self._publishers.setdefault(gid, _Publisher(offer)).offer = offer
+
+    def knows(self, gid: bytes) -> bool:
+        """Whether the offer of a publisher is known."""
+        known = self._publishers.get(gid)
+        return known is not None and known.offer is not None
+
+    def accept(self, gid: bytes, seq: int, offer: Offer) -> bool:
+        """Whether to keep message `seq` that came through the subscription of `offer`."""
+        publisher = self._publishers.get(gid)
+        if publisher is None:
+            publisher = self._publishers[gid] = _Publisher(None)
+        last = publisher.last
+        if seq == last + 1:
+            publisher.last = seq
+            return True
+        if seq <= last or publisher.offer not in (None, offer):
+            return False
+        if last:
+            self._gap(gid, last, seq)
+        publisher.last = seq
+        return True
+
+    def _gap(self, gid: bytes, last: int, seq: int) -> None:
+        count = seq - last - 1
+        self.lost += count
+        self._occasional.warning(
+            f'{count} messages of {self._topic} were lost before the bridge (publisher '
+            f'{gid.hex()}, {last + 1} to {seq - 1}): its publisher is KEEP_LAST or best effort '
+            'and faster than its readers'
+        )
+
+
+class RosSource:
+    """A `MessageSource` on a real topic: one subscription for each QoS that is offered.
+
+    Args:
+        node: The bridge's node.
+        topic: The ROS topic.
+        message_type: What is read.
+        qos: What the route says about QoS; what it fixes is not followed.
+        has_gid: Whether the middleware tells the publisher of a message.
+        on_offer: Called before a subscription of a new offer is made.
+        log: Where to say what happens.
+    """
+
+    def __init__(
+        self,
+        node: RosNode,
+        topic: str,
+        message_type: MessageType,
+        qos: QoS,
+        log: logging.LoggerAdapter[logging.Logger],
+        *,
+        has_gid: bool = True,
+        on_offer: Callable[[Offer], None] = lambda _: None,
+    ) -> None:
+        self._node = node
+        self._topic = topic
+        self._message_type = message_type
+        self._qos = qos
+        self._log = log
+        self._has_gid = has_gid
+        self._on_offer = on_offer
+        self._sequences = Sequences(log, topic)
+        self._subscriptions: dict[Offer, Any] = {}
+        self._hashes: dict[bytes, str] = {}
+        self._emptied: set[Offer] = set()
+        self._waiter: Any = None
+        self._take: Any = None
+        self._graph_at_s = 0.0
+        self._strangers: set[tuple[str, str]] = set()
+
+    @property
+    def lost_upstream(self) -> int:
+        """Messages lost before the bridge could take them, by the gaps in their numbers."""
+        return self._sequences.lost
+
+    def open(self) -> None:
+        """Subscribe to what is offered now, or with the default QoS while nothing is.
+
+        Raises:
+            RouteError: ROS refuses the subscription.
+        """
+        from ros2_kafka_bridge.ros import take  # noqa: PLC0415 (heavy)
+
+        self._take = take.take
+        self._waiter = take.Waiter(self._node.context)
+        self.follow()
+
+    def take(self, limit: int, timeout_s: float) -> Sequence[Message]:
+        """Wait up to `timeout_s` for messages, then take at most `limit`."""
+        if time.monotonic() >= self._graph_at_s:
+            self.follow()
+        subscriptions = self._subscriptions
+        messages = self._take_all(limit)
+        if not messages and timeout_s > 0:
+            self._waiter.wait(list(subscriptions.values()), timeout_s)
+            messages = self._take_all(limit)
+        return messages
+
+    def close(self) -> None:
+        """Destroy the subscriptions."""
+        for subscription in self._subscriptions.values():
+            self._node.handle.destroy_subscription(subscription)
+        self._subscriptions = {}
+
+    def type_hash(self, gid: bytes) -> str:
+        """REP-2011 hash of what a publisher sends; that of the type here if it is not told."""
+        return self._hashes.get(gid) or self._message_type.type_hash or ''
+
+    def follow(self) -> None:
+        """Look at the graph and subscribe to what is offered."""
+        self._graph_at_s = time.monotonic() + _GRAPH_S
+        peers = self._node.publishers(self._topic)
+        self._say_other_types(peers)
+        self._say_mismatches(peers)
+        self._hashes = {peer.gid: peer.type_hash for peer in peers}
+        peers = [peer for peer in peers if peer.message_type == self._message_type.name]
+        offers = {peer.gid: self._offer(peer) for peer in peers}
+        self._sequences.offers(offers)
+        wanted = self._wanted(set(offers.values()))
+        # The new one opens before the old one closes: nothing falls between them.
+        for offer in wanted - self._subscriptions.keys():
+            self._subscribe(offer)
+        for offer in (self._subscriptions.keys() - wanted) & self._emptied:
+            self._node.handle.destroy_subscription(self._subscriptions.pop(offer))
+
+    def _offer(self, peer: Peer) -> Offer:
+        return Offer(
+            self._qos.reliability or peer.reliability, self._qos.durability or peer.durability
+        )
+
+    def _wanted(self, offers: set[Offer]) -> set[Offer]:
+        if not offers:
+            fixed = Offer(
+                self._qos.reliability or DEFAULT.reliability,
+                self._qos.durability or DEFAULT.durability,
+            )
+            # A topic without publishers keeps what it has: they may come back.
+            return set(self._subscriptions) or {fixed}
+        if self._has_gid:
+            return offers
+        # Without the publisher of a message, two subscriptions could not be told apart.
+        weakest = Offer(min(o.reliability for o in offers), max(o.durability for o in offers))
+        return {weakest}
+
+    def _subscribe(self, offer: Offer) -> None:
+        from rclpy.event_handler import SubscriptionEventCallbacks  # noqa: PLC0415 (heavy)
+
+        self._on_offer(offer)
+        with translated(f'subscription of {self._topic}'):
+            self._subscriptions[offer] = self._node.handle.create_subscription(
+                self._message_type.python_class,
+                self._topic,
+                lambda _: None,
+                profile(self._qos, *offer),
+                raw=True,
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            )
+        self._log.info('subscribes to %s (%s, %s)', self._topic, *offer)
+
+    def _take_all(self, limit: int) -> list[Message]:
+        messages: list[Message] = []
+        share = max(1, limit // len(self._subscriptions))
+        for offer, subscription in tuple(self._subscriptions.items()):
+            taken = self._take(subscription, share)
+            (self._emptied.discard if len(taken) == share else self._emptied.add)(offer)
+            for cdr, info in taken:
+                message = self._message(cdr, info)
+                if self._keep(message, offer):
+                    messages.append(message)
+        return messages
+
+    def _message(self, cdr: bytes, info: Mapping[str, Any]) -> Message:
+        gid = info['publisher_gid']['data'] if self._has_gid else b''
+        seq = info.get('publication_sequence_number') or 0
+        return Message(cdr, gid, seq, info['source_timestamp'])
+
+    def _keep(self, message: Message, offer: Offer) -> bool:
+        if not message.gid:
+            return True
+        if not self._sequences.knows(message.gid):
+            self.follow()
+        return self._sequences.accept(message.gid, message.seq, offer)
+
+    def _say_mismatches(self, peers: list[Peer]) -> None:
+        for peer in peers:
+            if peer.gid in self._hashes:
+                continue
+            reason = mismatch(peer.qos, profile(self._qos, *self._offer(peer)))
+            if reason:
+                self._log.error(
+                    '%s on %s does not match the qos of this route, leave it out to follow the '
+                    'publishers: %s',
+                    peer.node, self._topic, reason,
+                )  # fmt: skip
+
+    def _say_other_types(self, peers: list[Peer]) -> None:
+        for peer in peers:
+            stranger = (peer.node, peer.message_type)
+            if peer.message_type != self._message_type.name and stranger not in self._strangers:
+                self._strangers.add(stranger)
+                self._log.error(
+                    '%s publishes %s on %s, this route reads %s: the messages of that node '
+                    'cannot be read; give one of the two another topic',
+                    peer.node, peer.message_type, self._topic, self._message_type.name,
+                )  # fmt: skip
+
+
+def wait_for_type(node: RosNode, topic: str, asked_to_stop: Callable[[float], bool]) -> str | None:
+    """Wait until the graph shows the type of a topic; None when asked to stop.
+
+    Raises:
+        RouteError: Two types are published on the topic.
+    """
+    while True:
+        types = sorted({peer.message_type for peer in node.publishers(topic)})
+        if len(types) > 1:
+            raise RouteError(
+                f'{topic} has two types, {" and ".join(types)}: write the one to bridge in '
+                'from.type, or give one of the publishers another topic'
+            )
+        if types:
+            return types[0]
+        if asked_to_stop(0.1):
+            return None

@@ -1,0 +1,300 @@
+"""ROS -> Kafka: the whole way of a message to Kafka, on one page.
+
+    take -> encode -> produce -> confirm
+
+Everything taken and not ended is in `window`. An entry waits in `pending` until the producer
+takes it; the delivery report ends it. While the window is full nothing is taken: the reader's
+cache fills, and DDS holds the publisher back.
+"""
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from ros2_kafka_bridge.config import RosToKafkaRoute
+from ros2_kafka_bridge.dead_letters import DeadLetters, explain, from_ros, without_value
+from ros2_kafka_bridge.endpoints import HeaderList, Message, MessageSource, Outgoing, RecordSink
+from ros2_kafka_bridge.errors import (
+    BridgeError,
+    RecordError,
+    RecordTooLargeError,
+    RouteError,
+    TransportError,
+)
+from ros2_kafka_bridge.formats import Encode
+from ros2_kafka_bridge.logs import Occasional
+from ros2_kafka_bridge.metrics import Counters, Outcome, State
+from ros2_kafka_bridge.stop import Stop
+
+BATCH = 500
+SNAPSHOT_S = 1.0
+_IDLE_S = 0.1
+_BUSY_S = 0.005
+_FULL_S = 0.02
+_ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small messages count too
+
+MakeKey = Callable[[Message], bytes | None]
+"""Message -> key of its record."""
+
+MakeHeaders = Callable[[Message], HeaderList]
+"""Message -> headers of its record."""
+
+Seen = Callable[[Message], bool]
+"""Whether a message is in Kafka already, from before a restart."""
+
+
+class Entry:
+    """One message on its way."""
+
+    __slots__ = ('alone', 'dead', 'number', 'record', 'size_bytes')
+
+    def __init__(self, number: int, record: Outgoing) -> None:
+        self.number = number
+        self.record = record
+        self.size_bytes = len(record.value or b'') + _ENTRY_BYTES
+        self.alone = False
+        self.dead = False
+
+
+class RosToKafka:
+    """Moves the messages of one ROS topic to Kafka; runs in a thread of its own.
+
+    Args:
+        route: The settings of the route.
+        source: Where the messages come from; opened once, and held while the route has failed.
+        seen: Tells what was produced before a restart.
+        sink: Where the records go.
+        encode: Makes a record's value from the CDR bytes of a message.
+        make_key: Makes a record's key from a message that `encode` accepted.
+        make_headers: Makes a record's headers.
+        dead_letters: Where messages go that can never be delivered.
+        log: Where to say what happens.
+    """
+
+    def __init__(
+        self,
+        route: RosToKafkaRoute,
+        source: MessageSource,
+        seen: Seen,
+        sink: RecordSink[Entry],
+        encode: Encode,
+        make_key: MakeKey,
+        make_headers: MakeHeaders,
+        dead_letters: DeadLetters[Entry],
+        log: logging.LoggerAdapter[logging.Logger],
+    ) -> None:
+        self.counters = Counters(route.name)
+        self.snapshot = self.counters.snapshot(0)
+        self._route = route
+        self._source = source
+        self._seen = seen
+        self._sink = sink
+        self._encode = encode
+        self._make_key = make_key
+        self._make_headers = make_headers
+        self._dead_letters = dead_letters
+        self._log = log
+        self._occasional = Occasional(log)
+        self._window: dict[int, Entry] = {}
+        self._window_bytes = 0
+        self._pending: deque[Entry] = deque()
+        self._alone: Entry | None = None
+        self._number = 0
+        self._tick_at_s = 0.0
+
+    def run(self, stop: Stop) -> None:
+        """Move messages until a stop is asked for, then drain.
+
+        Raises:
+            RouteError: This route cannot go on; what it holds is kept for the next run.
+        """
+        with self._opened():
+            while not stop.asked:
+                self._step()
+            self._drain(stop)
+
+    def _step(self) -> None:
+        self._produce_pending()
+        room = self._room()
+        if room > 0:
+            self._take(room, _BUSY_S if self._window else _IDLE_S)
+            self._produce_pending()
+        self._confirm(0.0 if room > 0 else _FULL_S)
+        self._tick()
+
+    # 1. ROS -> entries
+
+    def _room(self) -> int:
+        if self._route.when_full == 'drop_oldest':
+            self._drop_oldest()
+            return BATCH
+        if self._window_bytes >= self._route.max_in_flight_bytes:
+            return 0
+        return min(BATCH, self._route.max_in_flight - len(self._window))
+
+    def _take(self, limit: int, timeout_s: float) -> int:
+        messages = self._source.take(limit, timeout_s)
+        for message in messages:
+            self._accept(message)
+        return len(messages)
+
+    def _accept(self, message: Message) -> None:
+        self.counters.taken += 1
+        if self._seen(message):
+            self.counters.end(Outcome.SKIPPED)
+            return
+        headers = self._make_headers(message)
+        topic = self._route.sink.kafka
+        try:
+            value = self._to_value(message.cdr)
+            record = Outgoing(topic, self._make_key(message), value, headers)
+        except RecordError as error:
+            self._refuse(self._hold(Outgoing(topic, None, message.cdr, headers)), error)
+        else:
+            self._pending.append(self._hold(record))
+
+    def _to_value(self, cdr: bytes) -> bytes | None:
+        if len(cdr) > self._route.max_message_bytes:
+            raise RecordTooLargeError(
+                len(cdr), self._route.max_message_bytes, 'max_message_bytes of the route'
+            )
+        return self._encode(cdr)
+
+    def _hold(self, record: Outgoing) -> Entry:
+        self._number += 1
+        entry = Entry(self._number, record)
+        self._window[entry.number] = entry
+        self._window_bytes += entry.size_bytes
+        return entry
+
+    def _refuse(self, entry: Entry, error: RecordError) -> None:
+        where = f'{self._route.source.ros} -> {self._route.sink.kafka}'
+        if self._route.on_error == 'stop':
+            raise RouteError(f'{where}: {error}; stopped, as on_error says', final=True)
+        self._occasional.warning(f'{self._route.on_error}: {where}: {error}')
+        if self._route.on_error == 'drop':
+            self._end(entry, Outcome.DROPPED)
+            return
+        origin = from_ros(self._route.name, self._route.source.ros, self._route.sink.kafka)
+        letter = explain(entry.record, error, origin)
+        entry.dead = True
+        entry.record = without_value(letter) if isinstance(error, RecordTooLargeError) else letter
+        self._dead_letters.add(entry.record, entry)
+
+    def _drop_oldest(self) -> None:
+        while len(self._pending) > self._route.max_in_flight:
+            self._end(self._pending.popleft(), Outcome.DROPPED)
+
+    # 2. entries -> Kafka
+
+    def _produce_pending(self) -> None:
+        pending, produce = self._pending, self._sink.produce
+        if self._alone_in_flight():
+            return
+        while pending:
+            entry = pending[0]
+            if entry.alone and len(self._window) > len(pending):
+                return
+            try:
+                if not produce(entry.record, entry):
+                    return
+                pending.popleft()
+            except RecordTooLargeError as error:
+                pending.popleft()
+                self._refuse(entry, error)
+            if entry.alone:
+                self._alone = entry
+                return
+
+    def _alone_in_flight(self) -> bool:
+        return self._alone is not None and self._alone.number in self._window
+
+    # 3. delivery reports -> confirmed
+
+    def _confirm(self, timeout_s: float) -> None:
+        confirmed, failed = self._sink.poll(timeout_s)
+        window = self._window
+        for entry in confirmed:
+            del window[entry.number]
+            self._window_bytes -= entry.size_bytes
+        self.counters.end(Outcome.CONFIRMED, len(confirmed))
+        if failed:
+            self._retry(failed)
+        for entry in self._dead_letters.poll():
+            self._end(entry, Outcome.DEAD_LETTERED)
+
+    def _end(self, entry: Entry, outcome: Outcome) -> None:
+        del self._window[entry.number]
+        self._window_bytes -= entry.size_bytes
+        self.counters.end(outcome)
+
+    def _retry(self, failed: Sequence[tuple[Entry, BridgeError]]) -> None:
+        again = []
+        for entry, error in failed:
+            if isinstance(error, RecordTooLargeError) and not entry.alone:
+                # A broker that refuses a batch for its size refuses all the records in it.
+                entry.alone = True
+                again.append(entry)
+            elif isinstance(error, RecordError):
+                self._refuse(entry, error)
+            elif isinstance(error, TransportError):
+                again.append(entry)
+            else:
+                raise error
+        again.sort(key=lambda entry: entry.number)
+        self._pending.extendleft(reversed(again))
+
+    def _tick(self) -> None:
+        now_s = time.monotonic()
+        if now_s < self._tick_at_s:
+            return
+        self._tick_at_s = now_s + SNAPSHOT_S
+        full = self._room() <= 0 or len(self._pending) >= self._route.max_in_flight
+        reason = self._sink.away or ('the window is full: Kafka takes too slowly' if full else '')
+        self._show(reason)
+
+    def _show(self, reason: str) -> None:
+        self.counters.state = State.WAITING if reason else State.RUNNING
+        self.counters.reason = reason
+        self.counters.lost_upstream = self._source.lost_upstream
+        self.snapshot = self.counters.snapshot(len(self._window))
+
+    # Failure, end
+
+    def _drain(self, stop: Stop) -> None:
+        deadline_s = time.monotonic() + self._route.drain_s
+        empty = False
+        while time.monotonic() < deadline_s and not stop.at_once:
+            if not empty and self._room() > 0:
+                empty = self._take(self._room(), 0.0) == 0
+            self._produce_pending()
+            self._confirm(_BUSY_S if self._window else 0.0)
+            if empty and not self._window:
+                break
+        if self._window:
+            self._log.warning(
+                'gave up %d messages in flight: Kafka has not confirmed them', len(self._window)
+            )
+        if not empty:
+            self._log.warning('gave up messages that were not taken yet')
+
+    @contextmanager
+    def _opened(self) -> Iterator[None]:
+        self._resume()
+        self._sink.open()
+        try:
+            yield
+        finally:
+            for entry in (*self._sink.close(), *self._dead_letters.close()):
+                self._end(entry, Outcome.DEAD_LETTERED if entry.dead else Outcome.CONFIRMED)
+            self.snapshot = self.counters.snapshot(len(self._window))
+
+    def _resume(self) -> None:
+        """Put what a failed run left back in line, in the order of taking."""
+        self._alone = None
+        self._pending = deque(entry for entry in self._window.values() if not entry.dead)
+        for entry in self._window.values():
+            if entry.dead:
+                self._dead_letters.add(entry.record, entry)

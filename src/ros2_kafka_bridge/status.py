@@ -1,0 +1,33 @@
+"""What a person reads of the counters."""
+
+from ros2_kafka_bridge.metrics import Snapshot
+
+
+def status_line(now: Snapshot, before: Snapshot, period_s: float) -> str:
+    """One line that says how a route is doing."""
+    rate = (now.confirmed - before.confirmed) / period_s
+    state = f'{now.state} ({now.reason})' if now.reason else str(now.state)
+    lag = '' if now.lag is None else f', lag {now.lag}'
+    return (
+        f'{state}: {now.confirmed} confirmed, {rate:.0f}/s, {now.in_flight} in flight{lag}, '
+        f'{now.dead_lettered} dead-lettered{_rare(now)}'
+    )
+
+
+def totals(snapshot: Snapshot) -> str:
+    """One line that says what became of everything a route has taken."""
+    return (
+        f'{snapshot.taken} taken, {snapshot.confirmed} confirmed, '
+        f'{snapshot.dead_lettered} dead-lettered, {snapshot.in_flight} given up{_rare(snapshot)}'
+    )
+
+
+def _rare(snapshot: Snapshot) -> str:
+    counts: dict[str, int] = {
+        'dropped': snapshot.dropped,
+        'skipped': snapshot.skipped,
+        'returned': snapshot.returned,
+        'published again': snapshot.repeated,
+        'lost before the bridge': snapshot.lost_upstream,
+    }
+    return ''.join(f', {count} {name}' for name, count in counts.items() if count)

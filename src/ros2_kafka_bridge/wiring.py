@@ -1,0 +1,196 @@
+"""How a route is made of its settings: which ends, which format, which labels."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+from ros2_kafka_bridge.config import Config, KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.dead_letters import DeadLetters, Letter
+from ros2_kafka_bridge.endpoints import Message
+from ros2_kafka_bridge.formats import FORMATS
+from ros2_kafka_bridge.kafka.admin import ensure_topic, topic_limit_bytes
+from ros2_kafka_bridge.kafka.consumer import KafkaSource
+from ros2_kafka_bridge.kafka.producer import KafkaSink
+from ros2_kafka_bridge.kafka.properties import consumer_properties, producer_properties
+from ros2_kafka_bridge.kafka.tail import read_tail
+from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
+from ros2_kafka_bridge.labels import make_headers, make_key
+from ros2_kafka_bridge.ros.node import RosNode
+from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
+from ros2_kafka_bridge.ros.profile import Endpoints
+from ros2_kafka_bridge.ros.publisher import RosSink
+from ros2_kafka_bridge.ros.subscription import Offer, RosSource, wait_for_type
+from ros2_kafka_bridge.ros.types import load_type
+from ros2_kafka_bridge.ros_to_kafka import Entry, RosToKafka
+from ros2_kafka_bridge.stop import Stop
+
+READER_SAMPLES = 2000
+_LARGEST_BATCH_BYTES = 1_000_000
+_FRAME_BYTES = 10_000  # of key, headers and protocol around a message
+
+Route = KafkaToRosRoute | RosToKafkaRoute
+Direction = KafkaToRos | RosToKafka
+Log = logging.LoggerAdapter[logging.Logger]
+
+
+def endpoints_of(routes: list[Route], probed: str, lease_s: float | None) -> Endpoints:
+    """List the ROS endpoints of the routes, with the lengths of their histories."""
+    writers = {probed: SAMPLES}
+    readers = {probed: SAMPLES}
+    for route in routes:
+        if isinstance(route, RosToKafkaRoute):
+            readers[route.source.ros] = READER_SAMPLES
+        else:
+            room = writers.get(route.sink.ros, 0)
+            writers[route.sink.ros] = max(room, route.max_in_flight)
+    return Endpoints(writers, readers, lease_s)
+
+
+class Wiring:
+    """What all routes share, and how a route is made of it."""
+
+    def __init__(
+        self,
+        config: Config,
+        node: RosNode,
+        abilities: Abilities,
+        endpoints: Endpoints,
+        stop: Stop,
+    ) -> None:
+        self._config = config
+        self._node = node
+        self._abilities = abilities
+        self._endpoints = endpoints
+        self._stop = stop
+
+    def make(self, route: Route, log: Log, stack: ExitStack) -> Direction | None:
+        """Make what runs a route; None when a stop came while its type was waited for.
+
+        Its ROS endpoint is open until the stack closes: a route that fails on the Kafka side
+        keeps it, so that DDS holds the publishers back meanwhile.
+
+        Raises:
+            RouteError: The route cannot run now.
+            TransportError: Kafka is away, and has to be asked first.
+        """
+        if isinstance(route, KafkaToRosRoute):
+            return self._kafka_to_ros(route, log, stack)
+        return self._ros_to_kafka(route, log, stack)
+
+    def _kafka_to_ros(
+        self,
+        route: KafkaToRosRoute,
+        log: Log,
+        stack: ExitStack,
+    ) -> KafkaToRos:
+        message_type = load_type(route.sink.type)
+        source = KafkaSource(
+            self._consumer_properties(route.group(self._config.name)),
+            route.source.kafka,
+            route.source.start,
+            log,
+        )
+        room = self._endpoints.writers[route.sink.ros] if self._abilities.bounded else None
+        sink = RosSink(self._node, route.sink.ros, message_type, route.sink.qos, room, log)
+        decode = FORMATS[route.format].make_decode(message_type.layout)
+        stack.enter_context(_open(sink))
+        if route.max_rate is None:
+            log.info(
+                'a subscriber of %s that is KEEP_LAST can overwrite its own queue unseen: '
+                'max_rate is the cure',
+                route.sink.ros,
+            )
+        return KafkaToRos(
+            route, self._config.name, source, sink, decode, self._dead_letters(route, log), log
+        )
+
+    def _ros_to_kafka(
+        self,
+        route: RosToKafkaRoute,
+        log: Log,
+        stack: ExitStack,
+    ) -> RosToKafka | None:
+        name = route.source.type or wait_for_type(self._node, route.source.ros, self._stop.wait)
+        if name is None:
+            return None
+        message_type = load_type(name)
+        tail_group = f'{self._config.name}.{route.name}.tail'
+        produced = _Produced(self._consumer_properties(tail_group), route.sink.kafka)
+        source = RosSource(
+            self._node,
+            route.source.ros,
+            message_type,
+            route.source.qos,
+            log,
+            has_gid=self._abilities.gid,
+            on_offer=produced.look,
+        )
+        properties = self._producer_properties(route)
+        encode = FORMATS[route.format].make_encode(message_type.layout)
+        make_value_key = make_key(route.sink.key, route.source.ros, message_type.layout)
+        headers = make_headers(route.source.ros, name, self._config.name, source.type_hash)
+        stack.enter_context(_open(source))
+        return RosToKafka(
+            route,
+            source,
+            produced.contains,
+            KafkaSink[Entry](properties, f'topic {route.sink.kafka}', log),
+            encode,
+            make_value_key,
+            headers,
+            self._dead_letters(route, log),
+            log,
+        )
+
+    def _consumer_properties(self, group: str) -> dict[str, Any]:
+        name = self._config.name
+        return consumer_properties(self._config.kafka, group=group, client_id=name)
+
+    def _producer_properties(self, route: RosToKafkaRoute) -> dict[str, Any]:
+        users = {**self._config.kafka, **route.sink.properties}
+        properties = producer_properties(users, client_id=self._config.name)
+        # A broker refuses a whole batch that is larger than the topic allows.
+        limit_bytes = topic_limit_bytes(properties, route.sink.kafka) or _LARGEST_BATCH_BYTES
+        own = {
+            'batch.size': min(limit_bytes, _LARGEST_BATCH_BYTES),
+            'message.max.bytes': max(_LARGEST_BATCH_BYTES, route.max_message_bytes + _FRAME_BYTES),
+        }
+        return own | properties
+
+    def _dead_letters(self, route: Route, log: Log) -> DeadLetters[Any]:
+        topic = route.dead_letter_topic
+        properties = producer_properties(self._config.kafka, client_id=self._config.name)
+        return DeadLetters(
+            topic,
+            KafkaSink[Letter[Any]](properties, f'dead-letter topic {topic}', log),
+            lambda: ensure_topic(properties, topic),
+        )
+
+
+class _Produced:
+    """Which messages are in Kafka already, from before a restart.
+
+    Asked only for publishers that send their history again (TRANSIENT_LOCAL).
+    """
+
+    def __init__(self, properties: dict[str, Any], topic: str) -> None:
+        self._properties = properties
+        self._topic = topic
+        self._found: set[tuple[bytes, int]] | None = None
+
+    def look(self, offer: Offer) -> None:
+        if offer.durability == 'transient_local' and self._found is None:
+            self._found = read_tail(self._properties, self._topic)
+
+    def contains(self, message: Message) -> bool:
+        return self._found is not None and (message.gid, message.seq) in self._found
+
+
+@contextmanager
+def _open(end: RosSink | RosSource) -> Iterator[None]:
+    end.open()
+    try:
+        yield
+    finally:
+        end.close()
