@@ -220,7 +220,8 @@ def values(records: list[Message]) -> list[bytes]:
 
 def headers(record: Message) -> dict[str, str]:
     """The headers of a record as text."""
-    return {name: bytes(value or b'').decode() for name, value in list(record.headers() or [])}  # type: ignore[arg-type]
+    found: Any = record.headers() or []  # a list, though its type says more
+    return {name: bytes(value or b'').decode() for name, value in found}
 
 
 def lines(file: Path) -> list[str]:
