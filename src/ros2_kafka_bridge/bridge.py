@@ -90,9 +90,13 @@ class Bridge:
         try:
             with ExitStack() as stack:
                 backoff_s = _FIRST_BACKOFF_S
+                started_s = time.monotonic()
                 while not self._run_once(lane, wiring, stack, backoff_s):
+                    if time.monotonic() - started_s > _LONGEST_BACKOFF_S:
+                        backoff_s = _FIRST_BACKOFF_S
                     self.stop.wait(backoff_s)
                     backoff_s = min(_LONGEST_BACKOFF_S, 2 * backoff_s)
+                    started_s = time.monotonic()
         except BaseException:
             self._crashed = True
             lane.log.critical('a bug of the bridge ended this route', exc_info=True)

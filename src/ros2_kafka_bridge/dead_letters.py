@@ -1,14 +1,22 @@
 """Records that can never be delivered, kept in a dead-letter topic with the reason."""
 
+import logging
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Generic, NamedTuple
 
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, RecordSink, Token
-from ros2_kafka_bridge.errors import RecordError, RecordTooLargeError, RouteError, TransportError
+from ros2_kafka_bridge.errors import (
+    BridgeError,
+    RecordError,
+    RecordTooLargeError,
+    TransportError,
+)
 
 _REASON_CHARS = 1000
+_FIRST_BACKOFF_S = 1.0
+_LONGEST_BACKOFF_S = 30.0
 
 
 class Origin(NamedTuple):
@@ -66,65 +74,109 @@ class Letter(NamedTuple, Generic[Token]):
 class DeadLetters(Generic[Token]):
     """The way to one dead-letter topic; opened when the first letter is written.
 
+    A topic that cannot be written is tried again with backoff, and `problem` says why: the
+    direction stops reading meanwhile, and nothing is lost or repeated for it.
+
     Args:
         topic: The dead-letter topic.
         sink: Where its records are produced, not open yet.
         ensure_topic: Creates the topic if it may be.
+        log: Where to say what happens.
     """
 
     def __init__(
-        self, topic: str, sink: RecordSink[Letter[Token]], ensure_topic: Callable[[], None]
+        self,
+        topic: str,
+        sink: RecordSink[Letter[Token]],
+        ensure_topic: Callable[[], None],
+        log: logging.LoggerAdapter[logging.Logger],
     ) -> None:
         self.topic = topic
+        self.problem = ''
         self._sink = sink
         self._ensure_topic = ensure_topic
+        self._log = log
         self._open = False
         self._waiting: deque[Letter[Token]] = deque()
+        self._sent: list[Letter[Token]] = []
+        self._again_at_s = 0.0
+        self._backoff_s = _FIRST_BACKOFF_S
 
     def add(self, record: Outgoing, token: Token) -> None:
-        """Write a record, explained already; `poll` returns the token once it is confirmed."""
+        """Take a record, explained already; `poll` returns the token once it is confirmed."""
+        smaller = (_bare,) if record.value is None else (without_value, _bare)
+        self._waiting.append(Letter(token, record._replace(topic=self.topic), smaller))
+
+    def poll(self) -> Sequence[Token]:
+        """Send what waits, and return the tokens of the letters that were confirmed."""
+        if not self._waiting and not self._sent:
+            return ()
+        if time.monotonic() < self._again_at_s:
+            return ()
+        try:
+            return self._deliver()
+        except BridgeError as error:
+            return self._fail(error)
+
+    def close(self) -> Sequence[Token]:
+        """Give up what is not written; return the tokens that were confirmed meanwhile."""
+        delivered = self._close_sink()
+        self._waiting.clear()
+        self._sent.clear()
+        self.problem = ''
+        return delivered
+
+    def _deliver(self) -> list[Token]:
         if not self._open:
             self._sink.open()
             self._open = True
             self._ensure_topic()
-        smaller = (_bare,) if record.value is None else (without_value, _bare)
-        self._waiting.append(Letter(token, record._replace(topic=self.topic), smaller))
-
-    def poll(self, timeout_s: float = 0.0) -> Sequence[Token]:
-        """Send what waits and return the tokens of the letters that are confirmed.
-
-        Raises:
-            RouteError: The dead-letter topic cannot be written.
-        """
-        if not self._open:
-            return ()
         while self._waiting and self._send(self._waiting[0]):
             self._waiting.popleft()
-        reports = self._sink.poll(timeout_s)
+        reports = self._sink.poll(0.0)
+        for letter in reports.confirmed:
+            self._sent.remove(letter)
         for letter, error in reports.failed:
-            self._again(letter, error)
+            self._sent.remove(letter)
+            self._send_again(letter, error)
+        if reports.confirmed:
+            self.problem = ''
+            self._backoff_s = _FIRST_BACKOFF_S
         return [letter.token for letter in reports.confirmed]
-
-    def close(self) -> Sequence[Token]:
-        """Give up what is not written; return the tokens that were confirmed meanwhile."""
-        if not self._open:
-            return ()
-        self._open = False
-        self._waiting.clear()
-        return [letter.token for letter in self._sink.close()]
 
     def _send(self, letter: Letter[Token]) -> bool:
         try:
-            return self._sink.produce(letter.record, letter)
+            taken = self._sink.produce(letter.record, letter)
         except RecordTooLargeError as error:
-            self._again(letter, error)
+            self._send_again(letter, error)
             return True
+        if taken:
+            self._sent.append(letter)
+        return taken
 
-    def _again(self, letter: Letter[Token], error: Exception) -> None:
-        if isinstance(error, RecordTooLargeError) and letter.smaller:
+    def _send_again(self, letter: Letter[Token], error: BridgeError) -> None:
+        too_large = isinstance(error, RecordTooLargeError) and letter.smaller
+        if too_large:
             shrink, *rest = letter.smaller
-            self._waiting.append(Letter(letter.token, shrink(letter.record), rest))
-        elif isinstance(error, TransportError):
-            self._waiting.append(letter)
-        else:
-            raise RouteError(f'cannot write to the dead-letter topic {self.topic}: {error}')
+            letter = Letter(letter.token, shrink(letter.record), rest)
+        self._waiting.append(letter)
+        if not too_large and not isinstance(error, TransportError):
+            raise error
+
+    def _fail(self, error: BridgeError) -> Sequence[Token]:
+        self.problem = f'the dead-letter topic {self.topic} cannot be written: {error}'
+        self._log.error('failed: %s; tried again in %.0f s', self.problem, self._backoff_s)
+        self._again_at_s = time.monotonic() + self._backoff_s
+        self._backoff_s = min(_LONGEST_BACKOFF_S, 2 * self._backoff_s)
+        delivered = self._close_sink()
+        self._waiting.extendleft(reversed(self._sent))
+        self._sent.clear()
+        return delivered
+
+    def _close_sink(self) -> Sequence[Token]:
+        if not self._open:
+            return ()
+        self._open = False
+        delivered = list(self._sink.close())
+        self._sent = [letter for letter in self._sent if letter not in delivered]
+        return [letter.token for letter in delivered]

@@ -17,7 +17,6 @@ from ros2_kafka_bridge.config import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters, explain, from_kafka
 from ros2_kafka_bridge.endpoints import MessageSink, Outgoing, Readers, Record, RecordSource
 from ros2_kafka_bridge.errors import (
-    BridgeError,
     RecordError,
     RecordTooLargeError,
     RouteError,
@@ -34,6 +33,7 @@ REVOKE_S = 5.0
 HOLD_AFTER_S = 1.0
 _IDLE_S = 0.1
 _BUSY_S = 0.01
+_LAST_COMMIT_S = 1.0
 _SHORTEST_NAP_S = 0.0005
 _LONGEST_NAP_S = 0.02
 _ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small records count too
@@ -131,6 +131,7 @@ class KafkaToRos:
     def _accept(self, record: Record) -> None:
         entry = Entry(record)
         self.counters.taken += 1
+        self._positions.setdefault(entry.partition, entry.offset)
         self._window.append(entry)
         self._window_bytes += entry.size_bytes
         headers = record.headers()
@@ -170,10 +171,8 @@ class KafkaToRos:
 
     def _publish_pending(self, readers: Readers) -> str | None:
         """Publish what waits; tells what stands in the way, None when nothing is left."""
-        if self._window_bytes > self._route.max_in_flight_bytes and not self._pending:
-            return 'the window is full (max_in_flight_bytes)'
         if not self._pending:
-            return None
+            return self._no_room()
         if not self._enough(readers):
             return f'{readers.matched} of {self._route.min_subscribers} subscribers are there'
         pending, unconfirmed, publish = self._pending, self._unconfirmed, self._sink.publish
@@ -188,6 +187,14 @@ class KafkaToRos:
             else:
                 unconfirmed.append(entry)
             pending.popleft()
+        return None
+
+    def _no_room(self) -> str | None:
+        """Tell what keeps the bridge from reading on, None if nothing does."""
+        if self._dead_letters.problem:
+            return self._dead_letters.problem
+        if self._window_bytes > self._route.max_in_flight_bytes:
+            return 'the window is full (max_in_flight_bytes)'
         return None
 
     def _enough(self, readers: Readers) -> bool:
@@ -229,8 +236,12 @@ class KafkaToRos:
         self._nap_s = min(_LONGEST_NAP_S, self._nap_s * 2)
 
     def _drop_oldest(self) -> None:
-        while len(self._pending) > self._route.max_in_flight:
+        room_bytes = self._route.max_in_flight_bytes
+        while self._pending and (
+            len(self._pending) > self._route.max_in_flight or self._window_bytes > room_bytes
+        ):
             self._pending.popleft().outcome = Outcome.DROPPED
+            self._settle()
 
     # 3. confirmations -> positions -> commit
 
@@ -280,8 +291,10 @@ class KafkaToRos:
         self._show(waiting or self._source.away)
 
     def _show(self, reason: str) -> None:
+        failure = self._dead_letters.problem
         self.counters.state = State.WAITING if reason else State.RUNNING
-        self.counters.reason = reason
+        self.counters.state = State.FAILED if failure else self.counters.state
+        self.counters.reason = failure or reason
         self.counters.lost_upstream = self._source.lost_upstream
         lag = self._source.lag(self._positions)
         self.snapshot = self.counters.snapshot(len(self._window), lag)
@@ -351,11 +364,9 @@ class KafkaToRos:
             yield
         finally:
             self._give_back(lambda _: True)
-            try:
-                self._source.close()
-                self._dead_letters.close()
-            except BridgeError as error:
-                self._log.warning('while closing: %s', error)
+            self._source.commit_now(self._positions, _LAST_COMMIT_S)
+            self._source.close()
+            self._dead_letters.close()
             self._positions.clear()
             self.snapshot = self.counters.snapshot(len(self._window))
 

@@ -127,6 +127,8 @@ class RosToKafka:
     # 1. ROS -> entries
 
     def _room(self) -> int:
+        if self._dead_letters.problem:
+            return 0
         if self._route.when_full == 'drop_oldest':
             self._drop_oldest()
             return BATCH
@@ -184,7 +186,10 @@ class RosToKafka:
         self._dead_letters.add(entry.record, entry)
 
     def _drop_oldest(self) -> None:
-        while len(self._pending) > self._route.max_in_flight:
+        room_bytes = self._route.max_in_flight_bytes
+        while self._pending and (
+            len(self._pending) > self._route.max_in_flight or self._window_bytes > room_bytes
+        ):
             self._end(self._pending.popleft(), Outcome.DROPPED)
 
     # 2. entries -> Kafka
@@ -256,8 +261,10 @@ class RosToKafka:
         self._show(reason)
 
     def _show(self, reason: str) -> None:
+        failure = self._dead_letters.problem
         self.counters.state = State.WAITING if reason else State.RUNNING
-        self.counters.reason = reason
+        self.counters.state = State.FAILED if failure else self.counters.state
+        self.counters.reason = failure or reason
         self.counters.lost_upstream = self._source.lost_upstream
         self.snapshot = self.counters.snapshot(len(self._window))
 

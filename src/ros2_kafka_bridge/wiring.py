@@ -27,6 +27,7 @@ from ros2_kafka_bridge.stop import Stop
 
 READER_SAMPLES = 2000
 _LARGEST_BATCH_BYTES = 1_000_000
+_LEAST_KBYTES = 1024
 _FRAME_BYTES = 10_000  # of key, headers and protocol around a message
 
 Route = KafkaToRosRoute | RosToKafkaRoute
@@ -154,6 +155,8 @@ class Wiring:
         limit_bytes = topic_limit_bytes(properties, route.sink.kafka) or _LARGEST_BATCH_BYTES
         own = {
             'batch.size': min(limit_bytes, _LARGEST_BATCH_BYTES),
+            'queue.buffering.max.messages': route.max_in_flight,
+            'queue.buffering.max.kbytes': max(_LEAST_KBYTES, route.max_in_flight_bytes // 1024),
             'message.max.bytes': max(_LARGEST_BATCH_BYTES, route.max_message_bytes + _FRAME_BYTES),
         }
         return own | properties
@@ -165,6 +168,7 @@ class Wiring:
             topic,
             KafkaSink[Letter[Any]](properties, f'dead-letter topic {topic}', log),
             lambda: ensure_topic(properties, topic),
+            log,
         )
 
 

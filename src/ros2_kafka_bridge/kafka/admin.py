@@ -1,5 +1,6 @@
 """Topics: looking at them and creating them."""
 
+import logging
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,6 +18,10 @@ _REQUEST_S = 10.0
 _LOOK_S = 2.0
 
 
+def _client(properties: Mapping[str, Any]) -> AdminClient:
+    return AdminClient(dict(properties), logger=logging.getLogger(f'{__name__}.librdkafka'))
+
+
 def ensure_topic(properties: Mapping[str, Any], topic: str) -> None:
     """Create a topic of one partition if it is not there and may be created.
 
@@ -25,7 +30,7 @@ def ensure_topic(properties: Mapping[str, Any], topic: str) -> None:
     Raises:
         TransportError: The broker did not answer.
     """
-    admin = AdminClient(dict(properties))
+    admin = _client(properties)
     try:
         admin.create_topics([NewTopic(topic, num_partitions=1)])[topic].result(_REQUEST_S)
     except KafkaException as error:
@@ -40,7 +45,7 @@ def ensure_topic(properties: Mapping[str, Any], topic: str) -> None:
 
 def topic_limit_bytes(properties: Mapping[str, Any], topic: str) -> int | None:
     """Look up the topic's max.message.bytes; None where the broker does not tell."""
-    admin = AdminClient(dict(properties))
+    admin = _client(properties)
     resource = ConfigResource(ResourceType.TOPIC, topic)
     try:
         answer = admin.describe_configs([resource], request_timeout=_LOOK_S)[resource]

@@ -18,6 +18,7 @@ from ros2_kafka_bridge.endpoints import Rebalance, Record
 from ros2_kafka_bridge.kafka.errors import ClientHealth, translate
 
 _REQUEST_S = 10.0
+_AGAIN_S = 0.5
 
 
 class KafkaSource:
@@ -45,6 +46,8 @@ class KafkaSource:
         self._consumer: Consumer | None = None
         self._committed: dict[int, int] = {}
         self._held = False
+        self._fresh = False  # some partitions came while the others were held
+        self._closing = False
         self.lost_upstream = 0
 
     @property
@@ -60,10 +63,12 @@ class KafkaSource:
         """
 
         def on_assign(_: Consumer, partitions: list[TopicPartition]) -> None:
-            self._held = False
+            self._fresh = True
             self._log.info('reads %s', _names(self._topic, partitions))
 
         def on_revoke(_: Consumer, partitions: list[TopicPartition]) -> None:
+            if self._closing:
+                return
             self._log.info('hands over %s', _names(self._topic, partitions))
             rebalance.revoked(_numbers(partitions))
             self._forget(partitions)
@@ -73,6 +78,7 @@ class KafkaSource:
             rebalance.lost(_numbers(partitions))
             self._forget(partitions)
 
+        self._closing = self._held = False
         callbacks = {'error_cb': self._health.on_error, 'on_commit': self._on_commit}
         try:
             self._consumer = Consumer(
@@ -93,9 +99,9 @@ class KafkaSource:
 
     def hold(self) -> Sequence[Record]:
         """Stay a member of the group without reading on."""
-        if not self._held:
+        if not self._held or self._fresh:
             self._client.pause(self._client.assignment())
-            self._held = True
+            self._held, self._fresh = True, False
         return self._read(1, 0.0)
 
     def commit(self, positions: Mapping[int, int]) -> None:
@@ -111,10 +117,13 @@ class KafkaSource:
     def commit_now(self, positions: Mapping[int, int], timeout_s: float) -> bool:
         """Commit and wait; False when it was not confirmed in time."""
         # librdkafka's own synchronous commit waits for a broker without any limit.
-        deadline = time.monotonic() + timeout_s
-        self.commit(positions)
-        while self._news(positions) and time.monotonic() < deadline:
-            self._client.pause(self._client.assignment())
+        deadline_s = time.monotonic() + timeout_s
+        again_s = 0.0
+        self._client.pause(self._client.assignment())
+        while self._news(positions) and (now_s := time.monotonic()) < deadline_s:
+            if now_s >= again_s:
+                self.commit(positions)
+                again_s = now_s + _AGAIN_S
             self._client.poll(0.05)
         return not self._news(positions)
 
@@ -139,10 +148,12 @@ class KafkaSource:
         return total
 
     def close(self) -> None:
-        """Leave the group."""
+        """Leave the group; what is to be committed has been."""
         if self._consumer is not None:
+            self._closing = True
             self._consumer.close()
             self._consumer = None
+            self._committed.clear()
 
     @property
     def _client(self) -> Consumer:
@@ -172,6 +183,9 @@ class KafkaSource:
             return False
         if error.code() == KafkaError._MAX_POLL_EXCEEDED:  # noqa: SLF001
             return False
+        if error.code() == KafkaError.UNKNOWN_TOPIC_OR_PART:
+            # Once it is there, all that it holds is new.
+            self._start = 'earliest'
         self._health.on_error(error)
         self._health.raise_failure()
         return False
@@ -185,7 +199,7 @@ class KafkaSource:
             self._client.incremental_assign([TopicPartition(self._topic, partition, offset)])
         except KafkaException as error:
             raise translate(error.args[0], f'{self._topic}[{partition}]') from error
-        self._held = False
+        self._fresh = True
 
     def _resolve(self, partition: int) -> int:
         metadata = self._client.list_topics(self._topic, timeout=_REQUEST_S)

@@ -4,7 +4,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from confluent_kafka import Consumer, KafkaException, Message, TopicPartition
+from confluent_kafka import Consumer, KafkaError, KafkaException, Message, TopicPartition
 
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.errors import translate
@@ -26,7 +26,7 @@ def read_tail(
         TransportError: The broker is away.
         RouteError: The topic may not be read.
     """
-    consumer = Consumer(dict(properties))
+    consumer = Consumer({**properties, 'enable.partition.eof': True})
     try:
         return _read(consumer, topic, records)
     except KafkaException as error:
@@ -36,26 +36,27 @@ def read_tail(
 
 
 def _read(consumer: Consumer, topic: str, records: int) -> set[tuple[bytes, int]]:
-    ends: dict[int, int] = {}
+    ends: set[int | None] = set()
     starts: list[TopicPartition] = []
     partitions = consumer.list_topics(topic, timeout=_REQUEST_S).topics[topic].partitions
     for partition in partitions:
         here = TopicPartition(topic, partition)
         low, high = consumer.get_watermark_offsets(here, timeout=_REQUEST_S)
         if high > low:
-            ends[partition] = high
+            ends.add(partition)
             starts.append(TopicPartition(topic, partition, max(low, high - records)))
     consumer.assign(starts)
     found: set[tuple[bytes, int]] = set()
     deadline_s = time.monotonic() + _READ_S
     while ends:
         for message in consumer.consume(1000, 0.05):
-            if error := message.error():
-                raise translate(error, f'topic {topic}')
-            _note(message, found)
-        for position in consumer.position(starts):
-            if position.offset >= ends.get(position.partition, position.offset + 1):
-                del ends[position.partition]
+            error = message.error()
+            if error is None:
+                _note(message, found)
+            elif error.code() == KafkaError._PARTITION_EOF:  # noqa: SLF001 (its public name)
+                ends.discard(message.partition())
+            elif not isinstance(problem := translate(error, f'topic {topic}'), TransportError):
+                raise problem
         if time.monotonic() > deadline_s:
             raise TransportError(f'topic {topic}: its end cannot be read')
     return found
