@@ -187,7 +187,7 @@ class KafkaToRos:
             else:
                 unconfirmed.append(entry)
             pending.popleft()
-        return None
+        return self._no_room()
 
     def _no_room(self) -> str | None:
         """Tell what keeps the bridge from reading on, None if nothing does."""

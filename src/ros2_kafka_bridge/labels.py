@@ -36,11 +36,10 @@ def make_headers(
 
     def headers(message: Message) -> list[tuple[str, str | bytes | None]]:
         same = by_publisher.get(message.gid) or for_publisher(message.gid)
-        return [
-            *same,
-            ('ros.seq', b'%d' % message.seq),
-            ('ros.source_time_ns', b'%d' % message.source_time_ns),
-        ]
+        time_ns = ('ros.source_time_ns', b'%d' % message.source_time_ns)
+        if not message.seq:
+            return [*same, time_ns]
+        return [*same, ('ros.seq', b'%d' % message.seq), time_ns]
 
     return headers
 

@@ -280,12 +280,13 @@ class RosToKafka:
             self._confirm(_BUSY_S if self._window else 0.0)
             if empty and not self._window:
                 break
-        if self._window:
-            self._log.warning(
-                'gave up %d messages in flight: Kafka has not confirmed them', len(self._window)
+        if self._window or not empty:
+            rest = '' if empty else ', and what was not taken yet'
+            raise RouteError(
+                f'gave up {len(self._window)} messages that Kafka has not confirmed{rest}: they '
+                'are lost unless their publisher is TRANSIENT_LOCAL',
+                final=True,
             )
-        if not empty:
-            self._log.warning('gave up messages that were not taken yet')
 
     @contextmanager
     def _opened(self) -> Iterator[None]:

@@ -1,0 +1,230 @@
+"""The four ends of the bridge in memory: a test drives a direction step by step with them."""
+
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Generic
+
+from ros2_kafka_bridge.endpoints import (
+    HeaderList,
+    Message,
+    Outgoing,
+    Readers,
+    Rebalance,
+    Record,
+    Reports,
+    Token,
+)
+from ros2_kafka_bridge.errors import BridgeError, RecordTooLargeError
+
+
+@dataclass(frozen=True)
+class MemoryRecord:
+    """A record, as Kafka's client shows one."""
+
+    value_bytes: bytes | None
+    offset_number: int = 0
+    partition_number: int = 0
+    key_bytes: bytes | None = None
+    header_list: HeaderList | None = None
+    time_ms: int = 0
+
+    def partition(self) -> int:
+        """Number of its partition."""
+        return self.partition_number
+
+    def offset(self) -> int:
+        """Its offset in the partition."""
+        return self.offset_number
+
+    def key(self) -> bytes | None:
+        """Its key."""
+        return self.key_bytes
+
+    def value(self) -> bytes | None:
+        """Its value; None is a tombstone."""
+        return self.value_bytes
+
+    def headers(self) -> HeaderList | None:
+        """Its headers; None where it has none."""
+        return self.header_list
+
+    def timestamp(self) -> tuple[int, int]:
+        """Kind and milliseconds since 1970; kind 0 means that there is none."""
+        return (1, self.time_ms) if self.time_ms else (0, 0)
+
+
+@dataclass
+class MemoryRecordSource:
+    """A `RecordSource` that hands out `waiting` and remembers what was committed."""
+
+    waiting: deque[MemoryRecord] = field(default_factory=deque)
+    committed: dict[int, int] = field(default_factory=dict)
+    away: str = ''
+    lost_upstream: int = 0
+    held: bool = False
+    rebalance: Rebalance | None = None
+
+    def open(self, rebalance: Rebalance) -> None:
+        """Join."""
+        self.rebalance = rebalance
+
+    def poll(self, limit: int, timeout_s: float) -> Sequence[Record]:
+        """Hand out what waits."""
+        del timeout_s
+        self.held = False
+        return [self.waiting.popleft() for _ in range(min(limit, len(self.waiting)))]
+
+    def hold(self) -> Sequence[Record]:
+        """Note that reading is held."""
+        self.held = True
+        return ()
+
+    def commit(self, positions: Mapping[int, int]) -> None:
+        """Remember the positions."""
+        self.committed.update(positions)
+
+    def commit_now(self, positions: Mapping[int, int], timeout_s: float) -> bool:
+        """Remember the positions."""
+        del timeout_s
+        self.commit(positions)
+        return True
+
+    def commit_before_revoke(self, positions: Mapping[int, int]) -> None:
+        """Remember the positions."""
+        self.commit(positions)
+
+    def lag(self, positions: Mapping[int, int]) -> int:
+        """Count what waits."""
+        del positions
+        return len(self.waiting)
+
+    def close(self) -> None:
+        """Leave."""
+        self.rebalance = None
+
+
+@dataclass
+class MemoryRecordSink(Generic[Token]):
+    """A `RecordSink` that confirms what it gets, unless `answering` is False.
+
+    Args:
+        limit_bytes: Values longer than this are refused by the client.
+        errors: Value -> error that its delivery report brings, once for each time it is produced.
+        room: Records that it takes before they are confirmed.
+    """
+
+    limit_bytes: int = 1_000_000
+    errors: dict[bytes | None, list[BridgeError]] = field(default_factory=dict)
+    room: int = 1_000_000
+    answering: bool = True
+    away: str = ''
+    is_open: bool = False
+    records: list[Outgoing] = field(default_factory=list)
+    _in_flight: list[tuple[Token, Outgoing]] = field(default_factory=list)
+
+    def open(self) -> None:
+        """Open."""
+        self.is_open = True
+
+    def produce(self, record: Outgoing, token: Token) -> bool:
+        """Take a record, if there is room."""
+        assert self.is_open, 'produced to a closed sink'
+        size = len(record.value or b'')
+        if size > self.limit_bytes:
+            raise RecordTooLargeError(size, self.limit_bytes, 'message.max.bytes of the producer')
+        if len(self._in_flight) >= self.room:
+            return False
+        self._in_flight.append((token, record))
+        return True
+
+    def poll(self, timeout_s: float) -> Reports[Token]:
+        """Report on what is in flight."""
+        del timeout_s
+        if not self.answering:
+            return Reports([], [])
+        confirmed: list[Token] = []
+        failed: list[tuple[Token, BridgeError]] = []
+        for token, record in self._in_flight:
+            if left := self.errors.get(record.value):
+                failed.append((token, left.pop(0)))
+            else:
+                self.records.append(record)
+                confirmed.append(token)
+        self._in_flight.clear()
+        return Reports(confirmed, failed)
+
+    def close(self) -> Iterable[Token]:
+        """Give up what is in flight."""
+        self._in_flight.clear()
+        self.is_open = False
+        return ()
+
+
+@dataclass
+class MemoryMessageSource:
+    """A `MessageSource` that hands out `waiting`."""
+
+    waiting: deque[Message] = field(default_factory=deque)
+    lost_upstream: int = 0
+
+    def open(self) -> None:
+        """Subscribe."""
+
+    def take(self, limit: int, timeout_s: float) -> Sequence[Message]:
+        """Hand out what waits."""
+        del timeout_s
+        return [self.waiting.popleft() for _ in range(min(limit, len(self.waiting)))]
+
+    def close(self) -> None:
+        """Unsubscribe."""
+
+
+@dataclass
+class MemoryMessageSink:
+    """A `MessageSink` with a history of `room` messages.
+
+    Args:
+        matched: Readers that are there.
+        acknowledging: Whether they acknowledge what is published.
+    """
+
+    room: int = 1_000_000
+    matched: int = 1
+    acknowledging: bool = True
+    published: list[bytes] = field(default_factory=list)
+    _since_loss: int = 0
+    _confirmed: int = 0
+    _lost: bool = False
+
+    def open(self) -> None:
+        """Make the publisher."""
+
+    def publish(self, cdr: bytes) -> bool:
+        """Take a message, if there is room."""
+        if self._since_loss - self._confirmed >= self.room:
+            return False
+        self.published.append(cdr)
+        self._since_loss += 1
+        return True
+
+    def acknowledge(self, count: int) -> None:
+        """Let the readers acknowledge the oldest `count` messages."""
+        self._confirmed = min(self._since_loss, self._confirmed + count)
+
+    def lose_reader(self) -> None:
+        """Let a reader go away with what it has not acknowledged."""
+        self._lost = True
+        self._since_loss = self._confirmed = 0
+
+    def readers(self) -> Readers:
+        """Look at the readers."""
+        if self._lost:
+            self._lost = False
+            return Readers(self.matched, lost=True, confirmed=0)
+        if self.acknowledging:
+            self._confirmed = self._since_loss
+        return Readers(self.matched, lost=False, confirmed=self._confirmed)
+
+    def close(self) -> None:
+        """Destroy the publisher."""

@@ -1,0 +1,51 @@
+"""Keys and headers of the records that carry ROS messages."""
+
+import pytest
+
+from ros2_kafka_bridge.endpoints import Message
+from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.formats import text
+from ros2_kafka_bridge.formats.layout import Field, Layout, String
+from ros2_kafka_bridge.labels import make_headers, make_key
+
+LAYOUT = Layout('std_msgs/msg/String', (Field('data', String()),))
+GID = bytes(range(16))
+MESSAGE = Message(text.make_decode(LAYOUT)(b'shelf-7'), GID, 42, 1_700_000_000_000_000_000)
+
+
+def test_headers_say_where_a_message_comes_from() -> None:
+    headers = make_headers('/orders', 'std_msgs/msg/String', 'warehouse-1', lambda _: 'RIHS01_ab')
+    assert headers(MESSAGE) == [
+        ('ros.topic', b'/orders'),
+        ('ros.type', b'std_msgs/msg/String'),
+        ('ros.type_hash', b'RIHS01_ab'),
+        ('ros.gid', GID.hex().encode()),
+        ('bridge.origin', b'warehouse-1'),
+        ('ros.seq', b'42'),
+        ('ros.source_time_ns', b'1700000000000000000'),
+    ]
+
+
+def test_what_the_middleware_does_not_tell_is_left_out() -> None:
+    headers = make_headers('/orders', 'std_msgs/msg/String', 'warehouse-1', lambda _: '')
+    names = [name for name, _ in headers(MESSAGE._replace(gid=b'', seq=0))]
+    assert names == ['ros.topic', 'ros.type', 'bridge.origin', 'ros.source_time_ns']
+
+
+@pytest.mark.parametrize(
+    ('template', 'key'),
+    [
+        (None, b'/orders'),
+        ('fixed', b'fixed'),
+        ('{ros.topic}!', b'/orders!'),
+        ('{ros.gid}', GID.hex().encode()),
+        ('shelf {message.data}', b'shelf shelf-7'),
+    ],
+)
+def test_a_key_follows_its_template(template: str | None, key: bytes) -> None:
+    assert make_key(template, '/orders', LAYOUT)(MESSAGE) == key
+
+
+def test_a_key_of_an_unknown_field_is_refused_at_once() -> None:
+    with pytest.raises(ConfigError, match='dta'):
+        make_key('{message.dta}', '/orders', LAYOUT)

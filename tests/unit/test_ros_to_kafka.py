@@ -1,0 +1,254 @@
+"""The direction ROS -> Kafka, driven step by step with ends in memory."""
+
+import logging
+from typing import Any
+
+import pytest
+
+from ros2_kafka_bridge.config import RosToKafkaRoute
+from ros2_kafka_bridge.dead_letters import DeadLetters
+from ros2_kafka_bridge.endpoints import Message
+from ros2_kafka_bridge.errors import (
+    EncodeError,
+    RecordTooLargeError,
+    RouteError,
+    TransportError,
+)
+from ros2_kafka_bridge.metrics import State
+from ros2_kafka_bridge.ros_to_kafka import Entry, RosToKafka
+from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSink
+
+LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
+
+
+def encode(cdr: bytes) -> bytes:
+    if cdr.startswith(b'bad'):
+        raise EncodeError('not what it should be')
+    return cdr
+
+
+class House:
+    """A direction with its ends."""
+
+    def __init__(self, seen: frozenset[int] = frozenset(), **settings: Any) -> None:
+        self.source = MemoryMessageSource()
+        self.sink: MemoryRecordSink[Entry] = MemoryRecordSink()
+        self.letters: MemoryRecordSink[Any] = MemoryRecordSink()
+        route = RosToKafkaRoute.model_validate(
+            {
+                'name': 'orders',
+                'from': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
+                'to': {'kafka': 'orders'},
+                'format': 'text',
+                **settings,
+            }
+        )
+        dead: DeadLetters[Entry] = DeadLetters('orders.dead', self.letters, lambda: None, LOG)
+        self.direction = RosToKafka(
+            route,
+            self.source,
+            lambda message: message.seq in seen,
+            self.sink,
+            encode,
+            lambda _: b'key',
+            lambda message: [('ros.seq', str(message.seq))],
+            dead,
+            LOG,
+        )
+        self.sink.open()
+
+    def give(self, *cdr: bytes, first: int = 1) -> None:
+        for number, one in enumerate(cdr):
+            self.source.waiting.append(Message(one, b'gid', first + number, 0))
+
+    def steps(self, count: int = 4) -> None:
+        for _ in range(count):
+            self.direction._step()
+            self.check_balance()
+
+    def check_balance(self) -> None:
+        snapshot = self.direction.counters.snapshot(len(self.direction._window))
+        assert snapshot.balanced, snapshot
+
+    def values(self) -> list[bytes | None]:
+        return [record.value for record in self.sink.records]
+
+    def count(self, name: str) -> int:
+        return int(getattr(self.direction.counters.snapshot(0), name))
+
+
+def test_messages_arrive_once_in_order_with_key_and_headers() -> None:
+    house = House()
+    house.give(b'a', b'b')
+    house.steps()
+    assert house.values() == [b'a', b'b']
+    assert house.sink.records[1].key == b'key'
+    assert house.sink.records[1].headers == [('ros.seq', '2')]
+    assert house.count('confirmed') == 2
+
+
+def test_a_full_window_stops_the_taking() -> None:
+    house = House(max_in_flight=3)
+    house.sink.answering = False
+    house.give(b'a', b'b', b'c', b'd', b'e')
+    house.steps()
+    assert len(house.source.waiting) == 2
+    assert house.count('taken') == 3
+    house.sink.answering = True
+    house.steps()
+    assert house.values() == [b'a', b'b', b'c', b'd', b'e']
+
+
+def test_the_window_is_bounded_in_bytes() -> None:
+    house = House(max_in_flight_bytes=1000)
+    house.sink.answering = False
+    for number in range(4):
+        house.give(b'x' * 900, first=number + 1)
+        house.steps(1)
+    assert house.count('taken') == 1
+
+
+def test_a_full_producer_keeps_the_order() -> None:
+    house = House()
+    house.sink.room = 1
+    house.give(b'a', b'b', b'c')
+    house.steps(8)
+    assert house.values() == [b'a', b'b', b'c']
+
+
+def test_drop_oldest_keeps_the_newest_and_counts_the_rest() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=2)
+    house.sink.room = 0
+    house.give(b'a', b'b', b'c', b'd', b'e')
+    house.steps()
+    house.sink.room = 10
+    house.steps()
+    assert house.values() == [b'd', b'e']
+    assert house.count('dropped') == 3
+
+
+def test_a_message_that_cannot_be_encoded_becomes_a_dead_letter_and_the_next_one_goes() -> None:
+    house = House()
+    house.give(b'a', b'bad', b'c')
+    house.steps()
+    assert house.values() == [b'a', b'c']
+    [letter] = house.letters.records
+    told = dict(letter.headers)
+    assert (letter.topic, letter.value) == ('orders.dead', b'bad')
+    assert told['dead_letter.error'] == 'EncodeError: not what it should be'
+    assert (told['dead_letter.source'], told['ros.seq']) == ('/orders', '2')
+    assert house.count('dead_lettered') == 1
+
+
+def test_a_message_above_max_message_bytes_goes_to_the_dead_letters_without_its_value() -> None:
+    house = House(max_message_bytes=3)
+    house.give(b'four', b'abc')
+    house.steps()
+    assert house.values() == [b'abc']
+    [letter] = house.letters.records
+    assert letter.value is None
+    assert dict(letter.headers)['dead_letter.value_bytes'] == '4'
+
+
+def test_a_batch_that_the_broker_finds_too_large_is_sent_again_one_by_one() -> None:
+    house = House()
+    batch = [b'a', b'b', b'large', b'd']
+    for value in batch:
+        house.sink.errors[value] = [RecordTooLargeError(len(value), None, 'of the topic')]
+    house.sink.errors[b'large'].append(RecordTooLargeError(5, None, 'max.message.bytes'))
+    house.give(*batch)
+    house.steps(12)
+    assert house.values() == [b'a', b'b', b'd']
+    [letter] = house.letters.records
+    assert letter.value is None
+    assert 'max.message.bytes' in str(dict(letter.headers)['dead_letter.error'])
+
+
+def test_a_delivery_that_failed_for_now_is_tried_again_in_order() -> None:
+    house = House()
+    for value in (b'a', b'b'):
+        house.sink.errors[value] = [TransportError('timed out')]
+    house.give(b'a', b'b')
+    house.steps()
+    assert house.values() == [b'a', b'b']
+
+
+def test_what_a_failed_run_held_goes_first_in_the_next_one() -> None:
+    house = House()
+    house.sink.close()
+    for value in (b'b', b'c'):
+        house.sink.errors[value] = [RouteError('no permission')]
+    house.give(b'a', b'b', b'c')
+    with pytest.raises(RouteError, match='no permission'), house.direction._opened():
+        house.steps()
+    house.check_balance()
+    with house.direction._opened():
+        house.give(b'd', first=4)
+        house.steps()
+    assert house.values() == [b'a', b'b', b'c', b'd']
+    house.check_balance()
+
+
+def test_what_kafka_holds_from_before_a_restart_is_skipped_and_counted() -> None:
+    house = House(seen=frozenset({1, 2}))
+    house.give(b'a', b'b', b'c')
+    house.steps()
+    assert house.values() == [b'c']
+    assert house.count('skipped') == 2
+
+
+def test_on_error_drop_counts_and_goes_on() -> None:
+    house = House(on_error='drop')
+    house.give(b'bad', b'b')
+    house.steps()
+    assert house.values() == [b'b']
+    assert house.count('dropped') == 1
+
+
+def test_on_error_stop_ends_the_route() -> None:
+    house = House(on_error='stop')
+    house.give(b'bad')
+    with pytest.raises(RouteError, match='/orders -> orders: not what') as raised:
+        house.steps()
+    assert raised.value.final
+
+
+def test_a_dead_letter_topic_that_refuses_stops_the_taking() -> None:
+    house = House()
+    house.letters.errors[b'bad'] = [RouteError('no permission')]
+    house.give(b'bad')
+    house.steps()
+    house.give(b'b', first=2)
+    house.steps()
+    house.direction._show('')
+    assert house.direction.snapshot.state == State.FAILED
+    assert house.values() == []
+    house.direction._dead_letters._again_at_s = 0.0
+    house.steps()
+    assert house.values() == [b'b']
+    assert [letter.value for letter in house.letters.records] == [b'bad']
+
+
+def test_a_drain_takes_until_the_source_is_empty_and_waits_for_the_reports() -> None:
+    house = House(max_in_flight=2)
+    house.sink.close()
+    house.give(b'a', b'b', b'c', b'd', b'e')
+    stop = Stop()
+    stop.ask()
+    house.direction.run(stop)
+    assert house.values() == [b'a', b'b', b'c', b'd', b'e']
+    assert house.direction.snapshot.in_flight == 0
+
+
+def test_a_drain_that_runs_out_of_time_says_how_many_it_gave_up() -> None:
+    house = House(drain_s=0.1)
+    house.sink.close()
+    house.sink.answering = False
+    house.give(b'a', b'b')
+    stop = Stop()
+    stop.ask()
+    with pytest.raises(RouteError, match='gave up 2 messages'):
+        house.direction.run(stop)
+    assert house.direction.snapshot.balanced
+    assert house.direction.snapshot.in_flight == 2

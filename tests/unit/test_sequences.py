@@ -1,0 +1,82 @@
+"""Which messages count when two subscriptions match one publisher."""
+
+import logging
+
+import pytest
+
+from ros2_kafka_bridge.ros.subscription import Offer, Sequences
+
+LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
+VOLATILE = Offer('reliable', 'volatile')
+LATCHED = Offer('reliable', 'transient_local')
+ONE, TWO = b'1' * 16, b'2' * 16
+
+
+@pytest.fixture
+def sequences() -> Sequences:
+    return Sequences(LOG, '/orders')
+
+
+def accepted(sequences: Sequences, gid: bytes, numbers: list[int], offer: Offer) -> list[int]:
+    return [seq for seq in numbers if sequences.accept(gid, seq, offer)]
+
+
+def test_no_message_counts_twice(sequences: Sequences) -> None:
+    sequences.offers({ONE: VOLATILE})
+    assert accepted(sequences, ONE, [1, 2, 2, 1, 3], VOLATILE) == [1, 2, 3]
+    assert sequences.lost == 0
+
+
+def test_a_gap_is_counted_once(sequences: Sequences) -> None:
+    sequences.offers({ONE: VOLATILE})
+    assert accepted(sequences, ONE, [1, 5, 6], VOLATILE) == [1, 5, 6]
+    assert sequences.lost == 3
+
+
+def test_what_came_before_the_first_message_is_no_gap(sequences: Sequences) -> None:
+    sequences.offers({ONE: VOLATILE})
+    assert accepted(sequences, ONE, [7, 8], VOLATILE) == [7, 8]
+    assert sequences.lost == 0
+
+
+def test_publishers_are_counted_apart(sequences: Sequences) -> None:
+    sequences.offers({ONE: VOLATILE, TWO: VOLATILE})
+    assert accepted(sequences, ONE, [1, 2], VOLATILE) == [1, 2]
+    assert accepted(sequences, TWO, [1, 2], VOLATILE) == [1, 2]
+
+
+def test_a_latched_history_comes_whole_though_another_subscription_saw_its_end(
+    sequences: Sequences,
+) -> None:
+    sequences.offers({ONE: LATCHED})
+    assert accepted(sequences, ONE, [4, 5], VOLATILE) == []
+    assert accepted(sequences, ONE, [1, 2, 3, 4, 5], LATCHED) == [1, 2, 3, 4, 5]
+
+
+def test_a_latched_publisher_seen_from_its_first_message_needs_no_other_subscription(
+    sequences: Sequences,
+) -> None:
+    sequences.offers({ONE: LATCHED})
+    assert accepted(sequences, ONE, [1, 2, 3], VOLATILE) == [1, 2, 3]
+    assert accepted(sequences, ONE, [2, 3, 4], LATCHED) == [4]
+
+
+def test_a_publisher_of_unknown_offer_is_heard(sequences: Sequences) -> None:
+    assert not sequences.knows(ONE)
+    assert accepted(sequences, ONE, [3, 4], VOLATILE) == [3, 4]
+
+
+def test_a_publisher_that_comes_back_is_remembered(sequences: Sequences) -> None:
+    sequences.offers({ONE: LATCHED})
+    accepted(sequences, ONE, [1, 2], LATCHED)
+    sequences.offers({})
+    sequences.offers({ONE: LATCHED})
+    assert accepted(sequences, ONE, [1, 2, 3], LATCHED) == [3]
+
+
+def test_the_memory_of_publishers_that_have_gone_is_bounded(sequences: Sequences) -> None:
+    for number in range(5000):
+        gid = number.to_bytes(16, 'big')
+        sequences.offers({gid: VOLATILE})
+        sequences.accept(gid, 1, VOLATILE)
+    assert len(sequences._publishers) < 1100
