@@ -4,6 +4,7 @@ PYTHON ?= python3
 T ?= tests
 A ?=
 PORT ?= 9092
+TOPICS ?=
 
 BIN := .venv/bin
 READY := .venv/ready
@@ -49,7 +50,8 @@ locked: $(READY)
 	@echo 'requirements.lock is in date'
 
 kafka: java $(READY) ## a real one-node Kafka in the foreground (PORT=9092)
-	@$(BIN)/python -m ros2_kafka_bridge.testing.local_kafka --port $(PORT) $(A)
+	@$(BIN)/python -m ros2_kafka_bridge.testing.local_kafka --port $(PORT) \
+		$(if $(TOPICS),--topics $(TOPICS)) $(A)
 
 bench: java $(READY) ## drain a topic through both directions, three contestants side by side
 	$(BIN)/python -m benchmarks.drain $(A)

@@ -13,6 +13,7 @@ def main() -> None:
         depth=0, history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE
     )
     node.create_subscription(String, '/orders', lambda order: print(order.data, flush=True), qos)
+    print('listening to /orders', flush=True)
     rclpy.spin(node)
 
 

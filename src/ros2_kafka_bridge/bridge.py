@@ -18,7 +18,7 @@ from ros2_kafka_bridge.wiring import Direction, Route, Wiring, endpoints_of
 
 STATUS_S = 10.0
 _FIRST_BACKOFF_S = 1.0
-_LONGEST_BACKOFF_S = 30.0
+_LONGEST_BACKOFF_S = 10.0
 _CLOSING_S = 10.0
 
 

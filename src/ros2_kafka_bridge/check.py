@@ -122,7 +122,15 @@ def _kafka_findings(
         yield from _group_findings(route, config, broker, view)
     else:
         topic = route.sink.kafka
-        yield _topic_finding(topic, broker.topic(topic), 'WRITE')
+        view = broker.topic(topic)
+        if view.exists:
+            yield _topic_finding(topic, view, 'WRITE')
+        else:
+            yield Finding(
+                'note',
+                f'topic {topic} is not there: the route fails unless the broker creates topics '
+                'by itself',
+            )
     dead = broker.topic(route.dead_letter_topic)
     if route.on_error != 'dead_letter':
         yield Finding('note', f'on_error: {route.on_error}: bad records are not kept')

@@ -1,12 +1,14 @@
 """Looking at a broker without changing anything, for `check --connect`."""
 
 import logging
+import time
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from confluent_kafka import ConsumerGroupTopicPartitions, KafkaException, TopicPartition
 from confluent_kafka.admin import AdminClient
 
+from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.errors import translate
 
 _REQUEST_S = 5.0
@@ -69,12 +71,19 @@ class Broker:
         """
         asked = [TopicPartition(topic, number) for number in range(partitions)]
         request = ConsumerGroupTopicPartitions(group, asked)
-        try:
-            answer = self._admin.list_consumer_group_offsets(
-                [request], request_timeout=_REQUEST_S
-            )[group].result()
-        except KafkaException as error:
-            raise translate(error.args[0], 'its offsets cannot be read') from error
+        deadline_s = time.monotonic() + _REQUEST_S
+        while True:
+            try:
+                answer = self._admin.list_consumer_group_offsets(
+                    [request], request_timeout=_REQUEST_S
+                )[group].result()
+                break
+            except KafkaException as error:
+                problem = translate(error.args[0], 'its offsets cannot be read')
+                # A broker that has just started loads its groups for a moment.
+                if not isinstance(problem, TransportError) or time.monotonic() > deadline_s:
+                    raise problem from error
+                time.sleep(0.2)
         found = answer.topic_partitions or []
         return {p.partition: p.offset for p in found if p.offset >= 0}
 

@@ -372,6 +372,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _say('Maven fetches Kafka, this once ...')
         with LocalKafka(options.directory, options.port) as kafka:
             _say(f'Kafka answers at {kafka.bootstrap_servers}, its log is {kafka.log_file}')
+            if options.topics:
+                _create_topics(kafka.bootstrap_servers, options.topics)
+                _say(f'It has the topics {", ".join(options.topics)}.')
             _say(
                 'Ctrl-C stops it.' if options.directory else 'Ctrl-C stops it and drops its data.'
             )
@@ -397,7 +400,17 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         '--directory', type=Path, help='keeps data and log (default: a temporary directory)'
     )
+    parser.add_argument(
+        '--topics', nargs='*', default=[], metavar='TOPIC', help='topics to create'
+    )
     return parser.parse_args(arguments)
+
+
+def _create_topics(bootstrap_servers: str, topics: Sequence[str]) -> None:
+    from ros2_kafka_bridge.kafka.admin import ensure_topic  # noqa: PLC0415 (heavy)
+
+    for topic in topics:
+        ensure_topic({'bootstrap.servers': bootstrap_servers}, topic)
 
 
 def _say(sentence: str, stream: TextIO | None = None) -> None:
