@@ -8,6 +8,7 @@ TOPICS ?=
 
 BIN := .venv/bin
 READY := .venv/ready
+JAZZY := .venv-jazzy/ready
 LOCK := $(BIN)/uv pip compile pyproject.toml --all-extras --group dev --universal \
 	--python-version 3.11 --generate-hashes --no-header --quiet
 
@@ -25,7 +26,7 @@ help: ## what there is to make
 
 setup: $(READY) ## .venv with the locked dependencies and this project
 
-test: $(if $(filter-out tests/unit%,$(T)),java) $(READY) ## all tests (some: T=tests/unit, A='-k name')
+test: $(if $(filter-out tests/unit%,$(T)),java $(JAZZY)) $(READY) ## all tests (some: T=tests/unit, A='-k name')
 	$(BIN)/python -m pytest $(T) $(A)
 
 check: lint format types locked ## what must hold before a commit: lint, format, types, lock
@@ -61,6 +62,17 @@ docs: $(READY) ## the tables in docs, from the code
 
 lock: $(READY) ## requirements.lock, after a change of pyproject.toml
 	$(LOCK) --output-file requirements.lock > .venv/lock.log
+	$(BIN)/uv pip compile requirements-jazzy.in --python-version 3.11 \
+		--universal --generate-hashes --no-header --quiet --no-annotate \
+		--output-file requirements-jazzy.lock > .venv/lock.log
+
+# The older ROS 2 that the bridge is tested on, too.
+$(JAZZY): requirements-jazzy.lock $(READY)
+	@echo 'Setting up .venv-jazzy ...'
+	@$(PYTHON) -m venv --clear .venv-jazzy
+	@$(BIN)/uv pip install --quiet --python .venv-jazzy/bin/python --require-hashes -r $<
+	@$(BIN)/uv pip install --quiet --python .venv-jazzy/bin/python --no-deps --editable .
+	@touch $@
 
 # pip is asked once, for uv, with the hashes of the lock. Always into an empty .venv: the wheels
 # of ROS 2 hold the metadata of a second package, which `uv pip sync` would remove with its files.

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Self
 
@@ -16,6 +16,8 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     NewTopic,
 )
 from ruamel.yaml import YAML
+
+from ros2_kafka_bridge.ros.profile import FASTDDS_3, Endpoints, make_profile
 
 PEERS = Path(__file__).parent / 'peers'
 
@@ -115,9 +117,17 @@ class Bench:
             YAML(typ='safe').dump(content, file)
         return path
 
-    def bridge(self, config: Path, *options: str, **environ: str) -> Process:
-        """Start the bridge."""
-        return self._start('-m', 'ros2_kafka_bridge', 'run', str(config), *options, **environ)
+    def bridge(
+        self, config: Path, *options: str, python: Path | None = None, **environ: str
+    ) -> Process:
+        """Start the bridge, with another Python than that of the tests where one is given."""
+        command = ('-m', 'ros2_kafka_bridge', 'run', str(config), *options)
+        if python is None:
+            return self._start(*command, **environ)
+        # The wheels of ROS 2 have set these to their own libraries.
+        own = {'_ROS_WHEELS_BOOTSTRAP_COMPLETE': '', 'LD_LIBRARY_PATH': ''}
+        environ = {**self._environ, **own, **environ}
+        return Process([str(python), *command], self._file('log'), environ)
 
     def command(self, *arguments: str, timeout_s: float = 30.0) -> tuple[int, str, str]:
         """Run the command line to its end; returns status, standard output, standard error."""
@@ -135,9 +145,26 @@ class Bench:
         """Start a ROS node that publishes (tests/peers/ros_publisher.py)."""
         return self._start(str(PEERS / 'ros_publisher.py'), topic, *options)
 
-    def subscriber(self, topic: str, file: Path, *options: str) -> Process:
-        """Start a ROS node that reads into a file (tests/peers/ros_subscriber.py)."""
-        return self._start(str(PEERS / 'ros_subscriber.py'), topic, str(file), *options)
+    def subscriber(
+        self,
+        topic: str,
+        file: Path,
+        *options: str,
+        samples: int | None = None,
+        lease_s: float | None = None,
+    ) -> Process:
+        """Start a ROS node that reads into a file (tests/peers/ros_subscriber.py).
+
+        It takes `samples` into its DDS cache (default 5000), and is given up `lease_s` after it
+        was killed (default 20).
+        """
+        environ = {}
+        if samples is not None or lease_s is not None:
+            readers = {} if samples is None else {topic: samples}
+            profile = self._file('xml')
+            profile.write_text(make_profile(Endpoints({}, readers, lease_s)))
+            environ[FASTDDS_3.variable] = str(profile)
+        return self._start(str(PEERS / 'ros_subscriber.py'), topic, str(file), *options, **environ)
 
     def script(self, name: str, *arguments: str) -> Process:
         """Start another script of tests/peers."""
@@ -165,7 +192,7 @@ class Bench:
         """A client for administration."""
         return AdminClient({'bootstrap.servers': self.bootstrap_servers})
 
-    def produce(self, topic: str, values: list[bytes | None], **more: Any) -> None:
+    def produce(self, topic: str, values: Iterable[bytes | None], **more: Any) -> None:
         """Produce records in order, and wait until all are there."""
         producer = Producer(
             {
@@ -229,6 +256,19 @@ def lines(file: Path) -> list[str]:
     if not file.exists():
         return []
     return file.read_text().split('\n')[:-1]
+
+
+def totals(bridge: Process, route: str = 'to_ros') -> dict[str, int]:
+    """What became of all that a route has taken, from the last line that a bridge said of it.
+
+    The counters balance (guarantee 6), or it fails.
+    """
+    *_, line = [line for line in bridge.output().split('\n') if f'{route}: stopped: ' in line]
+    parts = [part.split(' ', 1) for part in line.partition('stopped: ')[2].split(', ')]
+    found = {name: int(count) for count, name in parts}
+    ends = ('confirmed', 'dead-lettered', 'dropped', 'skipped', 'returned', 'given up')
+    assert found['taken'] == sum(found.get(end, 0) for end in ends), line
+    return found
 
 
 def to_ros(kafka: str, ros: str, name: str = 'to_ros', **more: Any) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import logging
 import time
+import uuid
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
@@ -18,6 +19,7 @@ from ros2_kafka_bridge.endpoints import Rebalance, Record
 from ros2_kafka_bridge.kafka.errors import ClientHealth, translate
 
 _REQUEST_S = 10.0
+_LEAVE_S = 2.0
 _AGAIN_S = 0.5
 
 
@@ -38,7 +40,9 @@ class KafkaSource:
         start: str,
         log: logging.LoggerAdapter[logging.Logger],
     ) -> None:
-        self._properties = dict(properties)
+        # A member that knows its name gets its place back at once when the broker was away longer
+        # than the session; another would wait until the broker gives up the old one.
+        self._properties = {'group.instance.id': uuid.uuid4().hex, **properties}
         self._topic = topic
         self._start = start
         self._log = log

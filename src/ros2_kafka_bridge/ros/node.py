@@ -6,14 +6,22 @@ import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.ros.errors import translated
-from ros2_kafka_bridge.ros.profile import VARIABLES, Endpoints, make_profile, user_profile
+from ros2_kafka_bridge.ros.profile import (
+    FASTDDS_2,
+    FASTDDS_3,
+    Dialect,
+    Endpoints,
+    make_profile,
+    user_profile,
+)
 
-FASTDDS = 'rmw_fastrtps_cpp'
+_FIRST_WITH_FASTDDS_3 = 8
 
 
 class Peer(NamedTuple):
@@ -114,18 +122,25 @@ def _import_rclpy() -> Any:
 @contextmanager
 def _profile(endpoints: Endpoints) -> Iterator[None]:
     """Show Fast DDS our profile while it starts; it reads the file once."""
-    text = make_profile(endpoints, user_profile())
-    before = {variable: os.environ.get(variable) for variable in VARIABLES}
+    dialect = _dialect()
+    text = make_profile(endpoints, user_profile(), dialect)
+    variables = (FASTDDS_2.variable, FASTDDS_3.variable)
+    before = {variable: os.environ.pop(variable, None) for variable in variables}
     with tempfile.TemporaryDirectory(prefix='ros2-kafka-bridge-') as directory:
         path = Path(directory) / 'profile.xml'
         path.write_text(text, encoding='utf-8')
-        os.environ.pop(VARIABLES[1], None)
-        os.environ[VARIABLES[0]] = str(path)
-        yield
-    for variable, value in before.items():
-        os.environ.pop(variable, None)
-        if value is not None:
-            os.environ[variable] = value
+        os.environ[dialect.variable] = str(path)
+        try:
+            yield
+        finally:
+            del os.environ[dialect.variable]
+            os.environ |= {name: value for name, value in before.items() if value is not None}
+
+
+def _dialect() -> Dialect:
+    """Jazzy (rclpy 7) and older come with Fast DDS 2, Kilted (rclpy 9) with Fast DDS 3."""
+    major = int(metadata.version('rclpy').split('.', maxsplit=1)[0])
+    return FASTDDS_3 if major >= _FIRST_WITH_FASTDDS_3 else FASTDDS_2
 
 
 def _peer(info: Any) -> Peer:

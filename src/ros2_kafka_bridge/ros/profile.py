@@ -14,11 +14,21 @@ from typing import NamedTuple
 
 from ros2_kafka_bridge.errors import ConfigError
 
-VARIABLES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
 NAMESPACE = 'http://www.eprosima.com'
 _NS = f'{{{NAMESPACE}}}'
 _BLOCKING_NS = 1_000_000
 _HEARTBEAT_NS = 10_000_000
+
+
+class Dialect(NamedTuple):
+    """What differs between the versions of Fast DDS: a variable and a tag."""
+
+    variable: str
+    heartbeat: str
+
+
+FASTDDS_3 = Dialect('FASTDDS_DEFAULT_PROFILES_FILE', 'heartbeat_period')
+FASTDDS_2 = Dialect('FASTRTPS_DEFAULT_PROFILES_FILE', 'heartbeatPeriod')
 
 
 class Endpoints(NamedTuple):
@@ -38,10 +48,13 @@ class Endpoints(NamedTuple):
 def user_profile(environ: Mapping[str, str] | None = None) -> Path | None:
     """The profile file that the user's environment names, if any."""
     environ = os.environ if environ is None else environ
-    return next((Path(environ[v]) for v in VARIABLES if environ.get(v)), None)
+    names = (dialect.variable for dialect in (FASTDDS_3, FASTDDS_2))
+    return next((Path(environ[name]) for name in names if environ.get(name)), None)
 
 
-def make_profile(endpoints: Endpoints, user_file: Path | None = None) -> str:
+def make_profile(
+    endpoints: Endpoints, user_file: Path | None = None, dialect: Dialect = FASTDDS_3
+) -> str:
     """Write the XML of the profile.
 
     Raises:
@@ -52,7 +65,7 @@ def make_profile(endpoints: Endpoints, user_file: Path | None = None) -> str:
     _child(settings, 'intraprocess_delivery').text = 'OFF'
     profiles = _child(root, 'profiles')
     for topic, samples in sorted(endpoints.writers.items()):
-        _writer(_entry(profiles, 'data_writer', topic), samples)
+        _writer(_entry(profiles, 'data_writer', topic), samples, dialect)
     for topic, samples in sorted(endpoints.readers.items()):
         _limit(_entry(profiles, 'data_reader', topic), samples)
     if endpoints.lease_s is not None:
@@ -102,12 +115,12 @@ def _limit(entry: ET.Element, samples: int) -> None:
         _child(limits, name).text = str(value)
 
 
-def _writer(entry: ET.Element, samples: int) -> None:
+def _writer(entry: ET.Element, samples: int, dialect: Dialect) -> None:
     _limit(entry, samples)
     reliability = _child(_child(entry, 'qos'), 'reliability')
     _child(reliability, 'kind').text = 'RELIABLE'
     _duration(_child(reliability, 'max_blocking_time'), 0, _BLOCKING_NS)
-    _duration(_child(_child(entry, 'times'), 'heartbeat_period'), 0, _HEARTBEAT_NS)
+    _duration(_child(_child(entry, 'times'), dialect.heartbeat), 0, _HEARTBEAT_NS)
 
 
 def _lease(profiles: ET.Element, lease_s: float) -> None:

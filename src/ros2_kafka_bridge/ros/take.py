@@ -5,13 +5,17 @@ Rolling. `probe.py` tries them at start, so that a release that changes them is 
 in the middle of the traffic.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import QoSPublisherEventType
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
-from rclpy.publisher import Publisher
-from rclpy.subscription import Subscription
+
+if TYPE_CHECKING:
+    from rclpy.publisher import Publisher
+    from rclpy.subscription import Subscription
 
 Taken = tuple[bytes, Mapping[str, Any]]
 """CDR bytes and what the middleware says of them."""
