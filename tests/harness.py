@@ -230,6 +230,13 @@ class Bench:
             found += [m for m in consumer.consume(1000, 0.5) if m.error() is None]
         return found
 
+    def reaches(self, topic: str, offset: int, partition: int = 0) -> bool:
+        """Whether a partition holds that offset or more."""
+        config = {'bootstrap.servers': self.bootstrap_servers, 'group.id': 'test-end'}
+        with contextlib.closing(Consumer(config)) as consumer:
+            here = TopicPartition(topic, partition)
+            return int(consumer.get_watermark_offsets(here, timeout=10)[1]) >= offset
+
     def committed(self, group: str, topic: str, partition: int = 0) -> int:
         """The committed offset of a group; negative where there is none."""
         config = {'bootstrap.servers': self.bootstrap_servers, 'group.id': group}

@@ -6,7 +6,7 @@ import threading
 import time
 from contextlib import ExitStack
 
-from ros2_kafka_bridge.config import Config, warnings
+from ros2_kafka_bridge.config import Config, KafkaToRosRoute, warnings
 from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.logs import route_log
 from ros2_kafka_bridge.metrics import Counters, Snapshot, State
@@ -20,6 +20,7 @@ STATUS_S = 10.0
 _FIRST_BACKOFF_S = 1.0
 _LONGEST_BACKOFF_S = 10.0
 _CLOSING_S = 10.0
+_AT_ONCE_S = 2.0
 
 
 class Bridge:
@@ -33,8 +34,13 @@ class Bridge:
     def __init__(self, config: Config, routes: frozenset[str] | None = None) -> None:
         self.config = config
         self.stop = Stop()
+        # Routes from ROS stop after those to ROS: what one of these has published last, and its
+        # reader here has acknowledged, is still taken.
+        self._stop_takers = Stop()
         self._lanes = [
-            _Lane(route) for route in config.routes if routes is None or route.name in routes
+            _Lane(route, self.stop if isinstance(route, KafkaToRosRoute) else self._stop_takers)
+            for route in config.routes
+            if routes is None or route.name in routes
         ]
         self._log = route_log()
         self._crashed = False
@@ -50,20 +56,17 @@ class Bridge:
         endpoints = endpoints_of(routes, probed, self.config.ros.lease_s)
         with open_node(self.config.name, self.config.ros.domain_id, endpoints) as node:
             abilities = self._start(node, probed)
-            wiring = Wiring(self.config, node, abilities, endpoints, self.stop)
-            threads = [
-                threading.Thread(
+            wiring = Wiring(self.config, node, abilities, endpoints)
+            for lane in self._lanes:
+                lane.thread = threading.Thread(
                     target=self._keep_running,
                     args=(lane, wiring),
                     name=lane.route.name,
                     daemon=True,
                 )
-                for lane in self._lanes
-            ]
-            for thread in threads:
-                thread.start()
-            self._watch(threads)
-            self._shut_down(threads)
+                lane.thread.start()
+            self._watch()
+            self._shut_down()
         return 1 if self._crashed or any(lane.final for lane in self._lanes) else 0
 
     def snapshots(self) -> list[Snapshot]:
@@ -94,7 +97,7 @@ class Bridge:
                 while not self._run_once(lane, wiring, stack, backoff_s):
                     if time.monotonic() - started_s > _LONGEST_BACKOFF_S:
                         backoff_s = _FIRST_BACKOFF_S
-                    self.stop.wait(backoff_s)
+                    lane.stop.wait(backoff_s)
                     backoff_s = min(_LONGEST_BACKOFF_S, 2 * backoff_s)
                     started_s = time.monotonic()
         except BaseException:
@@ -104,24 +107,24 @@ class Bridge:
 
     def _run_once(self, lane: '_Lane', wiring: Wiring, stack: ExitStack, backoff_s: float) -> bool:
         """Run one route until it stops or fails; tells whether that was the end of it."""
-        draining = self.stop.asked  # a route that failed before still owes a drain
+        draining = lane.stop.asked  # a route that failed before still owes a drain
         try:
-            lane.direction = lane.direction or wiring.make(lane.route, lane.log, stack)
+            lane.direction = lane.direction or wiring.make(lane.route, lane.log, lane.stop, stack)
             lane.failure = ''
             if lane.direction is not None:
-                lane.direction.run(self.stop)
+                lane.direction.run(lane.stop)
         except BridgeError as error:
             lane.failure = str(error)
             lane.final = draining or (isinstance(error, RouteError) and error.final)
-            again = '' if lane.final or self.stop.asked else f'; tried again in {backoff_s:.0f} s'
+            again = '' if lane.final or lane.stop.asked else f'; tried again in {backoff_s:.0f} s'
             lane.log.error('failed: %s%s', error, again)  # noqa: TRY400 (the user's to mend)
             return lane.final
         return True
 
-    def _watch(self, threads: list[threading.Thread]) -> None:
+    def _watch(self) -> None:
         before = {s.route: s for s in self.snapshots()}
         looked_s = time.monotonic()
-        while not self.stop.asked and any(thread.is_alive() for thread in threads):
+        while not self.stop.asked and any(lane.runs for lane in self._lanes):
             if self.stop.wait(0.2) or time.monotonic() - looked_s < STATUS_S:
                 continue
             period_s, looked_s = time.monotonic() - looked_s, time.monotonic()
@@ -132,34 +135,46 @@ class Bridge:
 
     # Shutdown
 
-    def _shut_down(self, threads: list[threading.Thread]) -> None:
-        """Wait for the drains; what does not end in time is left behind."""
-        if any(thread.is_alive() for thread in threads):
+    def _shut_down(self) -> None:
+        """Drain the routes to ROS, then those from ROS; what does not end in time is left."""
+        if any(lane.runs for lane in self._lanes):
             self._log.info('stopping: draining; once more stops at once')
-        longest_s = max(lane.route.drain_s for lane in self._lanes)
-        deadline_s = time.monotonic() + longest_s + _CLOSING_S
-        while any(thread.is_alive() for thread in threads) and time.monotonic() < deadline_s:
-            if self.stop.at_once:
-                deadline_s = min(deadline_s, time.monotonic() + 2.0)
-            for thread in threads:
-                thread.join(0.05)
+        self._join([lane for lane in self._lanes if lane.stop is self.stop])
+        self._stop_takers.ask()
+        self._join(self._lanes)
         for lane in self._lanes:
             lane.log.info('stopped: %s', totals(lane.snapshot()))
-        if any(thread.is_alive() for thread in threads):
+        if any(lane.runs for lane in self._lanes):
             self._log.error('some routes did not end in time and were left')
             logging.shutdown()
             os._exit(1)
+
+    def _join(self, lanes: list['_Lane']) -> None:
+        longest_s = max((lane.route.drain_s for lane in lanes), default=0.0)
+        deadline_s = time.monotonic() + longest_s + _CLOSING_S
+        while any(lane.runs for lane in lanes) and time.monotonic() < deadline_s:
+            if self.stop.at_once and not self._stop_takers.at_once:
+                self._stop_takers.ask()
+                self._stop_takers.ask()
+                deadline_s = time.monotonic() + _AT_ONCE_S
+            time.sleep(0.02)
 
 
 class _Lane:
     """One route and what runs it."""
 
-    def __init__(self, route: Route) -> None:
+    def __init__(self, route: Route, stop: Stop) -> None:
         self.route = route
+        self.stop = stop
+        self.thread: threading.Thread | None = None
         self.log = route_log(route.name)
         self.direction: Direction | None = None
         self.failure = ''
         self.final = False
+
+    @property
+    def runs(self) -> bool:
+        return self.thread is not None and self.thread.is_alive()
 
     def snapshot(self) -> Snapshot:
         if self.direction is None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ros2_kafka_bridge import __version__
-from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.errors import BridgeError, ConfigError
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.config import Config
@@ -96,7 +96,7 @@ def main() -> None:
     """Run the command line; a mistake of the user ends with its sentences, not a traceback."""
     try:
         app()
-    except ConfigError as error:
+    except BridgeError as error:  # only the start raises one: a route keeps its own
         typer.echo(str(error), err=True)
         sys.exit(2)
 

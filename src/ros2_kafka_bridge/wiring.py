@@ -57,15 +57,13 @@ class Wiring:
         node: RosNode,
         abilities: Abilities,
         endpoints: Endpoints,
-        stop: Stop,
     ) -> None:
         self._config = config
         self._node = node
         self._abilities = abilities
         self._endpoints = endpoints
-        self._stop = stop
 
-    def make(self, route: Route, log: Log, stack: ExitStack) -> Direction | None:
+    def make(self, route: Route, log: Log, stop: Stop, stack: ExitStack) -> Direction | None:
         """Make what runs a route; None when a stop came while its type was waited for.
 
         Its ROS endpoint is open until the stack closes: a route that fails on the Kafka side
@@ -77,7 +75,7 @@ class Wiring:
         """
         if isinstance(route, KafkaToRosRoute):
             return self._kafka_to_ros(route, log, stack)
-        return self._ros_to_kafka(route, log, stack)
+        return self._ros_to_kafka(route, log, stop, stack)
 
     def _kafka_to_ros(
         self,
@@ -110,9 +108,10 @@ class Wiring:
         self,
         route: RosToKafkaRoute,
         log: Log,
+        stop: Stop,
         stack: ExitStack,
     ) -> RosToKafka | None:
-        name = route.source.type or wait_for_type(self._node, route.source.ros, self._stop.wait)
+        name = route.source.type or wait_for_type(self._node, route.source.ros, stop.wait)
         if name is None:
             return None
         message_type = load_type(name)

@@ -1,6 +1,8 @@
 """Both directions at once, as a user starts them."""
 
-from harness import Bench, to_kafka, to_ros, values
+from functools import partial
+
+from harness import Bench, eventually, to_kafka, to_ros, values
 
 from ros2_kafka_bridge.testing.orders import encode, orders
 
@@ -26,3 +28,22 @@ def test_50000_orders_through_both_directions_arrive_once_and_in_order(
         assert bridge.end() == 0
     assert len(received) == COUNT
     assert received == sent
+
+
+def test_guarantee_7_a_stop_in_mid_stream_loses_nothing_between_two_routes_of_one_bridge(
+    bench: Bench, topic_name: str
+) -> None:
+    sent = [f'{number}'.encode().ljust(500) for number in range(COUNT)]
+    returned = f'{topic_name}.returned'
+    config = bench.config([to_ros(topic_name, '/orders'), to_kafka('/orders', returned)])
+    bench.create_topic(topic_name)
+    bench.create_topic(returned)
+    bench.produce(topic_name, list(sent))
+    for goal in (2000, 15_000, 30_000):
+        with bench.bridge(config) as bridge:
+            eventually(partial(bench.reaches, returned, goal), 30, bridge.output)
+            assert bridge.end() == 0, bridge.output()
+    committed = bench.committed('test.to_ros', topic_name)
+    assert 0 < committed < COUNT, 'the stops came in mid-stream'
+    received = values(bench.records(returned, committed))
+    assert received == sent[:committed]

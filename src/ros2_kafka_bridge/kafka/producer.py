@@ -8,8 +8,10 @@ from typing import Any, Generic
 from confluent_kafka import KafkaError, KafkaException, Message, Producer
 
 from ros2_kafka_bridge.endpoints import Outgoing, Reports, Token
-from ros2_kafka_bridge.errors import BridgeError, RecordError, RecordTooLargeError
+from ros2_kafka_bridge.errors import BridgeError, RecordTooLargeError
 from ros2_kafka_bridge.kafka.errors import ClientHealth, translate
+
+_LARGEST_BYTES = 1_000_000  # librdkafka's default
 
 
 class KafkaSink(Generic[Token]):
@@ -100,16 +102,17 @@ class KafkaSink(Generic[Token]):
             self._confirmed.append(token)
         elif error.code() == KafkaError.MSG_SIZE_TOO_LARGE:
             self._failed.append(
-                (token, _too_large(len(message), 'max.message.bytes of the topic'))
+                (
+                    token,
+                    RecordTooLargeError(len(message), None, 'max.message.bytes of the topic'),
+                )
             )
         else:
             self._failed.append((token, translate(error, self._where)))
 
     def _refusal(self, error: KafkaError, record: Outgoing) -> BridgeError:
         if error.code() == KafkaError.MSG_SIZE_TOO_LARGE:
-            return _too_large(len(record.value or b''), 'message.max.bytes of the producer')
+            limit_bytes = int(self._properties.get('message.max.bytes', _LARGEST_BYTES))
+            where = 'message.max.bytes of the producer'
+            return RecordTooLargeError(len(record.value or b''), limit_bytes, where)
         return translate(error, self._where)
-
-
-def _too_large(size_bytes: int, limit_name: str) -> RecordError:
-    return RecordTooLargeError(size_bytes, None, limit_name)
