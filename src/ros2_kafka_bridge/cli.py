@@ -19,6 +19,7 @@ app = typer.Typer(
     help='Moves every message between Apache Kafka and ROS 2, both ways, and loses none.',
     no_args_is_help=True,
     add_completion=False,
+    rich_markup_mode=None,  # its import takes longer than all the rest of --help
     pretty_exceptions_enable=False,
     context_settings={'help_option_names': ['-h', '--help']},
 )

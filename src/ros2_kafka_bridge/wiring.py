@@ -126,11 +126,12 @@ class Wiring:
             has_gid=self._abilities.gid,
             on_offer=produced.look,
         )
-        properties = self._producer_properties(route)
         encode = FORMATS[route.format].make_encode(message_type.layout)
         make_value_key = make_key(route.sink.key, route.source.ros, message_type.layout)
         headers = make_headers(route.source.ros, name, self._config.name, source.type_hash)
+        # Open before Kafka is asked anything: from here on DDS holds the publishers back.
         stack.enter_context(_open(source))
+        properties = self._producer_properties(route)
         return RosToKafka(
             route,
             source,
@@ -152,13 +153,13 @@ class Wiring:
         properties = producer_properties(users, client_id=self._config.name)
         # A broker refuses a whole batch that is larger than the topic allows.
         limit_bytes = topic_limit_bytes(properties, route.sink.kafka) or _LARGEST_BATCH_BYTES
+        batch_bytes = min(limit_bytes, int(properties.get('batch.size', _LARGEST_BATCH_BYTES)))
         own = {
-            'batch.size': min(limit_bytes, _LARGEST_BATCH_BYTES),
             'queue.buffering.max.messages': route.max_in_flight,
             'queue.buffering.max.kbytes': max(_LEAST_KBYTES, route.max_in_flight_bytes // 1024),
             'message.max.bytes': max(_LARGEST_BATCH_BYTES, route.max_message_bytes + _FRAME_BYTES),
         }
-        return own | properties
+        return own | properties | {'batch.size': batch_bytes}
 
     def _dead_letters(self, route: Route, log: Log) -> DeadLetters[Any]:
         topic = route.dead_letter_topic
