@@ -91,6 +91,14 @@ class RecordSource(Protocol):
         """Records that the topic no longer held when the bridge came to read them."""
         ...
 
+    @property
+    def ends(self) -> Mapping[int, int]:
+        """Of each partition that was read to its end: the offset before which nothing is left.
+
+        Marks of transactions have offsets, too, and are no records.
+        """
+        ...
+
     def open(self, rebalance: Rebalance) -> None:
         """Join the group."""
 

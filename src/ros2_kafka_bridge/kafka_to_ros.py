@@ -42,7 +42,7 @@ _ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small records count
 class Entry:
     """One record on its way."""
 
-    __slots__ = ('cdr', 'offset', 'outcome', 'partition', 'record', 'size_bytes')
+    __slots__ = ('cdr', 'failure', 'offset', 'outcome', 'partition', 'record', 'size_bytes')
 
     def __init__(self, record: Record) -> None:
         self.record = record
@@ -51,6 +51,7 @@ class Entry:
         self.size_bytes = len(record.value() or b'') + _ENTRY_BYTES
         self.cdr = b''
         self.outcome: Outcome | None = None
+        self.failure: RouteError | None = None  # ends the route once all before it have ended
 
 
 class KafkaToRos:
@@ -120,6 +121,8 @@ class KafkaToRos:
         else:
             self._wait(obstacle)
         self._settle()
+        if self._window and (failure := self._window[0].failure) is not None:
+            raise failure
         self._tick(obstacle)
 
     # 1. Kafka -> entries
@@ -155,7 +158,10 @@ class KafkaToRos:
     def _refuse(self, entry: Entry, error: RecordError) -> None:
         where = f'{self._route.source.kafka}[{entry.partition}]@{entry.offset}'
         if self._route.on_error == 'stop':
-            raise RouteError(f'{where}: {error}; stopped, as on_error says', final=True)
+            text = f'{where}: {error}; stopped, as on_error says'
+            entry.failure = RouteError(text, final=True)
+            self._pending.append(entry)
+            return
         self._occasional.warning(f'{self._route.on_error}: {where}: {error}')
         if self._route.on_error == 'drop':
             entry.outcome = Outcome.DROPPED
@@ -178,6 +184,8 @@ class KafkaToRos:
         pending, unconfirmed, publish = self._pending, self._unconfirmed, self._sink.publish
         while pending:
             entry = pending[0]
+            if entry.failure is not None:
+                return 'on_error: stop'
             if self._expired(entry.record):
                 entry.outcome = Outcome.DROPPED
             elif self._too_early():
@@ -278,6 +286,10 @@ class KafkaToRos:
             self._window_bytes -= entry.size_bytes
             positions[entry.partition] = entry.offset + 1
             end(outcome)
+        if not window:
+            for partition, offset in self._source.ends.items():
+                if positions.get(partition, offset) < offset:
+                    positions[partition] = offset
 
     def _tick(self, obstacle: str | None) -> None:
         now_s = time.monotonic()
@@ -368,6 +380,7 @@ class KafkaToRos:
             self._source.close()
             self._dead_letters.close()
             self._positions.clear()
+            self.counters.lost_upstream = self._source.lost_upstream
             self.snapshot = self.counters.snapshot(len(self._window))
 
 

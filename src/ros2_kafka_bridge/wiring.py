@@ -28,6 +28,7 @@ from ros2_kafka_bridge.stop import Stop
 READER_SAMPLES = 2000
 _LARGEST_BATCH_BYTES = 1_000_000
 _LEAST_KBYTES = 1024
+_LARGEST_LETTER_BYTES = 1_000_000_000  # the most that librdkafka takes
 _FRAME_BYTES = 10_000  # of key, headers and protocol around a message
 
 Route = KafkaToRosRoute | RosToKafkaRoute
@@ -164,6 +165,8 @@ class Wiring:
     def _dead_letters(self, route: Route, log: Log) -> DeadLetters[Any]:
         topic = route.dead_letter_topic
         properties = producer_properties(self._config.kafka, client_id=self._config.name)
+        # Each on its own, and refused by the broker alone: none is refused for the others' sizes.
+        properties |= {'batch.num.messages': 1, 'message.max.bytes': _LARGEST_LETTER_BYTES}
         return DeadLetters(
             topic,
             KafkaSink[Letter[Any]](properties, f'dead-letter topic {topic}', log),

@@ -42,16 +42,21 @@ class KafkaSource:
     ) -> None:
         # A member that knows its name gets its place back at once when the broker was away longer
         # than the session; another would wait until the broker gives up the old one.
-        self._properties = {'group.instance.id': uuid.uuid4().hex, **properties}
+        own = {'group.instance.id': uuid.uuid4().hex, 'enable.partition.eof': True}
+        self._properties = own | dict(properties)
         self._topic = topic
         self._start = start
         self._log = log
         self._health = ClientHealth(f'topic {topic}', log)
         self._consumer: Consumer | None = None
         self._committed: dict[int, int] = {}
+        self._positions: dict[int, int] = {}  # as they were to be committed last
+        self._left: dict[int, tuple[int, int]] = {}  # of lost partitions: committed and position
+        self._gone: set[int] = set()  # partitions handed over while records were read
         self._held = False
         self._fresh = False  # some partitions came while the others were held
         self._closing = False
+        self.ends: dict[int, int] = {}
         self.lost_upstream = 0
 
     @property
@@ -68,7 +73,9 @@ class KafkaSource:
 
         def on_assign(_: Consumer, partitions: list[TopicPartition]) -> None:
             self._fresh = True
+            self._gone -= _numbers(partitions)
             self._log.info('reads %s', _names(self._topic, partitions))
+            self._go_on(partitions)
 
         def on_revoke(_: Consumer, partitions: list[TopicPartition]) -> None:
             if self._closing:
@@ -78,8 +85,13 @@ class KafkaSource:
             self._forget(partitions)
 
         def on_lost(_: Consumer, partitions: list[TopicPartition]) -> None:
-            self._log.warning('lost %s to another bridge', _names(self._topic, partitions))
+            self._log.warning(
+                'lost %s: Kafka has not heard of this bridge, another may read on',
+                _names(self._topic, partitions),
+            )
             rebalance.lost(_numbers(partitions))
+            for number in _numbers(partitions) & self._positions.keys():
+                self._left[number] = self._committed.get(number, 0), self._positions[number]
             self._forget(partitions)
 
         self._closing = self._held = False
@@ -110,6 +122,7 @@ class KafkaSource:
 
     def commit(self, positions: Mapping[int, int]) -> None:
         """Commit the next offset to read of each partition, without waiting for it."""
+        self._positions.update(positions)
         news = self._news(positions)
         if not news:
             return
@@ -155,9 +168,15 @@ class KafkaSource:
         """Leave the group; what is to be committed has been."""
         if self._consumer is not None:
             self._closing = True
+            # A member with a name stays in the group when it closes, but not when it unsubscribes.
+            self._consumer.unsubscribe()
+            deadline_s = time.monotonic() + _LEAVE_S
+            while self._consumer.assignment() and time.monotonic() < deadline_s:
+                self._consumer.poll(0.01)
             self._consumer.close()
             self._consumer = None
-            self._committed.clear()
+            for known in (self._committed, self._positions, self._left, self.ends):
+                known.clear()
 
     @property
     def _client(self) -> Consumer:
@@ -170,7 +189,10 @@ class KafkaSource:
         self._health.raise_failure()
         if first is None:
             return ()
+        self._gone.clear()
         batch = [first, *self._client.consume(limit - 1, 0.0)] if limit > 1 else [first]
+        if first.partition() in self._gone:
+            del batch[0]
         if any(message.error() for message in batch):
             batch = [message for message in batch if self._is_record(message)]
         else:
@@ -187,6 +209,11 @@ class KafkaSource:
             return False
         if error.code() == KafkaError._MAX_POLL_EXCEEDED:  # noqa: SLF001
             return False
+        if error.code() == KafkaError._PARTITION_EOF:  # noqa: SLF001
+            self._health.on_contact()
+            if message.partition() not in self._gone:
+                self.ends[message.partition() or 0] = message.offset() or 0
+            return False
         if error.code() == KafkaError.UNKNOWN_TOPIC_OR_PART:
             # Once it is there, all that it holds is new.
             self._start = 'earliest'
@@ -197,6 +224,7 @@ class KafkaSource:
     def _place(self, partition: int) -> None:
         """Set where to read a partition whose stored offset is missing or out of range."""
         try:
+            self.ends.pop(partition, None)
             offset = self._resolve(partition)
             here = TopicPartition(self._topic, partition)
             self._client.incremental_unassign([here])
@@ -221,6 +249,8 @@ class KafkaSource:
             TopicPartition(self._topic, partition), timeout=_REQUEST_S
         )
         if partition in committed:
+            if low <= committed[partition] <= high:
+                return committed[partition]  # committed meanwhile, at the first start of the group
             self._say_gone(partition, committed[partition], low, high)
         return low
 
@@ -258,6 +288,30 @@ class KafkaSource:
                 self._topic, partition, wanted, low, high - 1,
             )  # fmt: skip
 
+    def _go_on(self, partitions: list[TopicPartition]) -> None:
+        """Begin at once more assigned partitions where they were left, if nobody read on there."""
+        numbers = _numbers(partitions) & self._left.keys()
+        left = {number: self._left.pop(number) for number in numbers}
+        if not left:
+            return
+        here = self._places(dict.fromkeys(left, OFFSET_INVALID))
+        try:
+            resumed = {
+                p.partition: position
+                for p in self._client.committed(here, timeout=_REQUEST_S)
+                for known, position in [left[p.partition]]
+                if known <= p.offset < position
+            }
+            if resumed:
+                stored = dict.fromkeys(_numbers(partitions), OFFSET_INVALID)
+                self._client.incremental_assign(self._places(stored | resumed))
+                self._client.commit(offsets=self._places(resumed), asynchronous=True)
+        except KafkaException as error:
+            self._log.warning('begins at the committed offsets: %s', error.args[0].str())
+
+    def _places(self, offsets: Mapping[int, int]) -> list[TopicPartition]:
+        return [TopicPartition(self._topic, p, offset) for p, offset in offsets.items()]
+
     def _news(self, positions: Mapping[int, int]) -> list[TopicPartition]:
         return [
             TopicPartition(self._topic, partition, offset)
@@ -276,7 +330,9 @@ class KafkaSource:
 
     def _forget(self, partitions: list[TopicPartition]) -> None:
         for partition in partitions:
-            self._committed.pop(partition.partition, None)
+            self._gone.add(partition.partition)
+            for known in (self._committed, self._positions, self.ends):
+                known.pop(partition.partition, None)
 
 
 def _numbers(partitions: list[TopicPartition]) -> frozenset[int]:

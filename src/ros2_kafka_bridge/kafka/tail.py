@@ -1,5 +1,6 @@
 """What the end of a topic says of the messages that are in it already."""
 
+import logging
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +11,7 @@ from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.errors import translate
 
 TAIL_RECORDS = 10_000
-_REQUEST_S = 10.0
+_REQUEST_S = 5.0
 _READ_S = 60.0
 
 
@@ -26,7 +27,10 @@ def read_tail(
         TransportError: The broker is away.
         RouteError: The topic may not be read.
     """
-    consumer = Consumer({**properties, 'enable.partition.eof': True})
+    consumer = Consumer(
+        {**properties, 'enable.partition.eof': True},
+        logger=logging.getLogger(f'{__name__}.librdkafka'),
+    )
     try:
         return _read(consumer, topic, records)
     except KafkaException as error:

@@ -62,6 +62,7 @@ class MemoryRecordSource:
     committed: dict[int, int] = field(default_factory=dict)
     away: str = ''
     lost_upstream: int = 0
+    ends: dict[int, int] = field(default_factory=dict)
     held: bool = False
     rebalance: Rebalance | None = None
 

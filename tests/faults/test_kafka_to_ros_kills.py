@@ -1,0 +1,339 @@
+"""Kafka -> ROS while something dies: the bridge, a subscriber, one bridge of two, the broker.
+
+A record's value is its number in its partition, which is also its offset. Subscribers that have
+to be slow take few samples into their DDS cache, so that the bridge's window is in flight
+whenever something happens.
+"""
+
+import signal
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from harness import Bench, Process, eventually, lines, to_ros, totals
+
+from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+
+GROUP = 'test.to_ros'
+ROS_TOPIC = '/numbers'
+SAMPLES = 50  # in the DDS cache of a slow subscriber
+SLOW = ('--work', '0.001')  # 0.8 messages/ms or so
+
+
+@pytest.fixture
+def arrived(tmp_path: Path) -> Path:
+    """The file of a subscriber."""
+    return tmp_path / 'arrived'
+
+
+def numbered(count: int) -> list[bytes]:
+    return [b'%d' % number for number in range(count)]
+
+
+def numbers(file: Path) -> list[int]:
+    return [int(line) for line in lines(file)]
+
+
+def wait_for_lines(file: Path, count: int, *processes: Process, timeout_s: float = 60.0) -> None:
+    eventually(
+        lambda: len(lines(file)) >= count,
+        timeout_s,
+        lambda: '\n'.join([f'{len(lines(file))} of {count}', *(p.output() for p in processes)]),
+    )
+
+
+def wait_for_all(file: Path, count: int, *processes: Process, timeout_s: float = 60.0) -> None:
+    """Wait for the last number; what came twice makes a file longer, not complete."""
+    last = str(count - 1)
+    eventually(
+        lambda: last in lines(file)[-1:],
+        timeout_s,
+        lambda: '\n'.join([f'{lines(file)[-1:]} of {last}', *(p.output() for p in processes)]),
+    )
+
+
+def steps_back(found: list[int]) -> list[tuple[int, int]]:
+    """Where repeats begin, as (number before, number after); between them nothing is left out.
+
+    That is 'in order but for repeats': a step forward is a step by one.
+    """
+    pairs = list(pairwise(found))
+    assert [(a, b) for a, b in pairs if b > a + 1] == []
+    return [(a, b) for a, b in pairs if b <= a]
+
+
+def test_guarantees_1_and_8_a_killed_bridge_loses_nothing_and_repeats_only_uncommitted_records(
+    bench: Bench, topic_name: str, arrived: Path
+) -> None:
+    count = 3500
+    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, numbered(count))
+    committed = []
+    with bench.subscriber(ROS_TOPIC, arrived, *SLOW, samples=SAMPLES):
+        for kill_at in (1200, 2200):
+            with bench.bridge(config) as bridge:
+                wait_for_lines(arrived, kill_at, bridge)
+                bridge.kill()
+            committed.append(bench.committed(GROUP, topic_name))
+        with bench.bridge(config) as bridge:
+            wait_for_all(arrived, count, bridge)
+            assert bridge.end() == 0
+        assert totals(bridge)['confirmed'] == count - committed[-1]
+    found = numbers(arrived)
+    assert found[0] == 0
+    # What comes again begins at the committed offset, so that all of it lies at or above.
+    assert [after for _, after in steps_back(found)] == committed
+    assert 0 < committed[0] < committed[1]
+    assert bench.committed(GROUP, topic_name) == count
+
+
+@pytest.mark.parametrize('lease_s', [3.0, None], ids=['lease 3 s', 'default lease'])
+def test_guarantee_1_when_the_only_subscriber_is_killed_the_next_one_gets_what_was_in_flight(
+    bench: Bench, topic_name: str, tmp_path: Path, lease_s: float | None
+) -> None:
+    """Lost is at most what the dead subscriber's own DDS cache held, acknowledged but not read.
+
+    Here that cache holds 50; a KEEP_ALL subscriber without a limit of its own has 5000.
+    """
+    count = 3000
+    first, second = tmp_path / 'first', tmp_path / 'second'
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, numbered(count))
+    with (
+        bench.subscriber(ROS_TOPIC, first, *SLOW, samples=SAMPLES, lease_s=lease_s) as dying,
+        bench.bridge(bench.config([to_ros(topic_name, ROS_TOPIC)])) as bridge,
+    ):
+        wait_for_lines(first, 1000, bridge)
+        dying.kill()
+        with bench.subscriber(ROS_TOPIC, second):
+            wait_for_all(second, count, bridge)
+            assert bridge.end() == 0
+    assert 'a subscriber of /numbers has gone: ' in bridge.output()
+    assert totals(bridge)['confirmed'] == count
+    assert totals(bridge)['published again'] >= 500 - SAMPLES
+    before, after = numbers(first), numbers(second)
+    assert steps_back(before) == []
+    steps_back(after)
+    in_cache, in_hand = SAMPLES, 1
+    assert min(after) <= before[-1] + in_cache + in_hand + 1
+
+
+def test_guarantee_4_the_bridge_waits_for_a_subscriber_that_stops_for_10_s(
+    bench: Bench, topic_name: str, arrived: Path
+) -> None:
+    """Nothing is lost or doubled, and the order is kept."""
+    count = 4000
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, numbered(count))
+    with (
+        bench.subscriber(ROS_TOPIC, arrived, *SLOW, samples=SAMPLES) as subscriber,
+        bench.bridge(bench.config([to_ros(topic_name, ROS_TOPIC)])) as bridge,
+    ):
+        wait_for_lines(arrived, 1000, bridge)
+        subscriber.send(signal.SIGSTOP)
+        stopped_s = time.monotonic()
+        bridge.wait_for('waiting (the history is full: a subscriber does not take)')
+        while time.monotonic() < stopped_s + 10:
+            committed = bench.committed(GROUP, topic_name)
+        at_most = len(lines(arrived)) + SAMPLES + 1
+        assert 0 < committed <= at_most
+        subscriber.send(signal.SIGCONT)
+        wait_for_all(arrived, count, bridge)
+        assert bridge.end() == 0
+    assert numbers(arrived) == list(range(count))
+    assert totals(bridge).get('published again', 0) == 0
+
+
+def test_guarantee_7_sigterm_in_mid_stream_and_a_new_start_lose_and_repeat_nothing(
+    bench: Bench, topic_name: str, arrived: Path
+) -> None:
+    count = 4000
+    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, numbered(count))
+    with bench.subscriber(ROS_TOPIC, arrived, *SLOW, samples=SAMPLES):
+        with bench.bridge(config) as bridge:
+            wait_for_lines(arrived, 1500, bridge)
+            assert bridge.end() == 0
+        drained = totals(bridge)
+        assert drained['given up'] == 0
+        assert drained['returned'] > 0, 'it was to be stopped in mid-stream'
+        assert bench.committed(GROUP, topic_name) == drained['confirmed']
+        with bench.bridge(config) as bridge:
+            wait_for_all(arrived, count, bridge)
+            assert bridge.end() == 0
+        assert totals(bridge)['confirmed'] == count - drained['confirmed']
+    assert numbers(arrived) == list(range(count))
+
+
+@pytest.mark.parametrize('signals', [1, 2])
+def test_guarantee_7_what_a_drain_gives_up_is_said_and_read_again(
+    bench: Bench, topic_name: str, arrived: Path, signals: int
+) -> None:
+    """With one signal after `drain_s`; with a second one at once, whatever `drain_s` says."""
+    count = 2000
+    drain_s = 1 if signals == 1 else 300
+    config = bench.config([to_ros(topic_name, ROS_TOPIC, drain_s=drain_s)])
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, numbered(count))
+    with bench.subscriber(ROS_TOPIC, arrived, *SLOW, samples=SAMPLES) as subscriber:
+        with bench.bridge(config) as bridge:
+            wait_for_lines(arrived, 1000, bridge)
+            subscriber.send(signal.SIGSTOP)
+            bridge.send(signal.SIGTERM)
+            bridge.wait_for('stopping: draining')
+            if signals == 2:
+                bridge.send(signal.SIGTERM)
+            assert bridge.wait() == 0
+        assert 'gave up waiting for' in bridge.output()
+        assert totals(bridge)['returned'] > 0
+        committed = bench.committed(GROUP, topic_name)
+        subscriber.send(signal.SIGCONT)
+        with bench.bridge(config) as bridge:
+            wait_for_all(arrived, count, bridge)
+            assert bridge.end() == 0
+    found = numbers(arrived)
+    assert found[0] == 0
+    assert [after for _, after in steps_back(found)] == [committed]
+
+
+# Two bridges in one group
+
+PARTITIONS = 4
+EACH = 800
+RATE = 400.0  # of a bridge
+
+
+def produce_everywhere(bench: Bench, topic: str) -> None:
+    for partition in range(PARTITIONS):
+        values = [b'%d %d' % (partition, number) for number in range(EACH)]
+        bench.produce(topic, values, partition=partition)
+
+
+def by_partition(file: Path) -> dict[int, list[int]]:
+    found = defaultdict(list)
+    for line in lines(file):
+        partition, number = line.split()
+        found[int(partition)].append(int(number))
+    return found
+
+
+def wait_for_everywhere(file: Path, *bridges: Process) -> None:
+    eventually(
+        lambda: len(set(lines(file))) == PARTITIONS * EACH,
+        60,
+        lambda: '\n'.join([f'{len(set(lines(file)))}', *(b.output() for b in bridges)]),
+    )
+
+
+def test_guarantee_3_a_killed_bridge_of_two_hands_over_in_order_and_repeats_only_its_window(
+    bench: Bench, topic_name: str, arrived: Path
+) -> None:
+    config = bench.config([to_ros(topic_name, ROS_TOPIC, max_rate=RATE)])
+    bench.create_topic(topic_name, partitions=PARTITIONS)
+    with (
+        bench.subscriber(ROS_TOPIC, arrived),
+        bench.bridge(config) as survivor,
+    ):
+        survivor.wait_for(f'reads {topic_name}[0, 1, 2, 3]')
+        with bench.bridge(config) as dying:
+            dying.wait_for(f'reads {topic_name}[')
+            produce_everywhere(bench, topic_name)
+            wait_for_lines(arrived, PARTITIONS * EACH // 2, survivor, dying)
+            dying.kill()
+        committed = [bench.committed(GROUP, topic_name, p) for p in range(PARTITIONS)]
+        wait_for_everywhere(arrived, survivor, dying)
+        assert survivor.end() == 0
+    assert totals(survivor)['confirmed'] > 2 * EACH
+    repeated = {}
+    for partition, found in by_partition(arrived).items():
+        assert found[0] == 0
+        assert found[-1] == EACH - 1
+        if back := steps_back(found):
+            repeated[partition] = [after for _, after in back]
+    assert repeated == {partition: [committed[partition]] for partition in repeated}
+    assert len(repeated) <= PARTITIONS // 2, 'what the survivor read itself is not repeated'
+
+
+def test_guarantee_3_bridges_that_join_and_leave_in_mid_stream_lose_and_repeat_nothing(
+    bench: Bench, topic_name: str, arrived: Path
+) -> None:
+    """A hand-over waits until what is in flight is confirmed and committed, 5 s at most."""
+    config = bench.config([to_ros(topic_name, ROS_TOPIC, max_rate=RATE)])
+    bench.create_topic(topic_name, partitions=PARTITIONS)
+    produce_everywhere(bench, topic_name)
+    with (
+        bench.subscriber(ROS_TOPIC, arrived),
+        bench.bridge(config) as leaving,
+    ):
+        wait_for_lines(arrived, 100, leaving)
+        with bench.bridge(config) as joining:
+            joining.wait_for(f'reads {topic_name}[')
+            wait_for_lines(arrived, len(lines(arrived)) + 300, leaving, joining)
+            assert leaving.end() == 0
+            wait_for_everywhere(arrived, leaving, joining)
+            assert joining.end() == 0
+    assert f'hands over {topic_name}[' in leaving.output()
+    confirmed = totals(leaving)['confirmed'], totals(joining)['confirmed']
+    assert sum(confirmed) == PARTITIONS * EACH
+    assert min(confirmed) > 0
+    expected = {partition: list(range(EACH)) for partition in range(PARTITIONS)}
+    assert dict(by_partition(arrived)) == expected
+
+
+# The broker
+
+
+@contextmanager
+def stream(bench: Bench, topic: str, count: int, rate: float) -> Iterator[None]:
+    """Produce numbers at a rate, from a thread, through an outage of the broker too."""
+    thread = threading.Thread(
+        target=bench.produce, args=(topic, paced(count, rate)), kwargs={'partition': 0}
+    )
+    thread.start()
+    yield
+    thread.join(60)
+    assert not thread.is_alive()
+
+
+def paced(count: int, rate: float) -> Iterator[bytes]:
+    start_s = time.monotonic()
+    for number in range(count):
+        time.sleep(max(0.0, start_s + number / rate - time.monotonic()))
+        yield b'%d' % number
+
+
+def test_guarantee_1_all_arrive_once_through_a_restart_of_the_broker_and_go_on_within_5_s(
+    own_bench: Bench, own_kafka: LocalKafka, topic_name: str, arrived: Path
+) -> None:
+    bench, count, away_s = own_bench, 4000, 15
+    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
+    bench.create_topic(topic_name, partitions=2)
+    with (
+        bench.subscriber(ROS_TOPIC, arrived),
+        bench.bridge(config) as bridge,
+        stream(bench, topic_name, count, rate=200.0),
+    ):
+        wait_for_lines(arrived, 300, bridge)
+        own_kafka.stop()
+        bridge.wait_for('Kafka is away')
+        time.sleep(away_s)
+        before = len(lines(arrived))
+        own_kafka.start()
+        wait_for_lines(arrived, before + 1, bridge, timeout_s=5.0)
+        wait_for_all(arrived, count, bridge)
+        bridge.wait_for('Kafka is back')
+        # And the partition that had nothing before.
+        bench.produce(topic_name, numbered(10), partition=1)
+        wait_for_lines(arrived, count + 10, bridge)
+        assert bridge.end() == 0
+    assert numbers(arrived) == [*range(count), *range(10)]
+    assert totals(bridge)['confirmed'] == count + 10
+    assert 'ERROR' not in bridge.output()
+    assert bench.committed(GROUP, topic_name) == count
