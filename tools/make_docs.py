@@ -11,7 +11,8 @@ from typing import Any
 
 from pydantic_core import PydanticUndefined
 
-from ros2_kafka_bridge.config import (
+from ros2_kafka_bridge.config.file import loads
+from ros2_kafka_bridge.config.settings import (
     Config,
     KafkaSink,
     KafkaSource,
@@ -22,8 +23,7 @@ from ros2_kafka_bridge.config import (
     RosSource,
     RosToKafkaRoute,
 )
-from ros2_kafka_bridge.config_file import loads
-from ros2_kafka_bridge.config_words import Settings
+from ros2_kafka_bridge.config.words import Settings
 from ros2_kafka_bridge.errors import ConfigError
 
 DOCS = Path(__file__).parent.parent / 'docs'

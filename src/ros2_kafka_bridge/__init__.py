@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.bridge import Bridge
-    from ros2_kafka_bridge.config import Config
-    from ros2_kafka_bridge.config_file import load, loads
+    from ros2_kafka_bridge.config.file import load, loads
+    from ros2_kafka_bridge.config.settings import Config
     from ros2_kafka_bridge.errors import (
         BridgeError,
         ConfigError,
@@ -37,8 +37,8 @@ __all__ = [
     'loads',
 ]
 
-_HOMES = {'Bridge': 'bridge', 'Config': 'config', 'Snapshot': 'metrics'} | dict.fromkeys(
-    ('load', 'loads'), 'config_file'
+_HOMES = {'Bridge': 'bridge', 'Config': 'config.settings', 'Snapshot': 'metrics'} | dict.fromkeys(
+    ('load', 'loads'), 'config.file'
 )
 
 

@@ -6,7 +6,7 @@ import threading
 import time
 from contextlib import ExitStack
 
-from ros2_kafka_bridge.config import Config, KafkaToRosRoute, warnings
+from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, warnings
 from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.logs import route_log
 from ros2_kafka_bridge.metrics import Counters, Snapshot, State

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 from rich.console import Console
 from rich.text import Text
 
-from ros2_kafka_bridge.config import (
+from ros2_kafka_bridge.config.settings import (
     Config,
     KafkaToRosRoute,
     QoS,
@@ -25,7 +25,7 @@ from ros2_kafka_bridge.ros.probe import SAMPLES, limits, probe, probe_topic
 from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 
-_DISCOVERY_S = 1.5
+_DISCOVERY_S = 4.0  # Fast DDS announces a participant every 3 s: sometimes the first are missed
 
 Level = Literal['ok', 'note', 'bad']
 _MARKS: dict[Level, tuple[str, str]] = {

@@ -13,7 +13,7 @@ from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.config import Config
+    from ros2_kafka_bridge.config.settings import Config
 
 app = typer.Typer(
     help='Moves every message between Apache Kafka and ROS 2, both ways, and loses none.',
@@ -103,7 +103,7 @@ def main() -> None:
 
 
 def _load(file: Path) -> 'Config':
-    from ros2_kafka_bridge.config_file import load  # noqa: PLC0415 (heavy)
+    from ros2_kafka_bridge.config.file import load  # noqa: PLC0415 (heavy)
     from ros2_kafka_bridge.kafka.properties import property_problems  # noqa: PLC0415
     from ros2_kafka_bridge.ros.types import unknown_type  # noqa: PLC0415
 

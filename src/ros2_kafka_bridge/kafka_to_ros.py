@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from ros2_kafka_bridge.config import KafkaToRosRoute
+from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters, explain, from_kafka
 from ros2_kafka_bridge.endpoints import MessageSink, Outgoing, Readers, Record, RecordSource
 from ros2_kafka_bridge.errors import (

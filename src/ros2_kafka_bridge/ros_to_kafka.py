@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from ros2_kafka_bridge.config import RosToKafkaRoute
+from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters, explain, from_ros, without_value
 from ros2_kafka_bridge.endpoints import HeaderList, Message, MessageSource, Outgoing, RecordSink
 from ros2_kafka_bridge.errors import (

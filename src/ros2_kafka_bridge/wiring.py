@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from ros2_kafka_bridge.config import Config, KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters, Letter
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.formats import FORMATS

@@ -10,7 +10,9 @@ import pytest
 from pydantic import ValidationError
 from schema_check import schema_problems
 
-from ros2_kafka_bridge.config import (
+from ros2_kafka_bridge.config.checks import KeyPart, key_parts
+from ros2_kafka_bridge.config.file import load, loads
+from ros2_kafka_bridge.config.settings import (
     Config,
     KafkaSource,
     KafkaToRosRoute,
@@ -20,8 +22,6 @@ from ros2_kafka_bridge.config import (
     masked,
     warnings,
 )
-from ros2_kafka_bridge.config_checks import KeyPart, key_parts
-from ros2_kafka_bridge.config_file import load, loads
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.kafka.properties import property_problems
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from ros2_kafka_bridge import kafka_to_ros
-from ros2_kafka_bridge.config import KafkaToRosRoute
+from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters
 from ros2_kafka_bridge.errors import DecodeError, RouteError
 from ros2_kafka_bridge.kafka_to_ros import Entry, KafkaToRos

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from ros2_kafka_bridge.config import RosToKafkaRoute
+from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.errors import (

@@ -9,7 +9,7 @@ import os
 import time
 from typing import Any, NamedTuple
 
-from ros2_kafka_bridge.config import QoS
+from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.node import RosNode

@@ -4,7 +4,7 @@ import logging
 import time
 from typing import Any
 
-from ros2_kafka_bridge.config import QoS
+from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.endpoints import Readers
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.node import RosNode

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ros2_kafka_bridge.config import QoS
+from ros2_kafka_bridge.config.settings import QoS
 
 _NO_DEADLINE_NS = 2**31 * 10**9 - 1
 

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ros2_kafka_bridge.config import QoS
+from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.logs import Occasional

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic import ValidationError
 
-from ros2_kafka_bridge.config import Config
-from ros2_kafka_bridge.config_words import mistakes_in
-from ros2_kafka_bridge.config_yaml import Finding, Tree, YamlError, read_yaml
+from ros2_kafka_bridge.config.settings import Config
+from ros2_kafka_bridge.config.tree import Finding, Tree, YamlError, read_yaml
+from ros2_kafka_bridge.config.words import mistakes_in
 from ros2_kafka_bridge.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from ros2_kafka_bridge.config_values import CheckKafka, CheckType
+    from ros2_kafka_bridge.config.values import CheckKafka, CheckType
 
 SIZE_LIMIT_BYTES = 1024 * 1024
 

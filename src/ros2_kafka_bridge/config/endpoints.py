@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from ros2_kafka_bridge import config_checks as checks
-from ros2_kafka_bridge.config_values import (
+from ros2_kafka_bridge.config import checks
+from ros2_kafka_bridge.config.values import (
     Count,
     Domain,
     KafkaTopic,
@@ -16,7 +16,7 @@ from ros2_kafka_bridge.config_values import (
     Properties,
     RosTopic,
 )
-from ros2_kafka_bridge.config_words import Mistake, Settings
+from ros2_kafka_bridge.config.words import Mistake, Settings
 from ros2_kafka_bridge.kafka.properties import is_consumers
 
 

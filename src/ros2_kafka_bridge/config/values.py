@@ -7,8 +7,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 
-from ros2_kafka_bridge import config_checks as checks
-from ros2_kafka_bridge.config_words import Mistake, kind_of, refused
+from ros2_kafka_bridge.config import checks
+from ros2_kafka_bridge.config.words import Mistake, kind_of, refused
 from ros2_kafka_bridge.kafka.properties import PropertyValue, is_secret, refusal
 
 CheckType = Callable[[str], str | None]

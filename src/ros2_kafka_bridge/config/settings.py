@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, model_validator
 
-from ros2_kafka_bridge import config_checks as checks
-from ros2_kafka_bridge.config_endpoints import (
+from ros2_kafka_bridge.config import checks
+from ros2_kafka_bridge.config.endpoints import (
     KafkaSink,
     KafkaSource,
     QoS,
@@ -14,7 +14,7 @@ from ros2_kafka_bridge.config_endpoints import (
     RosSink,
     RosSource,
 )
-from ros2_kafka_bridge.config_values import (
+from ros2_kafka_bridge.config.values import (
     CheckKafka,
     Count,
     CountOrNone,
@@ -23,7 +23,7 @@ from ros2_kafka_bridge.config_values import (
     Positive,
     Properties,
 )
-from ros2_kafka_bridge.config_words import (
+from ros2_kafka_bridge.config.words import (
     MASK,
     Mistake,
     Settings,

@@ -1,0 +1,1 @@
+"""The configuration: settings classes, the file they are read from, and what its mistakes say."""
