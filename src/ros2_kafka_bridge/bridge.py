@@ -103,7 +103,8 @@ class Bridge:
         except BaseException:
             self._crashed = True
             lane.log.critical('a bug of the bridge ended this route', exc_info=True)
-            self.stop.ask()
+            if not self.stop.asked:
+                self.stop.ask()
 
     def _run_once(self, lane: '_Lane', wiring: Wiring, stack: ExitStack, backoff_s: float) -> bool:
         """Run one route until it stops or fails; tells whether that was the end of it."""
@@ -139,9 +140,11 @@ class Bridge:
         """Drain the routes to ROS, then those from ROS; what does not end in time is left."""
         if any(lane.runs for lane in self._lanes):
             self._log.info('stopping: draining; once more stops at once')
-        self._join([lane for lane in self._lanes if lane.stop is self.stop])
+        longest_s = max(lane.route.drain_s for lane in self._lanes)
+        deadline_s = time.monotonic() + longest_s + _CLOSING_S
+        self._join([lane for lane in self._lanes if lane.stop is self.stop], deadline_s)
         self._stop_takers.ask()
-        self._join(self._lanes)
+        self._join(self._lanes, deadline_s)
         for lane in self._lanes:
             lane.log.info('stopped: %s', totals(lane.snapshot()))
         if any(lane.runs for lane in self._lanes):
@@ -149,14 +152,12 @@ class Bridge:
             logging.shutdown()
             os._exit(1)
 
-    def _join(self, lanes: list['_Lane']) -> None:
-        longest_s = max((lane.route.drain_s for lane in lanes), default=0.0)
-        deadline_s = time.monotonic() + longest_s + _CLOSING_S
+    def _join(self, lanes: list['_Lane'], deadline_s: float) -> None:
         while any(lane.runs for lane in lanes) and time.monotonic() < deadline_s:
-            if self.stop.at_once and not self._stop_takers.at_once:
+            if self.stop.at_once:
                 self._stop_takers.ask()
                 self._stop_takers.ask()
-                deadline_s = time.monotonic() + _AT_ONCE_S
+                deadline_s = min(deadline_s, time.monotonic() + _AT_ONCE_S)
             time.sleep(0.02)
 
 
@@ -178,9 +179,9 @@ class _Lane:
 
     def snapshot(self) -> Snapshot:
         if self.direction is None:
-            empty = Counters(self.route.name).snapshot(0)
+            last = Counters(self.route.name).snapshot(0)
         else:
-            empty = self.direction.snapshot
+            last = self.direction.snapshot
         if self.failure:
-            return empty._replace(state=State.FAILED, reason=self.failure)
-        return empty
+            return last._replace(state=State.FAILED, reason=self.failure)
+        return last

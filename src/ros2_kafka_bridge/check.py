@@ -125,6 +125,12 @@ def _kafka_findings(
         view = broker.topic(topic)
         if view.exists:
             yield _topic_finding(topic, view, 'WRITE')
+            if view.rights is not None and 'READ' not in view.rights:
+                yield Finding(
+                    'note',
+                    f'no READ on topic {topic}: needed for TRANSIENT_LOCAL publishers, to skip '
+                    'what is there from before a restart',
+                )
         else:
             yield Finding(
                 'note',

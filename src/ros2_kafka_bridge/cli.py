@@ -1,6 +1,7 @@
 """The command line: text -> configuration -> Bridge."""
 
 import enum
+import gc
 import os
 import signal
 import sys
@@ -75,6 +76,9 @@ def run(file: File, routes: Names = '', log_format: Log = LogFormat.TEXT) -> Non
     def on_signal(_number: int, _frame: Any) -> None:
         bridge.stop.ask()
 
+    # The windows hold thousands of live entries: by default they are walked all the time.
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 100)
     signal.signal(signal.SIGTERM, on_signal)
     signal.signal(signal.SIGINT, on_signal)
     raise typer.Exit(bridge.run())

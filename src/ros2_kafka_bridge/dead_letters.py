@@ -3,7 +3,7 @@
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Generic, NamedTuple
 
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, RecordSink, Token
@@ -98,7 +98,8 @@ class DeadLetters(Generic[Token]):
         self._log = log
         self._open = False
         self._waiting: deque[Letter[Token]] = deque()
-        self._sent: list[Letter[Token]] = []
+        self._sent: dict[int, Letter[Token]] = {}
+        self._delivered: list[Token] = []
         self._again_at_s = 0.0
         self._backoff_s = _FIRST_BACKOFF_S
 
@@ -109,24 +110,24 @@ class DeadLetters(Generic[Token]):
 
     def poll(self) -> Sequence[Token]:
         """Send what waits, and return the tokens of the letters that were confirmed."""
-        if not self._waiting and not self._sent:
-            return ()
-        if time.monotonic() < self._again_at_s:
-            return ()
-        try:
-            return self._deliver()
-        except BridgeError as error:
-            return self._fail(error)
+        if (self._waiting or self._sent) and time.monotonic() >= self._again_at_s:
+            try:
+                self._deliver()
+            except BridgeError as error:
+                self._fail(error)
+        delivered, self._delivered = self._delivered, []
+        return delivered
 
     def close(self) -> Sequence[Token]:
         """Give up what is not written; return the tokens that were confirmed meanwhile."""
-        delivered = self._close_sink()
+        self._close_sink()
         self._waiting.clear()
         self._sent.clear()
         self.problem = ''
+        delivered, self._delivered = self._delivered, []
         return delivered
 
-    def _deliver(self) -> list[Token]:
+    def _deliver(self) -> None:
         if not self._open:
             self._sink.open()
             self._open = True
@@ -134,49 +135,51 @@ class DeadLetters(Generic[Token]):
         while self._waiting and self._send(self._waiting[0]):
             self._waiting.popleft()
         reports = self._sink.poll(0.0)
-        for letter in reports.confirmed:
-            self._sent.remove(letter)
-        for letter, error in reports.failed:
-            self._sent.remove(letter)
-            self._send_again(letter, error)
+        self._end(reports.confirmed)
         if reports.confirmed:
             self.problem = ''
             self._backoff_s = _FIRST_BACKOFF_S
-        return [letter.token for letter in reports.confirmed]
+        problems = [self._send_again(letter, error) for letter, error in reports.failed]
+        for problem in filter(None, problems):
+            raise problem
+
+    def _end(self, letters: Iterable[Letter[Token]]) -> None:
+        for letter in letters:
+            del self._sent[id(letter)]
+            self._delivered.append(letter.token)
 
     def _send(self, letter: Letter[Token]) -> bool:
         try:
             taken = self._sink.produce(letter.record, letter)
         except RecordTooLargeError as error:
-            self._send_again(letter, error)
+            self._sent[id(letter)] = letter
+            if problem := self._send_again(letter, error):
+                raise problem from error
             return True
         if taken:
-            self._sent.append(letter)
+            self._sent[id(letter)] = letter
         return taken
 
-    def _send_again(self, letter: Letter[Token], error: BridgeError) -> None:
-        too_large = isinstance(error, RecordTooLargeError) and letter.smaller
-        if too_large:
+    def _send_again(self, letter: Letter[Token], error: BridgeError) -> BridgeError | None:
+        """Put a letter back in line, smaller where that helps; return what only a person mends."""
+        del self._sent[id(letter)]
+        if isinstance(error, RecordTooLargeError) and letter.smaller:
             shrink, *rest = letter.smaller
-            letter = Letter(letter.token, shrink(letter.record), rest)
+            self._waiting.append(Letter(letter.token, shrink(letter.record), rest))
+            return None
         self._waiting.append(letter)
-        if not too_large and not isinstance(error, TransportError):
-            raise error
+        return None if isinstance(error, TransportError) else error
 
-    def _fail(self, error: BridgeError) -> Sequence[Token]:
+    def _fail(self, error: BridgeError) -> None:
         self.problem = f'the dead-letter topic {self.topic} cannot be written: {error}'
         self._log.error('failed: %s; tried again in %.0f s', self.problem, self._backoff_s)
         self._again_at_s = time.monotonic() + self._backoff_s
         self._backoff_s = min(_LONGEST_BACKOFF_S, 2 * self._backoff_s)
-        delivered = self._close_sink()
-        self._waiting.extendleft(reversed(self._sent))
+        self._close_sink()
+        self._waiting.extendleft(reversed(self._sent.values()))
         self._sent.clear()
-        return delivered
 
-    def _close_sink(self) -> Sequence[Token]:
-        if not self._open:
-            return ()
-        self._open = False
-        delivered = list(self._sink.close())
-        self._sent = [letter for letter in self._sent if letter not in delivered]
-        return [letter.token for letter in delivered]
+    def _close_sink(self) -> None:
+        if self._open:
+            self._open = False
+            self._end(self._sink.close())

@@ -171,6 +171,11 @@ class MessageSource(Protocol):
         """Messages lost before the bridge could take them, by the gaps in their numbers."""
         ...
 
+    @property
+    def exhausted(self) -> bool:
+        """Whether the last take has found nothing more to take."""
+        ...
+
     def open(self) -> None:
         """Subscribe."""
 

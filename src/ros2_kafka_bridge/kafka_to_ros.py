@@ -194,6 +194,7 @@ class KafkaToRos:
                 return 'the history is full: a subscriber does not take'
             else:
                 unconfirmed.append(entry)
+                self._nap_s = _SHORTEST_NAP_S
             pending.popleft()
         return self._no_room()
 
@@ -231,7 +232,8 @@ class KafkaToRos:
         now_s = time.monotonic()
         if self._blocked_since_s is None:
             self._blocked_since_s = now_s
-        if self._route.when_full == 'drop_oldest' and obstacle != 'max_rate':
+        drops = self._route.when_full == 'drop_oldest' and not self._dead_letters.problem
+        if drops and obstacle != 'max_rate':
             self._poll(_BUSY_S)
             self._drop_oldest()
         elif now_s - self._blocked_since_s > HOLD_AFTER_S:
@@ -245,7 +247,7 @@ class KafkaToRos:
 
     def _drop_oldest(self) -> None:
         room_bytes = self._route.max_in_flight_bytes
-        while self._pending and (
+        while (self._pending and self._pending[0].failure is None) and (
             len(self._pending) > self._route.max_in_flight or self._window_bytes > room_bytes
         ):
             self._pending.popleft().outcome = Outcome.DROPPED
@@ -256,6 +258,7 @@ class KafkaToRos:
     def _confirm(self) -> Readers:
         readers = self._sink.readers()
         if readers.lost:
+            self._ready_at_s = None  # another one may have come in its place just now
             self._publish_again()
         for _ in range(readers.confirmed - self._confirmed):
             entry = self._unconfirmed.popleft()
@@ -332,7 +335,7 @@ class KafkaToRos:
     def _has_unconfirmed(self, partitions: frozenset[int]) -> bool:
         return any(e.outcome is None and e.partition in partitions for e in self._unconfirmed)
 
-    def _give_back(self, condition: Callable[[Entry], bool]) -> int:
+    def _give_back(self, condition: Callable[[Entry], bool]) -> None:
         """Return entries to Kafka: their offsets are not committed, they are read again."""
         kept: deque[Entry] = deque()
         for entry in self._window:
@@ -344,7 +347,6 @@ class KafkaToRos:
                 kept.append(entry)
         self._window = kept
         self._pending = deque(e for e in self._pending if e.outcome is None)
-        return len(self._pending)
 
     def _drain(self, stop: Stop) -> None:
         deadline_s = time.monotonic() + self._route.drain_s
@@ -365,9 +367,17 @@ class KafkaToRos:
             self._log.warning('the last offsets are not committed: some records are repeated')
 
     def _give_back_pending(self) -> None:
+        """Return what was not published, and what lies behind it: it is read again with it."""
         waiting = set(map(id, self._pending))
+        holes: set[int] = set()
+
+        def at_or_behind_a_hole(entry: Entry) -> bool:
+            if id(entry) in waiting:
+                holes.add(entry.partition)
+            return entry.partition in holes
+
         if waiting:
-            self._give_back(lambda entry: id(entry) in waiting)
+            self._give_back(at_or_behind_a_hole)
 
     @contextmanager
     def _opened(self) -> Iterator[None]:
@@ -381,6 +391,7 @@ class KafkaToRos:
             self._dead_letters.close()
             self._positions.clear()
             self.counters.lost_upstream = self._source.lost_upstream
+            self.counters.state, self.counters.reason = State.STOPPED, ''
             self.snapshot = self.counters.snapshot(len(self._window))
 
 

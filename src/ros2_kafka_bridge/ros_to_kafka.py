@@ -101,6 +101,7 @@ class RosToKafka:
         self._window_bytes = 0
         self._pending: deque[Entry] = deque()
         self._alone: Entry | None = None
+        self._failed: tuple[int, str] | None = None  # number and reason, where on_error is stop
         self._number = 0
         self._tick_at_s = 0.0
 
@@ -127,20 +128,18 @@ class RosToKafka:
     # 1. ROS -> entries
 
     def _room(self) -> int:
-        if self._dead_letters.problem:
+        if self._dead_letters.problem or self._failed is not None:
             return 0
         if self._route.when_full == 'drop_oldest':
             self._drop_oldest()
-            return BATCH
+            return 0 if self._window_bytes > self._route.max_in_flight_bytes else BATCH
         if self._window_bytes >= self._route.max_in_flight_bytes:
             return 0
         return min(BATCH, self._route.max_in_flight - len(self._window))
 
-    def _take(self, limit: int, timeout_s: float) -> int:
-        messages = self._source.take(limit, timeout_s)
-        for message in messages:
+    def _take(self, limit: int, timeout_s: float) -> None:
+        for message in self._source.take(limit, timeout_s):
             self._accept(message)
-        return len(messages)
 
     def _accept(self, message: Message) -> None:
         self.counters.taken += 1
@@ -155,7 +154,9 @@ class RosToKafka:
         except RecordError as error:
             self._refuse(self._hold(Outgoing(topic, None, message.cdr, headers)), error)
         else:
-            self._pending.append(self._hold(record))
+            entry = self._hold(record)
+            if self._failed is None:
+                self._pending.append(entry)
 
     def _to_value(self, cdr: bytes) -> bytes | None:
         if len(cdr) > self._route.max_message_bytes:
@@ -174,7 +175,8 @@ class RosToKafka:
     def _refuse(self, entry: Entry, error: RecordError) -> None:
         where = f'{self._route.source.ros} -> {self._route.sink.kafka}'
         if self._route.on_error == 'stop':
-            raise RouteError(f'{where}: {error}; stopped, as on_error says', final=True)
+            self._failed = self._failed or (entry.number, f'{where}: {error}')
+            return
         self._occasional.warning(f'{self._route.on_error}: {where}: {error}')
         if self._route.on_error == 'drop':
             self._end(entry, Outcome.DROPPED)
@@ -229,6 +231,14 @@ class RosToKafka:
             self._retry(failed)
         for entry in self._dead_letters.poll():
             self._end(entry, Outcome.DEAD_LETTERED)
+        if self._failed is not None:
+            self._fail_after_the_others(*self._failed)
+
+    def _fail_after_the_others(self, number: int, reason: str) -> None:
+        if next(iter(self._window)) == number:
+            behind = len(self._window) - 1
+            given_up = f', {behind} messages behind it are given up' if behind else ''
+            raise RouteError(f'{reason}; stopped, as on_error says{given_up}', final=True)
 
     def _end(self, entry: Entry, outcome: Outcome) -> None:
         del self._window[entry.number]
@@ -238,6 +248,8 @@ class RosToKafka:
     def _retry(self, failed: Sequence[tuple[Entry, BridgeError]]) -> None:
         again = []
         for entry, error in failed:
+            if entry is self._alone:
+                self._alone = None
             if isinstance(error, RecordTooLargeError) and not entry.alone:
                 # A broker that refuses a batch for its size refuses all the records in it.
                 entry.alone = True
@@ -257,7 +269,8 @@ class RosToKafka:
             return
         self._tick_at_s = now_s + SNAPSHOT_S
         full = self._room() <= 0 or len(self._pending) >= self._route.max_in_flight
-        reason = self._sink.away or ('the window is full: Kafka takes too slowly' if full else '')
+        away = self._sink.away if self._window else ''
+        reason = away or ('the window is full: Kafka takes too slowly' if full else '')
         self._show(reason)
 
     def _show(self, reason: str) -> None:
@@ -274,8 +287,9 @@ class RosToKafka:
         deadline_s = time.monotonic() + self._route.drain_s
         empty = False
         while time.monotonic() < deadline_s and not stop.at_once:
-            if not empty and self._room() > 0:
-                empty = self._take(self._room(), 0.0) == 0
+            if not empty and (room := self._room()) > 0:
+                self._take(room, 0.0)
+                empty = self._source.exhausted
             self._produce_pending()
             self._confirm(_BUSY_S if self._window else 0.0)
             if empty and not self._window:
@@ -297,6 +311,8 @@ class RosToKafka:
         finally:
             for entry in (*self._sink.close(), *self._dead_letters.close()):
                 self._end(entry, Outcome.DEAD_LETTERED if entry.dead else Outcome.CONFIRMED)
+            self.counters.lost_upstream = self._source.lost_upstream
+            self.counters.state, self.counters.reason = State.STOPPED, ''
             self.snapshot = self.counters.snapshot(len(self._window))
 
     def _resume(self) -> None:

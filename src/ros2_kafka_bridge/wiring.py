@@ -157,7 +157,7 @@ class Wiring:
         batch_bytes = min(limit_bytes, int(properties.get('batch.size', _LARGEST_BATCH_BYTES)))
         own = {
             'queue.buffering.max.messages': route.max_in_flight,
-            'queue.buffering.max.kbytes': max(_LEAST_KBYTES, route.max_in_flight_bytes // 1024),
+            'queue.buffering.max.kbytes': _kbytes(route),
             'message.max.bytes': max(_LARGEST_BATCH_BYTES, route.max_message_bytes + _FRAME_BYTES),
         }
         return own | properties | {'batch.size': batch_bytes}
@@ -166,7 +166,11 @@ class Wiring:
         topic = route.dead_letter_topic
         properties = producer_properties(self._config.kafka, client_id=self._config.name)
         # Each on its own, and refused by the broker alone: none is refused for the others' sizes.
-        properties |= {'batch.num.messages': 1, 'message.max.bytes': _LARGEST_LETTER_BYTES}
+        properties |= {
+            'batch.num.messages': 1,
+            'message.max.bytes': _LARGEST_LETTER_BYTES,
+            'queue.buffering.max.kbytes': _kbytes(route),
+        }
         return DeadLetters(
             topic,
             KafkaSink[Letter[Any]](properties, f'dead-letter topic {topic}', log),
@@ -194,10 +198,16 @@ class _Produced:
         return self._found is not None and (message.gid, message.seq) in self._found
 
 
+def _kbytes(route: Route) -> int:
+    """Room of a producer's queue: for the window, and for one message of any size allowed."""
+    largest_bytes = max(route.max_in_flight_bytes, route.max_message_bytes + _FRAME_BYTES)
+    return max(_LEAST_KBYTES, largest_bytes // 1024 + 1)
+
+
 @contextmanager
 def _open(end: RosSink | RosSource) -> Iterator[None]:
-    end.open()
     try:
+        end.open()
         yield
     finally:
         end.close()

@@ -2,7 +2,6 @@
 
 import json
 import re
-import time
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -242,10 +241,8 @@ def test_a_directory_is_one_sentence(tmp_path: Path) -> None:
         ('[' * 5000, '1:1: nested too deeply for a configuration'),
     ],
 )
-def test_a_bomb_is_refused_quickly(text: str, line: str) -> None:
-    begin_s = time.monotonic()
+def test_a_bomb_is_refused(text: str, line: str) -> None:
     assert problems_of(text) == [f'bridge.yaml:{line}']
-    assert time.monotonic() - begin_s < 5
 
 
 @pytest.mark.parametrize('file', sorted(FILES.glob('good_*.yaml')), ids=lambda path: path.stem)

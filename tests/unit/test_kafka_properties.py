@@ -37,6 +37,7 @@ def test_a_consumer_gets_no_property_of_a_producer() -> None:
         'heartbeat.interval.ms': 2000,
         'partition.assignment.strategy': 'cooperative-sticky',
         'queued.max.messages.kbytes': 8192,
+        'fetch.queue.backoff.ms': 10,
         'reconnect.backoff.max.ms': 1000,
         'topic.metadata.refresh.interval.ms': 10000,
     }
@@ -54,7 +55,6 @@ def test_a_producer_gets_no_property_of_a_consumer() -> None:
         'message.timeout.ms': 0,
         'linger.ms': 7,
         'reconnect.backoff.max.ms': 1000,
-        'queue.buffering.max.kbytes': 65536,
     }
 
 

@@ -5,6 +5,7 @@ import time
 from typing import Any
 
 import pytest
+from hypothesis import given, settings, strategies
 
 from ros2_kafka_bridge import kafka_to_ros
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
@@ -341,3 +342,105 @@ def test_after_a_failure_the_same_records_come_again_and_the_count_still_balance
     house.steps()
     assert house.positions() == {0: 2}
     assert house.confirmed() == 2
+
+
+@pytest.mark.parametrize('between', ['dead letter', 'skipped', 'too old'])
+def test_a_drain_commits_nothing_behind_a_record_that_was_not_published(between: str) -> None:
+    house = House(drain_s=0.1, max_age_s=60)
+    house.sink.matched = 0
+    house.give(b'a', b'b')
+    if between == 'dead letter':
+        house.give(b'bad', first=2)
+    elif between == 'skipped':
+        house.give(b'mine', first=2, header_list=[('bridge.origin', b'me')])
+    else:
+        house.give(b'old', first=2, time_ms=1)
+    house.give(b'c', first=3)
+    house.steps()
+    stop = Stop()
+    stop.ask()
+    house.direction.run(stop)
+    assert house.source.committed.get(0, 0) == 0
+    assert house.direction.snapshot.balanced
+
+
+def test_letters_that_arrived_count_though_another_of_the_same_report_failed() -> None:
+    house = House()
+    house.letters.errors[b'bad2'] = [RouteError('no permission')]
+    house.give(b'bad1', b'bad2', b'bad3')
+    house.steps()
+    house.direction._dead_letters._again_at_s = 0.0
+    house.steps()
+    assert sorted(letter.value or b'' for letter in house.letters.records) == [
+        b'bad1', b'bad2', b'bad3',
+    ]  # fmt: skip
+    assert house.positions() == {0: 3}
+
+
+def test_a_reader_that_took_the_place_of_another_gets_time_to_know_of_the_match(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    house = House()
+    house.sink.acknowledging = False
+    house.give(b'a')
+    house.steps()
+    monkeypatch.setattr(kafka_to_ros, 'SETTLE_S', 60.0)
+    house.sink.lose_reader()
+    house.steps()
+    assert house.sink.published == [b'cdr:a']
+    monkeypatch.setattr(kafka_to_ros, 'SETTLE_S', 0.0)
+    house.direction._ready_at_s = 0.0
+    house.steps()
+    assert house.sink.published == [b'cdr:a', b'cdr:a']
+
+
+EVENTS = strategies.lists(
+    strategies.sampled_from(
+        ['good', 'bad', 'mine', 'old', 'step', 'acknowledge', 'lose', 'leave', 'come', 'letters']
+    ),
+    max_size=60,
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(EVENTS)
+def test_guarantee_1_no_offset_is_committed_before_all_up_to_it_have_ended(
+    events: list[str],
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kafka_to_ros, 'SETTLE_S', 0.0)
+        patch.setattr(time, 'sleep', lambda _: None)
+        house = House(drain_s=0.0, max_age_s=60)
+        house.sink.matched = 0
+        house.sink.acknowledging = house.letters.answering = False
+        good: dict[int, bytes] = {}
+        for event in events:
+            offset = len(house.source.waiting) + house.direction.counters.taken
+            if event == 'good':
+                good[offset] = b'cdr:%d' % offset
+                house.give(b'%d' % offset, first=offset)
+            elif event == 'bad':
+                house.give(b'bad %d' % offset, first=offset)
+            elif event == 'mine':
+                house.give(b'm', first=offset, header_list=[('bridge.origin', b'me')])
+            elif event == 'old':
+                house.give(b'o', first=offset, time_ms=1)
+            elif event == 'step':
+                house.steps(1)
+            elif event == 'acknowledge':
+                house.sink.acknowledge(2)
+            elif event == 'lose':
+                house.sink.lose_reader()
+            elif event in {'leave', 'come'}:
+                house.sink.matched = int(event == 'come')
+            else:
+                house.letters.answering = True
+        house.check_balance()
+        stop = Stop()
+        stop.ask()
+        house.direction.run(stop)
+        committed = house.source.committed.get(0, 0)
+        assert {b for o, b in good.items() if o < committed} <= set(house.sink.published)
+        assert house.direction.snapshot.balanced
+        confirmed = house.direction.snapshot.confirmed
+        assert sum(o < committed for o in good) <= confirmed

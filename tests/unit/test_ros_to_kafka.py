@@ -214,6 +214,30 @@ def test_on_error_stop_ends_the_route() -> None:
     assert raised.value.final
 
 
+def test_on_error_stop_delivers_all_before_the_bad_message_and_says_what_it_gives_up() -> None:
+    house = House(on_error='stop')
+    house.sink.answering = False
+    house.give(b'a', b'b', b'bad', b'c', b'd')
+    house.steps()
+    house.sink.answering = True
+    with pytest.raises(RouteError, match='2 messages behind it are given up'):
+        house.steps()
+    assert house.values() == [b'a', b'b']
+    assert house.count('taken') == 5
+
+
+def test_a_record_sent_alone_that_times_out_is_sent_again() -> None:
+    house = House()
+    house.sink.errors[b'a'] = [
+        RecordTooLargeError(1, None, 'of the topic'),
+        TransportError('timed out'),
+    ]
+    house.sink.errors[b'b'] = [RecordTooLargeError(1, None, 'of the topic')]
+    house.give(b'a', b'b')
+    house.steps(8)
+    assert house.values() == [b'a', b'b']
+
+
 def test_a_dead_letter_topic_that_refuses_stops_the_taking() -> None:
     house = House()
     house.letters.errors[b'bad'] = [RouteError('no permission')]

@@ -12,9 +12,10 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     ResourceType,
 )
 
+from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.errors import translate
 
-_REQUEST_S = 10.0
+_REQUEST_S = 3.0
 _LOOK_S = 2.0
 
 
@@ -32,7 +33,11 @@ def ensure_topic(properties: Mapping[str, Any], topic: str) -> None:
     """
     admin = _client(properties)
     try:
-        admin.create_topics([NewTopic(topic, num_partitions=1)])[topic].result(_REQUEST_S)
+        new = NewTopic(topic, num_partitions=1)
+        answer = admin.create_topics([new], request_timeout=_REQUEST_S)[topic]
+        answer.result(_REQUEST_S + 1)
+    except TimeoutError as error:
+        raise TransportError(f'topic {topic}: the broker does not answer') from error
     except KafkaException as error:
         done = {
             KafkaError.TOPIC_ALREADY_EXISTS,

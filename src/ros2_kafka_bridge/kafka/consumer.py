@@ -1,5 +1,6 @@
 """The records of one Kafka topic, read as a member of a group."""
 
+import contextlib
 import logging
 import time
 import uuid
@@ -21,6 +22,8 @@ from ros2_kafka_bridge.kafka.errors import ClientHealth, translate
 _REQUEST_S = 10.0
 _LEAVE_S = 2.0
 _AGAIN_S = 0.5
+_LOOK_EVERY_S = 2.0
+_LOOK_S = 0.2
 
 
 class KafkaSource:
@@ -49,10 +52,12 @@ class KafkaSource:
         self._log = log
         self._health = ClientHealth(f'topic {topic}', log)
         self._consumer: Consumer | None = None
+        self._rebalance: Rebalance
         self._committed: dict[int, int] = {}
         self._positions: dict[int, int] = {}  # as they were to be committed last
         self._left: dict[int, tuple[int, int]] = {}  # of lost partitions: committed and position
         self._gone: set[int] = set()  # partitions handed over while records were read
+        self._look_at_s = 0.0
         self._held = False
         self._fresh = False  # some partitions came while the others were held
         self._closing = False
@@ -94,6 +99,7 @@ class KafkaSource:
                 self._left[number] = self._committed.get(number, 0), self._positions[number]
             self._forget(partitions)
 
+        self._rebalance = rebalance
         self._closing = self._held = False
         callbacks = {'error_cb': self._health.on_error, 'on_commit': self._on_commit}
         try:
@@ -150,7 +156,10 @@ class KafkaSource:
         if not news:
             return
         try:
-            self._client.commit(offsets=news, asynchronous=False)
+            if self.away:  # librdkafka would wait for the broker without limit
+                self._client.commit(offsets=news, asynchronous=True)
+            else:
+                self._client.commit(offsets=news, asynchronous=False)
         except KafkaException as error:
             self._log.warning('cannot commit before the hand-over: %s', error.args[0].str())
 
@@ -187,6 +196,8 @@ class KafkaSource:
         # consume() waits its whole timeout unless all `limit` records come; poll() does not.
         first = self._client.poll(timeout_s)
         self._health.raise_failure()
+        if self.away and first is None:
+            self._look_for_broker()
         if first is None:
             return ()
         self._gone.clear()
@@ -199,6 +210,15 @@ class KafkaSource:
             self._health.on_contact()
         # The stubs do not tell that headers are a list; they are.
         return cast('Sequence[Record]', batch)
+
+    def _look_for_broker(self) -> None:
+        """Ask whether the broker is back: a quiet topic would not tell."""
+        now_s = time.monotonic()
+        if now_s >= self._look_at_s:
+            self._look_at_s = now_s + _LOOK_EVERY_S
+            with contextlib.suppress(KafkaException):
+                self._client.list_topics(self._topic, timeout=_LOOK_S)
+                self._health.on_contact()
 
     def _is_record(self, message: Message) -> bool:
         error = message.error()
@@ -243,7 +263,8 @@ class KafkaSource:
             for p in self._client.committed(everywhere, timeout=_REQUEST_S)
             if p.offset >= 0
         }
-        if not committed:
+        known = {**self._committed, **self._positions}.get(partition)
+        if not committed and known is None:
             return self._first_start(everywhere)[partition]
         low, high = self._client.get_watermark_offsets(
             TopicPartition(self._topic, partition), timeout=_REQUEST_S
@@ -252,6 +273,12 @@ class KafkaSource:
             if low <= committed[partition] <= high:
                 return committed[partition]  # committed meanwhile, at the first start of the group
             self._say_gone(partition, committed[partition], low, high)
+        elif known is not None:
+            # The offsets of the group went with the topic: all that it holds now is new.
+            self._say_gone(partition, max(known, high + 1), low, high)
+            self._forget([TopicPartition(self._topic, partition)])
+            self._rebalance.lost(frozenset({partition}))
+            self._client.commit(offsets=self._places({partition: low}), asynchronous=True)
         return low
 
     def _first_start(self, everywhere: list[TopicPartition]) -> dict[int, int]:

@@ -101,6 +101,8 @@ _REFUSED = {
     'enable.auto.offset.store': 'the bridge stores an offset itself, once it is confirmed',
     'transactional.id': 'the bridge writes no transactions: ROS cannot take part in one',
     'delivery.report.only.error': 'the bridge needs the report of every record to confirm it',
+    'group.instance.id': 'every bridge needs one of its own, and makes it',
+    'partition.assignment.strategy': 'the bridge needs cooperative-sticky',
     'enable.partition.eof': 'the end of a partition is no record that a route could move',
     'enabled_events': 'the bridge reads no event queue',
     'log.queue': 'the bridge reads no log queue: the log would be lost',
@@ -164,6 +166,8 @@ def consumer_properties(
     own: dict[str, PropertyValue] = {
         'client.id': client_id,
         'queued.max.messages.kbytes': 8192,
+        # Fetching rests for so long once the prefetch is full: the default is a whole second.
+        'fetch.queue.backoff.ms': 10,
         'reconnect.backoff.max.ms': 1000,
         'topic.metadata.refresh.interval.ms': 10000,
     }
@@ -200,7 +204,6 @@ def producer_properties(
         'message.timeout.ms': 0,
         'linger.ms': 1,
         'reconnect.backoff.max.ms': 1000,
-        'queue.buffering.max.kbytes': 65536,
     }
     return _merged(own, users)
 

@@ -1,5 +1,6 @@
 """What the end of a topic says of the messages that are in it already."""
 
+import contextlib
 import logging
 import time
 from collections.abc import Mapping
@@ -34,7 +35,8 @@ def read_tail(
     try:
         return _read(consumer, topic, records)
     except KafkaException as error:
-        raise translate(error.args[0], f'topic {topic}') from error
+        where = f'topic {topic} cannot be read, to skip what it holds from before a restart'
+        raise translate(error.args[0], where) from error
     finally:
         consumer.close()
 
@@ -70,4 +72,6 @@ def _note(message: Message, found: set[tuple[bytes, int]]) -> None:
     headers = dict(message.headers() or ())
     gid, seq = headers.get('ros.gid'), headers.get('ros.seq')
     if isinstance(gid, bytes) and isinstance(seq, bytes):
-        found.add((bytes.fromhex(gid.decode()), int(seq)))
+        # Anyone may write such headers: what is not ours says nothing.
+        with contextlib.suppress(ValueError):
+            found.add((bytes.fromhex(gid.decode()), int(seq)))

@@ -44,6 +44,11 @@ class Peer(NamedTuple):
     durability: str
     qos: Any
 
+    @property
+    def named(self) -> bool:
+        """Whether the graph knows its node: it tells a moment after the endpoint."""
+        return '_NODE_NAME_UNKNOWN_' not in self.node
+
 
 class RosNode:
     """A node without executor, parameters or services; endpoints are made of `handle`."""
@@ -54,11 +59,13 @@ class RosNode:
 
     def publishers(self, topic: str) -> list[Peer]:
         """Who publishes on a topic, as far as discovery knows."""
-        return [_peer(info) for info in self.handle.get_publishers_info_by_topic(topic)]
+        with translated(f'publishers of {topic}'):
+            return [_peer(info) for info in self.handle.get_publishers_info_by_topic(topic)]
 
     def subscribers(self, topic: str) -> list[Peer]:
         """Who subscribes to a topic, as far as discovery knows."""
-        return [_peer(info) for info in self.handle.get_subscriptions_info_by_topic(topic)]
+        with translated(f'subscribers of {topic}'):
+            return [_peer(info) for info in self.handle.get_subscriptions_info_by_topic(topic)]
 
 
 def middleware() -> str:

@@ -40,7 +40,11 @@ def waits(qos: QoS) -> bool:
 
 def mismatch(publisher: Any, subscription: Any) -> str:
     """Why a publisher and a subscription of these QoS do not match; empty if they do."""
-    from rclpy.qos import DurabilityPolicy, ReliabilityPolicy  # noqa: PLC0415 (heavy)
+    from rclpy.qos import (  # noqa: PLC0415 (heavy)
+        DurabilityPolicy,
+        LivelinessPolicy,
+        ReliabilityPolicy,
+    )
 
     reasons = []
     if (
@@ -58,5 +62,10 @@ def mismatch(publisher: Any, subscription: Any) -> str:
     if 0 < asked_ns < _NO_DEADLINE_NS:
         offered_ns = publisher.deadline.nanoseconds
         if offered_ns == 0 or offered_ns > asked_ns:
-            reasons.append(f'deadline: {asked_ns / 1e9:g} s is asked for, less is offered')
+            reasons.append(f'deadline: {asked_ns / 1e9:g} s is asked for, longer is offered')
+    if (
+        publisher.liveliness == LivelinessPolicy.AUTOMATIC
+        and subscription.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
+    ):
+        reasons.append('liveliness: automatic is offered, manual_by_topic is asked for')
     return '; '.join(reasons)

@@ -3,19 +3,23 @@
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.endpoints import Message
-from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.logs import Occasional
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.node import Peer, RosNode
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 from ros2_kafka_bridge.ros.types import MessageType
 
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.ros.take import Taken
+
 _GRAPH_S = 0.1
 _REMEMBERED = 1000
+_POSTPONED_S = 5.0
 
 
 class Offer(NamedTuple):
@@ -45,12 +49,23 @@ class Sequences:
     subscription of its own offer; from another one its messages count only while they follow
     without a gap: what is missing there is still in the publisher's history, and comes through
     its own.
+
+    Args:
+        log: Where gaps are said.
+        topic: The ROS topic.
+        ask: Asks the graph for the offer of each publisher, when an unknown one is heard.
     """
 
-    def __init__(self, log: logging.LoggerAdapter[logging.Logger], topic: str) -> None:
+    def __init__(
+        self,
+        log: logging.LoggerAdapter[logging.Logger],
+        topic: str,
+        ask: Callable[[], dict[bytes, Offer]] = dict,
+    ) -> None:
         self._publishers: dict[bytes, _Publisher] = {}
         self._occasional = Occasional(log)
         self._topic = topic
+        self._ask = ask
         self.lost = 0
 
     def offers(self, offers: dict[bytes, Offer]) -> None:
@@ -62,16 +77,12 @@ class Sequences:
         for gid, offer in offers.items():
             self._publishers.setdefault(gid, _Publisher(offer)).offer = offer
 
-    def knows(self, gid: bytes) -> bool:
-        """Whether the offer of a publisher is known."""
-        known = self._publishers.get(gid)
-        return known is not None and known.offer is not None
-
     def accept(self, gid: bytes, seq: int, offer: Offer) -> bool:
         """Whether to keep message `seq` that came through the subscription of `offer`."""
         publisher = self._publishers.get(gid)
         if publisher is None:
-            publisher = self._publishers[gid] = _Publisher(None)
+            self.offers(self._ask())
+            publisher = self._publishers.setdefault(gid, _Publisher(None))
         last = publisher.last
         if seq == last + 1:
             publisher.last = seq
@@ -124,10 +135,14 @@ class RosSource:
         self._log = log
         self._has_gid = has_gid
         self._on_offer = on_offer
-        self._sequences = Sequences(log, topic)
+        self._read = _told if has_gid else _untold
+        self._sequences = Sequences(log, topic, self._offers)
         self._subscriptions: dict[Offer, Any] = {}
         self._hashes: dict[bytes, str] = {}
-        self._emptied: set[Offer] = set()
+        self._closing: set[Offer] = set()  # subscriptions that nobody offers to any more
+        self._emptied: set[Offer] = set()  # those that the last take left empty
+        self._postponed: dict[Offer, float] = {}  # until when
+        self.exhausted = False
         self._waiter: Any = None
         self._take: Any = None
         self._graph_at_s = 0.0
@@ -154,10 +169,9 @@ class RosSource:
         """Wait up to `timeout_s` for messages, then take at most `limit`."""
         if time.monotonic() >= self._graph_at_s:
             self.follow()
-        subscriptions = self._subscriptions
         messages = self._take_all(limit)
-        if not messages and timeout_s > 0:
-            self._waiter.wait(list(subscriptions.values()), timeout_s)
+        if not messages and self.exhausted and timeout_s > 0:
+            self._wait(timeout_s)
             messages = self._take_all(limit)
         return messages
 
@@ -173,20 +187,36 @@ class RosSource:
 
     def follow(self) -> None:
         """Look at the graph and subscribe to what is offered."""
-        self._graph_at_s = time.monotonic() + _GRAPH_S
+        now_s = time.monotonic()
+        self._graph_at_s = now_s + _GRAPH_S
+        offers = self._offers()
+        self._sequences.offers(offers)
+        wanted = self._wanted(set(offers.values()))
+        # The new one opens before the old one closes: nothing falls between them.
+        for offer in sorted(wanted - self._subscriptions.keys()):
+            if now_s >= self._postponed.get(offer, 0.0):
+                self._subscribe(offer)
+        self._close_unwanted(wanted)
+
+    def _offers(self) -> dict[bytes, Offer]:
+        """What each publisher of the right type offers, as far as the graph knows."""
         peers = self._node.publishers(self._topic)
         self._say_other_types(peers)
         self._say_mismatches(peers)
         self._hashes = {peer.gid: peer.type_hash for peer in peers}
-        peers = [peer for peer in peers if peer.message_type == self._message_type.name]
-        offers = {peer.gid: self._offer(peer) for peer in peers}
-        self._sequences.offers(offers)
-        wanted = self._wanted(set(offers.values()))
-        # The new one opens before the old one closes: nothing falls between them.
-        for offer in wanted - self._subscriptions.keys():
-            self._subscribe(offer)
-        for offer in (self._subscriptions.keys() - wanted) & self._emptied:
+        return {
+            peer.gid: self._offer(peer)
+            for peer in peers
+            if peer.message_type == self._message_type.name
+        }
+
+    def _close_unwanted(self, wanted: set[Offer]) -> None:
+        """Close what was found empty after its last publisher had gone."""
+        closing = self._subscriptions.keys() - wanted
+        for offer in closing & self._closing & self._emptied:
             self._node.handle.destroy_subscription(self._subscriptions.pop(offer))
+        self._closing = closing
+        self._emptied.clear()
 
     def _offer(self, peer: Peer) -> Offer:
         return Offer(
@@ -210,7 +240,13 @@ class RosSource:
     def _subscribe(self, offer: Offer) -> None:
         from rclpy.event_handler import SubscriptionEventCallbacks  # noqa: PLC0415 (heavy)
 
-        self._on_offer(offer)
+        try:
+            self._on_offer(offer)
+        except TransportError as error:
+            # The others are taken meanwhile; this one keeps its history.
+            self._postponed[offer] = time.monotonic() + _POSTPONED_S
+            self._log.warning('%s, so %s (%s, %s) is read later', error, self._topic, *offer)
+            return
         with translated(f'subscription of {self._topic}'):
             self._subscriptions[offer] = self._node.handle.create_subscription(
                 self._message_type.python_class,
@@ -222,29 +258,32 @@ class RosSource:
             )
         self._log.info('subscribes to %s (%s, %s)', self._topic, *offer)
 
+    def _wait(self, timeout_s: float) -> None:
+        if self._subscriptions:
+            self._waiter.wait(list(self._subscriptions.values()), timeout_s)
+        else:
+            time.sleep(timeout_s)
+
     def _take_all(self, limit: int) -> list[Message]:
         messages: list[Message] = []
-        share = max(1, limit // len(self._subscriptions))
-        for offer, subscription in tuple(self._subscriptions.items()):
+        share = max(1, limit // max(1, len(self._subscriptions)))
+        self.exhausted = True
+        for offer, subscription in self._subscriptions.items():
             taken = self._take(subscription, share)
-            (self._emptied.discard if len(taken) == share else self._emptied.add)(offer)
-            for cdr, info in taken:
-                message = self._message(cdr, info)
-                if self._keep(message, offer):
-                    messages.append(message)
+            if len(taken) == share:
+                self.exhausted = False
+                self._emptied.discard(offer)
+            else:
+                self._emptied.add(offer)
+            self._select(taken, offer, messages)
         return messages
 
-    def _message(self, cdr: bytes, info: Mapping[str, Any]) -> Message:
-        gid = info['publisher_gid']['data'] if self._has_gid else b''
-        seq = info.get('publication_sequence_number') or 0
-        return Message(cdr, gid, seq, info['source_timestamp'])
-
-    def _keep(self, message: Message, offer: Offer) -> bool:
-        if not message.gid:
-            return True
-        if not self._sequences.knows(message.gid):
-            self.follow()
-        return self._sequences.accept(message.gid, message.seq, offer)
+    def _select(self, taken: list['Taken'], offer: Offer, messages: list[Message]) -> None:
+        read, accept = self._read, self._sequences.accept
+        for cdr, info in taken:
+            message = read(cdr, info)
+            if not message.gid or accept(message.gid, message.seq, offer):
+                messages.append(message)
 
     def _say_mismatches(self, peers: list[Peer]) -> None:
         for peer in peers:
@@ -261,13 +300,30 @@ class RosSource:
     def _say_other_types(self, peers: list[Peer]) -> None:
         for peer in peers:
             stranger = (peer.node, peer.message_type)
-            if peer.message_type != self._message_type.name and stranger not in self._strangers:
+            if peer.message_type == self._message_type.name or not peer.named:
+                continue
+            if stranger not in self._strangers:
                 self._strangers.add(stranger)
                 self._log.error(
                     '%s publishes %s on %s, this route reads %s: the messages of that node '
                     'cannot be read; give one of the two another topic',
                     peer.node, peer.message_type, self._topic, self._message_type.name,
                 )  # fmt: skip
+
+
+def _told(cdr: bytes, info: Mapping[str, Any]) -> Message:
+    return Message(
+        cdr,
+        info['publisher_gid']['data'],
+        info['publication_sequence_number'],
+        info['source_timestamp'],
+    )
+
+
+def _untold(cdr: bytes, info: Mapping[str, Any]) -> Message:
+    """Read a message of a ROS that does not tell its publisher, and perhaps not its number."""
+    seq = info.get('publication_sequence_number') or 0
+    return Message(cdr, b'', seq, info['source_timestamp'])
 
 
 def wait_for_type(node: RosNode, topic: str, asked_to_stop: Callable[[float], bool]) -> str | None:

@@ -169,6 +169,11 @@ class MemoryMessageSource:
     waiting: deque[Message] = field(default_factory=deque)
     lost_upstream: int = 0
 
+    @property
+    def exhausted(self) -> bool:
+        """Whether nothing waits."""
+        return not self.waiting
+
     def open(self) -> None:
         """Subscribe."""
 

@@ -1,0 +1,92 @@
+"""Every foreign error is in one table, so that a route always knows what to do (guarantee 5)."""
+
+from collections import Counter
+
+import pytest
+from confluent_kafka import KafkaError
+from rclpy import exceptions
+from rclpy.impl.implementation_singleton import rclpy_implementation
+
+from ros2_kafka_bridge.errors import (
+    BridgeError,
+    ConfigError,
+    RecordError,
+    RouteError,
+    TransportError,
+)
+from ros2_kafka_bridge.kafka import errors as kafka
+from ros2_kafka_bridge.ros import errors as ros
+
+
+def kafka_codes() -> dict[str, int]:
+    """Every error code that this librdkafka knows, by its name."""
+    names = {name: getattr(KafkaError, name) for name in dir(KafkaError)}
+    return {name: code for name, code in names.items() if isinstance(code, int)}
+
+
+def rclpy_errors() -> set[str]:
+    """Every exception class of rclpy."""
+    return {
+        name
+        for module in (exceptions, rclpy_implementation)
+        for name, kind in vars(module).items()
+        if isinstance(kind, type) and issubclass(kind, Exception)
+    }
+
+
+def test_every_code_of_kafka_is_in_the_table_once() -> None:
+    listed = Counter((kafka._RECORD + kafka._WAIT + kafka._ROUTE).split())
+    assert {name for name, count in listed.items() if count > 1} == set()
+    assert kafka_codes().keys() - listed.keys() == set()
+    assert kafka.ERROR_CLASSES.keys() == {*kafka_codes().values()}
+
+
+@pytest.mark.parametrize(
+    ('code', 'kind'),
+    [
+        (KafkaError.MSG_SIZE_TOO_LARGE, RecordError),
+        (KafkaError._ALL_BROKERS_DOWN, TransportError),
+        (KafkaError.NOT_ENOUGH_REPLICAS, TransportError),
+        (KafkaError.TOPIC_AUTHORIZATION_FAILED, RouteError),
+        (KafkaError.UNKNOWN_TOPIC_OR_PART, RouteError),
+        (99_999, RouteError),  # of a newer librdkafka
+    ],
+)
+def test_a_code_of_kafka_is_translated_with_its_place(code: int, kind: type[BridgeError]) -> None:
+    found = kafka.translate(KafkaError(code), 'topic orders')
+    assert type(found) is kind
+    assert str(found).startswith('topic orders: ')
+
+
+def test_what_a_user_can_cure_is_said_with_the_cure() -> None:
+    error = KafkaError(KafkaError.TOPIC_AUTHORIZATION_FAILED)
+    assert str(kafka.translate(error, 'topic orders')).endswith(
+        '; give this user the permission on the topic (ACL)'
+    )
+    assert {*kafka._CURES} <= kafka_codes().keys()
+
+
+def test_a_fatal_error_of_the_client_fails_the_route() -> None:
+    error = KafkaError(KafkaError._TRANSPORT, 'broken', True)  # noqa: FBT003 (its signature)
+    assert type(kafka.translate(error, 'topic orders')) is RouteError
+
+
+def test_every_exception_of_rclpy_is_in_the_table() -> None:
+    assert rclpy_errors() == ros.ERROR_CLASSES.keys()
+
+
+def test_an_exception_of_rclpy_is_translated_without_the_place_in_its_source() -> None:
+    error = rclpy_implementation.RCLError('cannot, at /project/src/publisher.cpp:115')
+    with (
+        pytest.raises(RouteError, match=r'^publisher of /x: cannot$'),
+        ros.translated('publisher of /x'),
+    ):
+        raise error
+    name = exceptions.InvalidTopicNameException('1x', 'no digit', 0)
+    with pytest.raises(ConfigError), ros.translated('publisher of 1x'):
+        raise name
+
+
+def test_a_bug_is_not_translated() -> None:
+    with pytest.raises(TypeError, match='a bug'), ros.translated('publisher of /x'):
+        raise TypeError('a bug')

@@ -1,0 +1,137 @@
+"""The DDS profile keeps what the user wrote, and adds what the bridge needs."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.ros.profile import NAMESPACE, Endpoints, make_profile, user_profile
+
+NAMES = {'d': NAMESPACE}
+ORDERS = Endpoints({'/orders': 500}, {'/returned': 2000})
+
+PARTICIPANT = """
+    <participant profile_name="mine" is_default_profile="true">
+      <rtps><name>robot 7</name></rtps>
+    </participant>"""
+WRITER = """
+    <data_writer profile_name="/orders">
+      <qos><publishMode><kind>ASYNCHRONOUS</kind></publishMode></qos>
+      <historyMemoryPolicy>DYNAMIC</historyMemoryPolicy>
+    </data_writer>"""
+
+
+def profile(endpoints: Endpoints, file: Path | None = None) -> ET.Element:
+    """The profile, read again."""
+    return ET.fromstring(make_profile(endpoints, file))  # noqa: S314 (our own)
+
+
+def text(root: ET.Element, path: str) -> str | None:
+    """The text at a path such as `profiles/participant`, one step of the user's namespace each."""
+    return root.findtext('/'.join(f'd:{step}' for step in path.split('/')), namespaces=NAMES)
+
+
+def entries(root: ET.Element, kind: str) -> list[str | None]:
+    """The profiles of a kind, by their names."""
+    return [entry.get('profile_name') for entry in root.findall(f'.//d:{kind}', NAMES)]
+
+
+def write(place: Path, content: str) -> Path:
+    """A user's file."""
+    file = place / 'profile.xml'
+    file.write_text(content)
+    return file
+
+
+def test_without_a_file_it_holds_the_bridges_endpoints_and_nothing_of_the_participant() -> None:
+    root = profile(ORDERS)
+    assert root.tag == f'{{{NAMESPACE}}}dds'
+    assert text(root, 'library_settings/intraprocess_delivery') == 'OFF'
+    writer, reader = 'profiles/data_writer/', 'profiles/data_reader/'
+    assert text(root, f'{writer}topic/resourceLimitsQos/max_samples') == '500'
+    assert text(root, f'{writer}qos/reliability/max_blocking_time/nanosec') == '1000000'
+    assert text(root, f'{writer}times/heartbeat_period/nanosec') == '10000000'
+    assert text(root, f'{reader}topic/resourceLimitsQos/max_samples') == '2000'
+    assert entries(root, 'data_writer') == ['/orders']
+    assert entries(root, 'data_reader') == ['/returned']
+    assert entries(root, 'participant') == []
+
+
+@pytest.mark.parametrize(
+    'content',
+    [
+        f'<dds xmlns="{NAMESPACE}"><profiles>{PARTICIPANT}</profiles></dds>',
+        f'<dds><profiles>{PARTICIPANT}</profiles></dds>',
+        f'<profiles xmlns="{NAMESPACE}">{PARTICIPANT}</profiles>',
+        f'<profiles>{PARTICIPANT}</profiles>',
+    ],
+    ids=['dds', 'dds without namespace', 'profiles', 'profiles without namespace'],
+)
+def test_the_users_participant_stays_whatever_the_root(content: str, tmp_path: Path) -> None:
+    root = profile(ORDERS, write(tmp_path, f'<?xml version="1.0" encoding="UTF-8"?>{content}'))
+    assert root.tag == f'{{{NAMESPACE}}}dds'
+    assert len(root.findall('d:profiles', NAMES)) == 1
+    assert entries(root, 'participant') == ['mine']
+    assert text(root, 'profiles/participant/rtps/name') == 'robot 7'
+    assert text(root, 'library_settings/intraprocess_delivery') == 'OFF'
+    assert entries(root, 'data_writer') == ['/orders']
+
+
+def test_the_users_entry_for_the_same_topic_is_kept_and_completed(tmp_path: Path) -> None:
+    file = write(tmp_path, f'<dds><profiles>{WRITER}</profiles></dds>')
+    root = profile(ORDERS, file)
+    assert entries(root, 'data_writer') == ['/orders']
+    writer = 'profiles/data_writer/'
+    assert text(root, f'{writer}qos/publishMode/kind') == 'ASYNCHRONOUS'
+    assert text(root, f'{writer}historyMemoryPolicy') == 'DYNAMIC'
+    assert text(root, f'{writer}topic/resourceLimitsQos/max_samples') == '500'
+    assert text(root, f'{writer}qos/reliability/kind') == 'RELIABLE'
+
+
+def test_the_users_intra_process_delivery_is_turned_off(tmp_path: Path) -> None:
+    content = '<dds><library_settings><intraprocess_delivery>FULL</intraprocess_delivery>'
+    root = profile(ORDERS, write(tmp_path, f'{content}</library_settings></dds>'))
+    assert text(root, 'library_settings/intraprocess_delivery') == 'OFF'
+    assert len(root.findall('d:library_settings', NAMES)) == 1
+
+
+LEASE = 'profiles/participant/rtps/builtin/discovery_config/leaseDuration/'
+
+
+def test_a_lease_is_written_only_when_given() -> None:
+    root = profile(ORDERS._replace(lease_s=4.5))
+    assert (text(root, f'{LEASE}sec'), text(root, f'{LEASE}nanosec')) == ('4', '500000000')
+    assert text(profile(ORDERS), f'{LEASE}sec') is None
+
+
+def test_a_lease_goes_into_the_users_own_participant(tmp_path: Path) -> None:
+    file = write(tmp_path, f'<dds><profiles>{PARTICIPANT}</profiles></dds>')
+    root = profile(ORDERS._replace(lease_s=4), file)
+    assert entries(root, 'participant') == ['mine']
+    assert text(root, 'profiles/participant/rtps/name') == 'robot 7'
+    assert text(root, f'{LEASE}sec') == '4'
+
+
+@pytest.mark.parametrize(
+    ('content', 'reason'),
+    [(None, 'No such file'), (b'<dds>', 'no element found'), (b'\xff\xfe\xfd', "can't decode")],
+)
+def test_a_file_that_cannot_be_read_is_a_mistake_of_the_configuration(
+    content: bytes | None, reason: str, tmp_path: Path
+) -> None:
+    file = tmp_path / 'profile.xml'
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(ConfigError, match=reason) as caught:
+        make_profile(ORDERS, file)
+    [problem] = caught.value.problems
+    assert problem.startswith(f'{file}: the DDS profile cannot be read: ')
+
+
+def test_the_users_file_is_what_either_variable_names() -> None:
+    new, old = 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE'
+    assert user_profile({}) is None
+    assert user_profile({old: '/old.xml'}) == Path('/old.xml')
+    assert user_profile({old: '/old.xml', new: '/new.xml'}) == Path('/new.xml')
+    assert user_profile({new: ''}) is None
