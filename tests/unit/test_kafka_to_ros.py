@@ -410,7 +410,7 @@ def test_guarantee_1_no_offset_is_committed_before_all_up_to_it_have_ended(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(kafka_to_ros, 'SETTLE_S', 0.0)
         patch.setattr(time, 'sleep', lambda _: None)
-        house = House(drain_s=0.0, max_age_s=60)
+        house = House(drain_s=0.005, max_age_s=60)
         house.sink.matched = 0
         house.sink.acknowledging = house.letters.answering = False
         good: dict[int, bytes] = {}
