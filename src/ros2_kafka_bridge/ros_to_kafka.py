@@ -33,6 +33,9 @@ SNAPSHOT_S = 1.0
 _IDLE_S = 0.1
 _BUSY_S = 0.005
 _FULL_S = 0.02
+# After a few messages a short rest lets the next ones gather: a wake-up costs as much as ten.
+_SMALL_BATCH = 50
+_GATHER_S = 0.001
 _ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small messages count too
 
 MakeKey = Callable[[Message], bytes | None]
@@ -120,8 +123,10 @@ class RosToKafka:
         self._produce_pending()
         room = self._room()
         if room > 0:
-            self._take(room, _BUSY_S if self._window else _IDLE_S)
+            taken = self._take(room, _BUSY_S if self._window else _IDLE_S)
             self._produce_pending()
+            if 0 < taken < _SMALL_BATCH:
+                time.sleep(_GATHER_S)
         self._confirm(0.0 if room > 0 else _FULL_S)
         self._tick()
 
@@ -137,9 +142,11 @@ class RosToKafka:
             return 0
         return min(BATCH, self._route.max_in_flight - len(self._window))
 
-    def _take(self, limit: int, timeout_s: float) -> None:
-        for message in self._source.take(limit, timeout_s):
+    def _take(self, limit: int, timeout_s: float) -> int:
+        messages = self._source.take(limit, timeout_s)
+        for message in messages:
             self._accept(message)
+        return len(messages)
 
     def _accept(self, message: Message) -> None:
         self.counters.taken += 1

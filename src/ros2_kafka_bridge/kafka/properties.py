@@ -202,7 +202,7 @@ def producer_properties(
         'acks': 'all',
         'enable.idempotence': 'false' if has_weak_acks(users) else 'true',
         'message.timeout.ms': 0,
-        'linger.ms': 1,
+        'linger.ms': 5,
         'reconnect.backoff.max.ms': 1000,
     }
     return _merged(own, users)
