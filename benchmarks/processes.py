@@ -1,0 +1,115 @@
+"""Processes that are measured: what each prints, and what the kernel says that it uses."""
+
+import contextlib
+import os
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple, Self
+
+_TICK_S: Final = 1 / os.sysconf('SC_CLK_TCK')
+_END_S: Final = 5.0
+_TAIL_LINES: Final = 15
+
+
+class ProcessError(Exception):
+    """A process ended, or did not say what it should have said."""
+
+
+class Usage(NamedTuple):
+    """What a process has used so far."""
+
+    cpu_s: float
+    anon_mib: float
+
+
+class Process:
+    """A process that ends with its `with`, first asked to, then killed.
+
+    Args:
+        name: For errors.
+        command: What to run.
+        log: Where its output goes.
+        environ: Added to this process's own environment.
+    """
+
+    def __init__(
+        self, name: str, command: Sequence[str], log: Path, environ: Mapping[str, str]
+    ) -> None:
+        self._name = name
+        self._command = command
+        self._log = log
+        self._environ = environ
+        self._popen: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> Self:
+        with self._log.open('ab') as output:
+            self._popen = subprocess.Popen(
+                self._command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                env={**os.environ, **self._environ},
+                start_new_session=True,  # Ctrl-C is for the owner, who ends this one in order
+            )
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        process = self._running
+        process.terminate()
+        try:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_END_S)
+        finally:
+            process.kill()
+            process.wait()
+
+    def wait_for(self, text: str, timeout_s: float) -> None:
+        """Wait until it has printed a text.
+
+        Raises:
+            ProcessError: It has not in time, or has ended.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        while text not in self._output():
+            self.check()
+            if time.monotonic() > deadline_s:
+                raise self._error(f'did not print {text!r} within {timeout_s:.0f} s')
+            time.sleep(0.02)
+
+    def check(self) -> None:
+        """See that it still runs.
+
+        Raises:
+            ProcessError: It does not.
+        """
+        status = self._running.poll()
+        if status is not None:
+            raise self._error(f'ended with status {status}')
+
+    def usage(self) -> Usage:
+        """Look at what it has used so far.
+
+        Raises:
+            ProcessError: It does not run any more.
+        """
+        self.check()
+        place = Path('/proc', str(self._running.pid))
+        # The name of the command, in parentheses, can hold spaces; numbers follow it.
+        fields = (place / 'stat').read_text().rpartition(')')[2].split()
+        ticks = int(fields[11]) + int(fields[12])
+        status = dict(line.split(':', 1) for line in (place / 'status').read_text().splitlines())
+        return Usage(ticks * _TICK_S, int(status['RssAnon'].split()[0]) / 1024)
+
+    @property
+    def _running(self) -> 'subprocess.Popen[bytes]':
+        assert self._popen is not None, 'the process has been started'
+        return self._popen
+
+    def _output(self) -> str:
+        return self._log.read_text(errors='replace')
+
+    def _error(self, what: str) -> ProcessError:
+        lines = self._output().splitlines()[-_TAIL_LINES:]
+        return ProcessError('\n    '.join([f'{self._name} {what}', *lines]))

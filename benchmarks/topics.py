@@ -1,0 +1,129 @@
+"""Kafka topics that are filled, watched and counted."""
+
+import contextlib
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Final, NamedTuple
+
+from confluent_kafka import Consumer, KafkaException, Producer, TopicPartition
+from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
+    AdminClient,
+    NewTopic,
+)
+
+from ros2_kafka_bridge.testing.orders import decode
+
+_REQUEST_S: Final = 10.0
+_QUIET: Final = 3  # errors: what the clients of a benchmark warn of interests nobody
+_FILL_S: Final = 120.0
+_READ_S: Final = 120.0
+
+
+class Tally(NamedTuple):
+    """What came out at the end.
+
+    Args:
+        delivered: Different orders.
+        duplicated: Records of an order that had come before.
+        out_of_order: Orders that came behind a later one.
+        first_ms: When the broker appended the first record, since 1970.
+        last_ms: When it appended the last one.
+    """
+
+    delivered: int
+    duplicated: int
+    out_of_order: int
+    first_ms: int
+    last_ms: int
+
+
+@contextmanager
+def topics(bootstrap_servers: str, names: Sequence[str]) -> Iterator[None]:
+    """Create topics of one partition, with the broker's clock; delete them at the end."""
+    admin = AdminClient({'bootstrap.servers': bootstrap_servers, 'log_level': _QUIET})
+    config = {'message.timestamp.type': 'LogAppendTime'}
+    new = [NewTopic(name, num_partitions=1, config=config) for name in names]
+    for made in admin.create_topics(new).values():
+        made.result(_REQUEST_S)
+    try:
+        yield
+    finally:
+        for deleted in admin.delete_topics(list(names)).values():
+            deleted.result(_REQUEST_S)
+
+
+def fill(bootstrap_servers: str, topic: str, values: Sequence[bytes]) -> None:
+    """Produce the values in order, and wait until all are there."""
+    producer = Producer(
+        {
+            'bootstrap.servers': bootstrap_servers,
+            'log_level': _QUIET,
+            'enable.idempotence': True,
+            'linger.ms': 20,
+            'queue.buffering.max.messages': 0,
+        }
+    )
+    for value in values:
+        producer.produce(topic, value)
+    left = producer.flush(_FILL_S)
+    if left:
+        raise TimeoutError(f'{topic}: {left} orders were not taken within {_FILL_S:.0f} s')
+
+
+class EndOffset:
+    """Asks how many records a topic of one partition holds; a small request to the broker."""
+
+    def __init__(self, bootstrap_servers: str, topic: str) -> None:
+        self._client = Consumer({'bootstrap.servers': bootstrap_servers, 'group.id': topic})
+        self._partition = TopicPartition(topic, 0)
+        self._last = 0
+
+    def __call__(self) -> int:
+        """Ask; a broker that cannot tell just now leaves the last answer."""
+        with contextlib.suppress(KafkaException):
+            answer = self._client.get_watermark_offsets(self._partition, timeout=_REQUEST_S)
+            self._last = answer[1]
+        return self._last
+
+    def close(self) -> None:
+        """Let the connection go."""
+        self._client.close()
+
+
+def count(bootstrap_servers: str, topic: str, end: int) -> Tally:
+    """Read a topic up to offset `end` and count what is in it."""
+    seen: set[int] = set()
+    duplicated = out_of_order = 0
+    highest = -1
+    times_ms: list[int] = []
+    for value, time_ms in _records(bootstrap_servers, topic, end):
+        order_id = decode(value).order_id
+        times_ms.append(time_ms)
+        if order_id in seen:
+            duplicated += 1
+        elif order_id < highest:
+            out_of_order += 1
+        seen.add(order_id)
+        highest = max(highest, order_id)
+    return Tally(len(seen), duplicated, out_of_order, min(times_ms), max(times_ms))
+
+
+def _records(bootstrap_servers: str, topic: str, end: int) -> Iterator[tuple[bytes, int]]:
+    config = {
+        'bootstrap.servers': bootstrap_servers,
+        'group.id': topic,
+        'enable.auto.commit': False,
+    }
+    with contextlib.closing(Consumer(config)) as consumer:
+        consumer.assign([TopicPartition(topic, 0, 0)])
+        deadline_s = time.monotonic() + _READ_S
+        left = end
+        while left:
+            for record in consumer.consume(min(left, 1000), 0.1):
+                value = record.value()
+                if record.error() is None and value is not None:
+                    left -= 1
+                    yield value, record.timestamp()[1]
+            if time.monotonic() > deadline_s:
+                raise TimeoutError(f'{topic}: {left} of {end} records cannot be read')
