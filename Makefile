@@ -3,6 +3,8 @@
 PYTHON ?= python3
 T ?= tests
 A ?=
+# Most tests wait for other processes, so that three at once keep two cores busy.
+JOBS ?= 3
 PORT ?= 9092
 TOPICS ?=
 
@@ -27,7 +29,7 @@ help: ## what there is to make
 setup: $(READY) ## .venv with the locked dependencies and this project
 
 test: $(if $(filter-out tests/unit%,$(T)),java $(JAZZY)) $(READY) ## all tests (some: T=tests/unit, A='-k name')
-	$(BIN)/python -m pytest $(T) $(A)
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(T) $(A)
 
 check: lint format types locked ## what must hold before a commit: lint, format, types, lock
 

