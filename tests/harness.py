@@ -230,12 +230,16 @@ class Bench:
             found += [m for m in consumer.consume(1000, 0.5) if m.error() is None]
         return found
 
-    def reaches(self, topic: str, offset: int, partition: int = 0) -> bool:
-        """Whether a partition holds that offset or more."""
+    def end_offset(self, topic: str, partition: int = 0) -> int:
+        """How far a partition reaches."""
         config = {'bootstrap.servers': self.bootstrap_servers, 'group.id': 'test-end'}
         with contextlib.closing(Consumer(config)) as consumer:
             here = TopicPartition(topic, partition)
-            return int(consumer.get_watermark_offsets(here, timeout=10)[1]) >= offset
+            return int(consumer.get_watermark_offsets(here, timeout=10)[1])
+
+    def reaches(self, topic: str, offset: int, partition: int = 0) -> bool:
+        """Whether a partition holds that offset or more."""
+        return self.end_offset(topic, partition) >= offset
 
     def committed(self, group: str, topic: str, partition: int = 0) -> int:
         """The committed offset of a group; negative where there is none."""

@@ -8,11 +8,12 @@ import signal
 import struct
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
-from confluent_kafka import Consumer, Message, Producer, TopicPartition
+from confluent_kafka import Consumer, KafkaException, Message, Producer, TopicPartition
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     AclBinding,
     AclBindingFilter,
@@ -548,3 +549,32 @@ def test_guarantee_4_a_stopped_subscriber_holds_back_one_route_alone(
         stopped.send(signal.SIGCONT)
         wait_for(arrived, texts(words(4000)), bridge)
         assert bridge.end() == 0
+
+
+def test_guarantee_1_a_topic_made_anew_while_running_is_read_from_its_beginning(
+    bench: Bench, topic_name: str, tmp_path: Path
+) -> None:
+    arrived = tmp_path / 'arrived'
+    route = to_ros(topic_name, '/numbers')
+    route['from']['start'] = 'latest'
+    bench.create_topic(topic_name)
+    with bench.subscriber('/numbers', arrived), bench.bridge(bench.config([route])) as bridge:
+        bridge.wait_for('first start of this group')
+        bench.produce(topic_name, [b'old %d' % number for number in range(20)])
+        eventually(lambda: len(lines(arrived)) == 20, 30, bridge.output)
+        admin = bench.admin()
+        admin.delete_topics([topic_name])[topic_name].result(10)
+        eventually(partial(created, bench, topic_name), 30, bridge.output)
+        bench.produce(topic_name, [b'new %d' % number for number in range(5)])
+        eventually(lambda: lines(arrived)[-1:] == ['new 4'], 60, bridge.output)
+        assert bridge.end() == 0
+    assert lines(arrived)[20:] == [f'new {number}' for number in range(5)]
+
+
+def created(bench: Bench, topic: str) -> bool:
+    """Whether the topic could be created: its deletion takes a moment."""
+    try:
+        bench.create_topic(topic)
+    except KafkaException:
+        return False
+    return True
