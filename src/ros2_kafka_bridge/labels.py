@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 from ros2_kafka_bridge.config.checks import KeyPart, key_parts
 from ros2_kafka_bridge.endpoints import Message
-from ros2_kafka_bridge.formats.layout import Layout, make_reader
+from ros2_kafka_bridge.formats.layout import Layout
+from ros2_kafka_bridge.formats.walk import make_reader
 from ros2_kafka_bridge.ros_to_kafka import MakeHeaders, MakeKey
 
 

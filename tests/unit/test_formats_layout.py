@@ -26,9 +26,8 @@ from ros2_kafka_bridge.formats.layout import (
     Sequence,
     String,
     has_slack,
-    make_end,
-    make_reader,
 )
+from ros2_kafka_bridge.formats.walk import make_end, make_reader
 from ros2_kafka_bridge.ros.types import load_type, type_names
 
 EVERY_TYPE = pytest.mark.parametrize('name', type_names())

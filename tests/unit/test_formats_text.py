@@ -10,7 +10,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
 from ros2_kafka_bridge.formats import FORMATS
-from ros2_kafka_bridge.formats.layout import make_end
+from ros2_kafka_bridge.formats.walk import make_end
 from ros2_kafka_bridge.ros.types import load_type
 
 TYPE = load_type('std_msgs/msg/String')

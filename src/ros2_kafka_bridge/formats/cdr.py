@@ -6,7 +6,8 @@ Bytes are looked at, never changed: DDS takes garbage without a word, and reader
 from collections.abc import Callable
 
 from ros2_kafka_bridge.errors import DecodeError, EncodeError
-from ros2_kafka_bridge.formats.layout import Layout, has_slack, make_end
+from ros2_kafka_bridge.formats.layout import Layout, has_slack
+from ros2_kafka_bridge.formats.walk import make_end
 
 
 def make_decode(layout: Layout) -> Callable[[bytes | None], bytes]:

@@ -1,0 +1,456 @@
+"""Functions that walk over the CDR bytes of a message, made from the layout of its type.
+
+The bytes are what ROS 2 sends: a 4-byte encapsulation header (00 00 big endian, 00 01 little
+endian, 2 bytes of options), then plain XCDR1. There, a primitive is aligned to its own size,
+counted from behind the header.
+
+A layout becomes Python source once, when a route starts: it runs in the loop of the route, and
+no library reads XCDR1 without making an object of every field. Neighbouring fields of fixed
+size share one comparison. Names of fields never become source, only constants beside it.
+"""
+
+import difflib
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
+
+from ros2_kafka_bridge.errors import ConfigError, DecodeError
+from ros2_kafka_bridge.formats.layout import (
+    PRIMITIVES,
+    Array,
+    Kind,
+    Layout,
+    Primitive,
+    Sequence,
+    String,
+    width_of,
+)
+
+_BOOL: Final = Primitive('bool')
+_EVEN_BYTES: Final = 8192
+
+
+def make_end(layout: Layout) -> Callable[[bytes], int]:
+    """Make the function that validates a message and finds its end.
+
+    Returns:
+        A function from CDR bytes to the index just behind the last field; it looks at nothing
+        behind that. It raises DecodeError with the field, the offset and what was expected.
+    """
+    code = _Code()
+    code.message(layout)
+    code.close()
+    return code.compile()
+
+
+def make_reader(layout: Layout, path: str) -> Callable[[bytes], object]:
+    """Make the function that reads one field, as `header.frame_id`.
+
+    Returns:
+        A function from CDR bytes to a bool, int, float or str. It validates what lies before
+        the field, and raises DecodeError.
+
+    Raises:
+        ConfigError: There is no such field, or it is not one number or text.
+    """
+    scalars = list(_scalars(layout, ''))
+    if path not in scalars:
+        near = [known for known in scalars if f'.{path}.' in f'.{known}.'][:3]
+        near = near or difflib.get_close_matches(path, scalars, n=1)
+        hint = f' (did you mean {" or ".join(near)}?)' if near else ''
+        raise ConfigError([f'{layout.type_name} has no number or text at {path}{hint}'])
+    code = _Code(target=path)
+    code.message(layout)
+    return code.compile()
+
+
+def _scalars(layout: Layout, prefix: str) -> Iterator[str]:
+    for name, kind in layout.fields:
+        if isinstance(kind, Layout):
+            yield from _scalars(kind, f'{prefix}{name}.')
+        elif isinstance(kind, Primitive | String):
+            yield prefix + name
+
+
+def _least(kind: Kind) -> int:
+    """The fewest bytes of a value, without alignment."""
+    match kind:
+        case Primitive():
+            return width_of(kind)
+        case String():
+            return 4 if kind.wide else 5
+        case Sequence():
+            return 4
+        case Array():
+            return kind.length * _least(kind.item)
+        case Layout():
+            return sum(_least(inner) for _, inner in kind.fields) or 1
+
+
+class _Even(NamedTuple):
+    """A kind that is nothing but primitives of one width, so that it has no gaps."""
+
+    width: int
+    leaves: tuple[str, ...]
+
+
+def _even(kind: Kind) -> _Even | None:
+    """None also where a bool asks for a look at its value, and where names would fill memory."""
+    if _least(kind) > _EVEN_BYTES:
+        return None
+    match kind:
+        case Primitive():
+            return None if kind == _BOOL else _Even(width_of(kind), ('',))
+        case Array():
+            named = [(f'[{i}]', kind.item) for i in range(kind.length)]
+        case Layout():
+            named = [(f'.{name}', inner) for name, inner in kind.fields]
+        case _:
+            return None
+    parts = [(name, _even(inner)) for name, inner in named]
+    leaves = [name + leaf for name, part in parts if part for leaf in part.leaves]
+    widths = {part.width if part else None for _, part in parts}
+    width = widths.pop() if len(widths) == 1 else None
+    return _Even(width, tuple(leaves)) if width else None
+
+
+class _Piece(NamedTuple):
+    """Primitives of one width side by side.
+
+    Args:
+        path: Of the field; `{0}`, `{1}` stand for the indices of the loops around it.
+        offset: Counted from `at`.
+        leaves: Names of the primitives in one item; None where the piece is no list.
+        times: How many primitives; 0 where only the value says it.
+    """
+
+    path: str
+    offset: int
+    width: int
+    leaves: tuple[str, ...] | None
+    times: int
+
+    def name(self, number: int) -> str:
+        if self.leaves is None:
+            return self.path
+        item, leaf = divmod(number, len(self.leaves))
+        return f'{self.path}[{item}]{self.leaves[leaf]}'
+
+
+@dataclass(slots=True)
+class _Code:
+    """The source of one function, written field by field in the order of the bytes.
+
+    In that source, `at` is an index into the value. The next field begins at `at + ahead`,
+    which is known to be `rest` modulo `modulus`, counted from behind the header.
+    `pieces` lie before it and are not yet compared with the size of the value.
+    """
+
+    target: str | None = None
+    done: bool = False
+    lines: list[str] = field(default_factory=list)
+    names: dict[str, Any] = field(default_factory=dict)
+    pieces: list[_Piece] = field(default_factory=list)
+    loops: int = 0
+    ahead: int = 0
+    modulus: int = 8
+    rest: int = 0
+
+    def compile(self) -> Callable[[bytes], Any]:
+        source = '\n'.join([_HEAD, *self.lines])
+        scope = {**_TOOLS, **self.names}
+        exec(compile(source, '<cdr>', 'exec'), scope)  # noqa: S102 -- our own text, see above
+        function: Callable[[bytes], Any] = scope['walk']
+        return function
+
+    def close(self) -> None:
+        self._compare()
+        self._line(f'return {_after(self.ahead)}')
+
+    def message(self, layout: Layout, path: str = '') -> None:
+        for name, kind in layout.fields:
+            if not self.done:
+                self._field(kind, f'{path}.{name}' if path else name)
+        if not layout.fields:
+            self._fixed(path or layout.type_name, 1)
+
+    def _field(self, kind: Kind, path: str) -> None:
+        match kind:
+            case Primitive():
+                self._primitive(kind, path)
+            case String():
+                self._string(kind, path)
+            case Array():
+                self._array(kind, path)
+            case Sequence():
+                self._sequence(kind, path)
+            case Layout():
+                self.message(kind, path)
+
+    def _primitive(self, kind: Primitive, path: str) -> None:
+        self._fixed(path, width_of(kind))
+        if kind == _BOOL:
+            self._bools(path, self.ahead - 1, 1)
+        if path == self.target:
+            self._compare()
+            read = self._name(_by_order(PRIMITIVES[kind.name]))
+            self._line(f'return {read}[value[1]](value, {_after(self.ahead - width_of(kind))})[0]')
+            self.done = True
+
+    def _string(self, kind: String, path: str) -> None:
+        self._length(path)
+        self._bound(path, kind, 'units' if kind.wide else 'bytes')
+        text = f'{"wide" if kind.wide else "narrow"}(value, at, stop, {self._place(path)})'
+        if kind.wide:
+            self._line('stop = at + 4 * n')
+            self._line(text)
+        else:
+            self._line('stop = at + n')
+            self._line('if value.find(0, at, stop) != stop - 1 or not value[at:stop].isascii():')
+            self._line(f'    {text}')
+        if path == self.target:
+            self._line(f'return {text if kind.wide else "value[at:stop - 1].decode()"}')
+            self.done = True
+            return
+        self._line('at = stop')
+        self._know(4 if kind.wide else 1)
+
+    def _array(self, kind: Array, path: str) -> None:
+        even = _even(kind.item)
+        if even:
+            self._fixed(path, even.width, even.leaves, kind.length * len(even.leaves))
+        elif kind.item == _BOOL:
+            self._fixed(path, 1, ('',), kind.length)
+            self._bools(path, self.ahead - kind.length, kind.length)
+        else:
+            self._loop(str(kind.length), kind.item, path)
+
+    def _sequence(self, kind: Sequence, path: str) -> None:
+        self._length(path)
+        self._bound(path, kind, 'items')
+        even = _even(kind.item)
+        if even or kind.item == _BOOL:
+            self._items(even or _Even(1, ('',)), path)
+        else:
+            self._line(f'if n * {_least(kind.item)} > size - at:')
+            self._line(f'    raise too_many(n, size - at, at, {self._place(path)})')
+            self._loop('n', kind.item, path)
+        if kind.item == _BOOL:
+            self._line('if value[at - n:at].translate(None, BOOLS):')
+            self._line(f'    raise not_bool(value, at - n, n, {self._place(path)})')
+
+    def _items(self, even: _Even, path: str) -> None:
+        """The `n` items of a sequence, as one step."""
+        bytes_each = even.width * len(even.leaves)
+        if even.width == 8:
+            # An empty sequence is not followed by the alignment of its items.
+            self._line('if n:')
+            self._line(f'    at = {_aligned(0, 8)}')
+        self._line(f'at += n * {bytes_each}')
+        piece = self._name(_Piece(path, 0, even.width, even.leaves, 0))
+        self._line('if at > size:')
+        start = f'at - n * {bytes_each}'
+        self._line(f'    raise short(size, {start}, [{piece}], {self._indices()}, n)')
+        self._know(min(even.width, 4))
+
+    def _loop(self, times: str, item: Kind, path: str) -> None:
+        self._move()
+        # Where an item begins depends on the items before it.
+        self._know(1)
+        self._line(f'for i{self.loops} in range({times}):')
+        self.loops += 1
+        self._field(item, f'{path}[{{{self.loops - 1}}}]')
+        self._move()
+        self.loops -= 1
+        self._know(1)
+
+    def _length(self, path: str) -> None:
+        """Leaves the length of a string or sequence in `n`, and `at` behind it."""
+        self._fixed(path, 4)
+        self._compare()
+        self._line(f'n = u32(value, {_after(self.ahead - 4)})[0]')
+        self._move()
+
+    def _bound(self, path: str, kind: String | Sequence, unit: str) -> None:
+        if kind.bound is None:
+            return
+        # The length of a string counts its NUL.
+        extra = int(unit == 'bytes')
+        self._line(f'if n > {kind.bound + extra}:')
+        found = f'n - {extra}, {kind.bound}, "{unit}"'
+        self._line(f'    raise over_bound({found}, at - 4, {self._place(path)})')
+
+    def _fixed(
+        self, path: str, width: int, leaves: tuple[str, ...] | None = None, count: int = 1
+    ) -> None:
+        self._align(width)
+        self.pieces.append(_Piece(path, self.ahead, width, leaves, count))
+        self.ahead += width * count
+        self.rest = (self.rest + width * count) % self.modulus
+
+    def _align(self, width: int) -> None:
+        if width <= self.modulus:
+            gap = -self.rest % width
+            self.ahead += gap
+            self.rest = (self.rest + gap) % self.modulus
+            return
+        self._compare()
+        self._line(f'at = {_aligned(self.ahead, width)}')
+        self._know(width)
+
+    def _bools(self, path: str, offset: int, count: int) -> None:
+        self._compare()
+        start = _after(offset)
+        bad = f'value[{start}:{start} + {count}].translate(None, BOOLS)'
+        self._line(f'if {bad if count > 1 else f"value[{start}] > 1"}:')
+        self._line(f'    raise not_bool(value, {start}, {count}, {self._place(path)})')
+
+    def _compare(self) -> None:
+        """Holds all pieces against the size of the value, at once."""
+        if self.pieces:
+            self._line(f'if {_after(self.ahead)} > size:')
+            pieces = self._name(tuple(self.pieces))
+            self._line(f'    raise short(size, at, {pieces}, {self._indices()})')
+            self.pieces.clear()
+
+    def _move(self) -> None:
+        self._compare()
+        if self.ahead:
+            self._line(f'at += {self.ahead}')
+            self.ahead = 0
+
+    def _know(self, modulus: int) -> None:
+        """From here on, only this is known of `at`: it is aligned to `modulus`."""
+        self.ahead, self.modulus, self.rest = 0, modulus, 0
+
+    def _line(self, text: str) -> None:
+        self.lines.append('    ' * (self.loops + 1) + text)
+
+    def _name(self, constant: object) -> str:
+        name = f'c{len(self.names)}'
+        self.names[name] = constant
+        return name
+
+    def _indices(self) -> str:
+        return '(' + ''.join(f'i{loop}, ' for loop in range(self.loops)) + ')'
+
+    def _place(self, path: str) -> str:
+        return f'{self._name(path)}, {self._indices()}'
+
+
+def _after(offset: int) -> str:
+    return f'at + {offset}' if offset else 'at'
+
+
+def _aligned(offset: int, width: int) -> str:
+    # The 4 bytes of the header do not count, and matter from a width of 8 on.
+    if width == 8:
+        return f'({_after(offset + 3)} & -8) + 4'
+    return f'{_after(offset + width - 1)} & -{width}'
+
+
+def _by_order(code: str) -> tuple[Callable[..., tuple[Any, ...]], ...]:
+    """Readers of one primitive, by the second byte of the header."""
+    return struct.Struct('>' + code).unpack_from, struct.Struct('<' + code).unpack_from
+
+
+_HEAD: Final = """
+def walk(value):
+    size = len(value)
+    if size < 4 or value[0] or value[1] > 1:
+        raise bad_header(value)
+    u32 = u32_by_order[value[1]]
+    at = 4
+"""
+
+
+def _bad_header(value: bytes) -> DecodeError:
+    found = value[:4].hex(' ') or 'nothing'
+    return DecodeError(f'encapsulation header: needs 00 00 or 00 01 and 2 bytes, found {found}')
+
+
+def _short(
+    size: int, at: int, pieces: tuple[_Piece, ...], indices: tuple[int, ...], items: int = 0
+) -> DecodeError:
+    """The first of the primitives that reaches behind the end of the value."""
+    for piece in pieces:
+        start = at + piece.offset
+        count = piece.times or items * len(piece.leaves or ())
+        if start + piece.width * count > size:
+            number = max(0, size - start) // piece.width
+            path = piece.name(number).format(*indices)
+            offset = start + number * piece.width
+            noun = 'byte' if piece.width == 1 else 'bytes'
+            return DecodeError(
+                f'{path}: needs {piece.width} {noun} at {offset}, the value has {size}'
+            )
+    raise AssertionError(pieces)
+
+
+def _too_many(n: int, left: int, at: int, path: str, indices: tuple[int, ...]) -> DecodeError:
+    where = path.format(*indices)
+    return DecodeError(f'{where}: needs {n} items at {at}, the value has {left} bytes there')
+
+
+def _over_bound(
+    found: int, bound: int, unit: str, at: int, path: str, indices: tuple[int, ...]
+) -> DecodeError:
+    where = path.format(*indices)
+    return DecodeError(f'{where}: at most {bound} {unit}, found {found} at {at}')
+
+
+def _not_bool(
+    value: bytes, at: int, count: int, path: str, indices: tuple[int, ...]
+) -> DecodeError:
+    number = next(i for i in range(count) if value[at + i] > 1)
+    where = path.format(*indices)
+    found = value[at + number]
+    return DecodeError(f'{where}: needs a bool (0 or 1) at {at + number}, found {found}')
+
+
+def _narrow(value: bytes, at: int, stop: int, path: str, indices: tuple[int, ...]) -> str:
+    """The text of a string whose bytes, NUL included, lie from `at` to `stop`."""
+    where = path.format(*indices)
+    if stop > len(value):
+        raise DecodeError(f'{where}: needs {stop - at} bytes at {at}, the value has {len(value)}')
+    if stop == at:
+        raise DecodeError(f'{where}: needs a length of at least 1 at {at - 4}, found 0')
+    if value[stop - 1]:
+        raise DecodeError(f'{where}: needs a NUL at {stop - 1}, found {value[stop - 1]:#04x}')
+    inner = value.find(0, at, stop - 1)
+    if inner >= 0:
+        raise DecodeError(f'{where}: has a NUL inside, at {inner}')
+    try:
+        return value[at : stop - 1].decode()
+    except UnicodeDecodeError as error:
+        bad = at + error.start
+        raise DecodeError(f'{where}: is not UTF-8 at {bad}: {value[bad]:#04x}') from None
+
+
+def _wide(value: bytes, at: int, stop: int, path: str, indices: tuple[int, ...]) -> str:
+    """The text of a wstring: UTF-16, each unit in 4 bytes, without a NUL behind."""
+    where = path.format(*indices)
+    if stop > len(value):
+        raise DecodeError(f'{where}: needs {stop - at} bytes at {at}, the value has {len(value)}')
+    order = 'be' if value[1] == 0 else 'le'
+    try:
+        units = value[at:stop].decode(f'utf-32-{order}', 'surrogatepass')
+        if max(units, default='') > '\uffff':
+            raise DecodeError(f'{where}: has a unit of more than 16 bits behind {at}')
+        return units.encode('utf-16-le', 'surrogatepass').decode('utf-16-le')
+    except UnicodeDecodeError:
+        raise DecodeError(f'{where}: is not UTF-16 in units of 4 bytes at {at}') from None
+
+
+_TOOLS: Final[dict[str, Any]] = {
+    'BOOLS': b'\x00\x01',
+    'bad_header': _bad_header,
+    'narrow': _narrow,
+    'not_bool': _not_bool,
+    'over_bound': _over_bound,
+    'short': _short,
+    'too_many': _too_many,
+    'u32_by_order': _by_order('I'),
+    'wide': _wide,
+}
