@@ -16,14 +16,11 @@ from contextlib import contextmanager
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters, explain, from_kafka
 from ros2_kafka_bridge.endpoints import MessageSink, Outgoing, Readers, Record, RecordSource
-from ros2_kafka_bridge.errors import (
-    RecordError,
-    RecordTooLargeError,
-    RouteError,
-)
+from ros2_kafka_bridge.errors import RecordError, RouteError
 from ros2_kafka_bridge.formats import Decode
 from ros2_kafka_bridge.logs import Occasional
-from ros2_kafka_bridge.metrics import Counters, Outcome, State
+from ros2_kafka_bridge.metrics import Counters, Outcome
+from ros2_kafka_bridge.pace import Pace, expires
 from ros2_kafka_bridge.stop import Stop
 
 BATCH = 500
@@ -94,11 +91,11 @@ class KafkaToRos:
         self._confirmed = 0  # of those published since a reader was lost last
         self._positions: dict[int, int] = {}
         self._ready_at_s: float | None = None
-        self._next_publish_s = 0.0
         self._blocked_since_s: float | None = None
         self._nap_s = _SHORTEST_NAP_S
         self._tick_at_s = 0.0
-        self._expired = _expires(route.max_age_s)
+        self._pace = Pace(route.max_rate)
+        self._expired = expires(route.max_age_s)
 
     def run(self, stop: Stop) -> None:
         """Move records until a stop is asked for, then drain.
@@ -142,18 +139,11 @@ class KafkaToRos:
             entry.outcome = Outcome.SKIPPED
             return
         try:
-            entry.cdr = self._to_cdr(record.value())
+            entry.cdr = self._decode(record.value())
         except RecordError as error:
             self._refuse(entry, error)
         else:
             self._pending.append(entry)
-
-    def _to_cdr(self, value: bytes | None) -> bytes:
-        if value is not None and len(value) > self._route.max_message_bytes:
-            raise RecordTooLargeError(
-                len(value), self._route.max_message_bytes, 'max_message_bytes of the route'
-            )
-        return self._decode(value)
 
     def _refuse(self, entry: Entry, error: RecordError) -> None:
         where = f'{self._route.source.kafka}[{entry.partition}]@{entry.offset}'
@@ -188,7 +178,7 @@ class KafkaToRos:
                 return 'on_error: stop'
             if self._expired(entry.record):
                 entry.outcome = Outcome.DROPPED
-            elif self._too_early():
+            elif not self._pace.go():
                 return 'max_rate'
             elif not publish(entry.cdr):
                 return 'the history is full: a subscriber does not take'
@@ -218,16 +208,6 @@ class KafkaToRos:
             self._ready_at_s = now_s + SETTLE_S
         return now_s >= self._ready_at_s
 
-    def _too_early(self) -> bool:
-        if self._route.max_rate is None:
-            return False
-        now_s = time.monotonic()
-        if now_s < self._next_publish_s:
-            return True
-        interval_s = 1 / self._route.max_rate
-        self._next_publish_s = max(self._next_publish_s, now_s - interval_s) + interval_s
-        return False
-
     def _wait(self, obstacle: str) -> None:
         now_s = time.monotonic()
         if self._blocked_since_s is None:
@@ -240,7 +220,7 @@ class KafkaToRos:
             for record in self._source.hold():
                 self._accept(record)
         if obstacle == 'max_rate':
-            time.sleep(min(_LONGEST_NAP_S, max(0.0, self._next_publish_s - now_s)))
+            time.sleep(min(_LONGEST_NAP_S, self._pace.wait_s))
             return
         time.sleep(self._nap_s)
         self._nap_s = min(_LONGEST_NAP_S, self._nap_s * 2)
@@ -306,10 +286,7 @@ class KafkaToRos:
         self._show(waiting or self._source.away)
 
     def _show(self, reason: str) -> None:
-        failure = self._dead_letters.problem
-        self.counters.state = State.WAITING if reason else State.RUNNING
-        self.counters.state = State.FAILED if failure else self.counters.state
-        self.counters.reason = failure or reason
+        self.counters.tell(self._dead_letters.problem, reason)
         self.counters.lost_upstream = self._source.lost_upstream
         lag = self._source.lag(self._positions)
         self.snapshot = self.counters.snapshot(len(self._window), lag)
@@ -391,18 +368,5 @@ class KafkaToRos:
             self._dead_letters.close()
             self._positions.clear()
             self.counters.lost_upstream = self._source.lost_upstream
-            self.counters.state, self.counters.reason = State.STOPPED, ''
+            self.counters.tell_end()
             self.snapshot = self.counters.snapshot(len(self._window))
-
-
-def _expires(max_age_s: float | None) -> Callable[[Record], bool]:
-    """Make the question whether a record is too old to be published."""
-    if max_age_s is None:
-        return lambda _: False
-    limit_ms = max_age_s * 1000
-
-    def expired(record: Record) -> bool:
-        kind, created_ms = record.timestamp()
-        return kind != 0 and time.time() * 1000 - created_ms > limit_ms
-
-    return expired

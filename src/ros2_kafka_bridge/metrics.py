@@ -70,6 +70,15 @@ class Counters:
         """Count `count` records or messages that ended in `outcome`."""
         self.ended[outcome] += count
 
+    def tell(self, failure: str, obstacle: str) -> None:
+        """Note what the route is doing: it has failed, it waits, or, both empty, it runs."""
+        self.state = State.FAILED if failure else State.WAITING if obstacle else State.RUNNING
+        self.reason = failure or obstacle
+
+    def tell_end(self) -> None:
+        """Note that the route does nothing any more."""
+        self.state, self.reason = State.STOPPED, ''
+
     def snapshot(self, in_flight: int, lag: int | None = None) -> Snapshot:
         """Freeze the counters; `in_flight` is the length of what the route holds now."""
         return Snapshot(

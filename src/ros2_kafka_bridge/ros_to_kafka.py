@@ -25,7 +25,7 @@ from ros2_kafka_bridge.errors import (
 )
 from ros2_kafka_bridge.formats import Encode
 from ros2_kafka_bridge.logs import Occasional
-from ros2_kafka_bridge.metrics import Counters, Outcome, State
+from ros2_kafka_bridge.metrics import Counters, Outcome
 from ros2_kafka_bridge.stop import Stop
 
 BATCH = 500
@@ -156,7 +156,7 @@ class RosToKafka:
         headers = self._make_headers(message)
         topic = self._route.sink.kafka
         try:
-            value = self._to_value(message.cdr)
+            value = self._encode(message.cdr)
             record = Outgoing(topic, self._make_key(message), value, headers)
         except RecordError as error:
             self._refuse(self._hold(Outgoing(topic, None, message.cdr, headers)), error)
@@ -164,13 +164,6 @@ class RosToKafka:
             entry = self._hold(record)
             if self._failed is None:
                 self._pending.append(entry)
-
-    def _to_value(self, cdr: bytes) -> bytes | None:
-        if len(cdr) > self._route.max_message_bytes:
-            raise RecordTooLargeError(
-                len(cdr), self._route.max_message_bytes, 'max_message_bytes of the route'
-            )
-        return self._encode(cdr)
 
     def _hold(self, record: Outgoing) -> Entry:
         self._number += 1
@@ -281,10 +274,7 @@ class RosToKafka:
         self._show(reason)
 
     def _show(self, reason: str) -> None:
-        failure = self._dead_letters.problem
-        self.counters.state = State.WAITING if reason else State.RUNNING
-        self.counters.state = State.FAILED if failure else self.counters.state
-        self.counters.reason = failure or reason
+        self.counters.tell(self._dead_letters.problem, reason)
         self.counters.lost_upstream = self._source.lost_upstream
         self.snapshot = self.counters.snapshot(len(self._window))
 
@@ -319,7 +309,7 @@ class RosToKafka:
             for entry in (*self._sink.close(), *self._dead_letters.close()):
                 self._end(entry, Outcome.DEAD_LETTERED if entry.dead else Outcome.CONFIRMED)
             self.counters.lost_upstream = self._source.lost_upstream
-            self.counters.state, self.counters.reason = State.STOPPED, ''
+            self.counters.tell_end()
             self.snapshot = self.counters.snapshot(len(self._window))
 
     def _resume(self) -> None:

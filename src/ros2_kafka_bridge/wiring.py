@@ -8,7 +8,7 @@ from typing import Any
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters, Letter
 from ros2_kafka_bridge.endpoints import Message
-from ros2_kafka_bridge.formats import FORMATS
+from ros2_kafka_bridge.formats import FORMATS, limited
 from ros2_kafka_bridge.kafka.admin import ensure_topic, topic_limit_bytes
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.producer import KafkaSink
@@ -93,7 +93,9 @@ class Wiring:
         )
         room = self._endpoints.writers[route.sink.ros] if self._abilities.bounded else None
         sink = RosSink(self._node, route.sink.ros, message_type, route.sink.qos, room, log)
-        decode = FORMATS[route.format].make_decode(message_type.layout)
+        decode = limited(
+            FORMATS[route.format].make_decode(message_type.layout), route.max_message_bytes
+        )
         stack.enter_context(_open(sink))
         if route.max_rate is None:
             log.info(
@@ -127,7 +129,9 @@ class Wiring:
             has_gid=self._abilities.gid,
             on_offer=produced.look,
         )
-        encode = FORMATS[route.format].make_encode(message_type.layout)
+        encode = limited(
+            FORMATS[route.format].make_encode(message_type.layout), route.max_message_bytes
+        )
         make_value_key = make_key(route.sink.key, route.source.ros, message_type.layout)
         headers = make_headers(route.source.ros, name, self._config.name, source.type_hash)
         # Open before Kafka is asked anything: from here on DDS holds the publishers back.

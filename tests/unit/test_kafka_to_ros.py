@@ -11,6 +11,7 @@ from ros2_kafka_bridge import kafka_to_ros
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters
 from ros2_kafka_bridge.errors import DecodeError, RouteError
+from ros2_kafka_bridge.formats import limited
 from ros2_kafka_bridge.kafka_to_ros import Entry, KafkaToRos
 from ros2_kafka_bridge.metrics import State
 from ros2_kafka_bridge.stop import Stop
@@ -47,7 +48,15 @@ class House:
             }
         )
         dead: DeadLetters[Entry] = DeadLetters('orders.dead', self.letters, lambda: None, LOG)
-        self.direction = KafkaToRos(route, 'me', self.source, self.sink, decode, dead, LOG)
+        self.direction = KafkaToRos(
+            route,
+            'me',
+            self.source,
+            self.sink,
+            limited(decode, route.max_message_bytes),
+            dead,
+            LOG,
+        )
         self.source.open(self.direction)
 
     def give(self, *values: bytes | None, partition: int = 0, first: int = 0, **more: Any) -> None:

@@ -14,6 +14,7 @@ from ros2_kafka_bridge.errors import (
     RouteError,
     TransportError,
 )
+from ros2_kafka_bridge.formats import limited
 from ros2_kafka_bridge.metrics import State
 from ros2_kafka_bridge.ros_to_kafka import Entry, RosToKafka
 from ros2_kafka_bridge.stop import Stop
@@ -50,7 +51,7 @@ class House:
             self.source,
             lambda message: message.seq in seen,
             self.sink,
-            encode,
+            limited(encode, route.max_message_bytes),
             lambda _: b'key',
             lambda message: [('ros.seq', str(message.seq))],
             dead,

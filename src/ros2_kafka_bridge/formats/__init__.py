@@ -5,8 +5,9 @@ A format is asked once, when its route starts, for the functions that its loop w
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeVar
 
+from ros2_kafka_bridge.errors import RecordTooLargeError
 from ros2_kafka_bridge.formats import cdr, text
 from ros2_kafka_bridge.formats.layout import Layout
 
@@ -15,6 +16,10 @@ Decode = Callable[[bytes | None], bytes]
 
 Encode = Callable[[bytes], bytes | None]
 """CDR bytes -> value of a record. Raises EncodeError."""
+
+
+Value = TypeVar('Value', bound=bytes | None)
+Converted = TypeVar('Converted')
 
 
 class MakeDecode(Protocol):
@@ -49,3 +54,21 @@ FORMATS: dict[str, Format] = {
     'text': Format(text.make_decode, text.make_encode, frozenset({'std_msgs/msg/String'})),
     'cdr': Format(cdr.make_decode, cdr.make_encode, None),
 }
+
+
+def limited(
+    convert: Callable[[Value], Converted], max_message_bytes: int
+) -> Callable[[Value], Converted]:
+    """Make a decode or encode function refuse what is larger than a route allows.
+
+    The function made raises RecordTooLargeError.
+    """
+
+    def convert_if_small(value: Value) -> Converted:
+        if value is not None and len(value) > max_message_bytes:
+            raise RecordTooLargeError(
+                len(value), max_message_bytes, 'max_message_bytes of the route'
+            )
+        return convert(value)
+
+    return convert_if_small
