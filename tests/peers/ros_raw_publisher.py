@@ -22,6 +22,8 @@ def main() -> None:
     parser.add_argument('file', type=Path)
     parser.add_argument('--typed', action='store_true', help='as message objects, not as bytes')
     parser.add_argument('--durability', default='volatile')
+    parser.add_argument('--reliability', default='reliable')
+    parser.add_argument('--period', type=float, default=0.0, help='seconds between two')
     parser.add_argument('--readers', type=int, default=1, help='wait for so many first')
     args = parser.parse_args()
 
@@ -30,7 +32,7 @@ def main() -> None:
     package, _, name = args.type.split('/')
     kind = getattr(importlib.import_module(f'{package}.msg'), name)
     qos = QoSProfile(
-        reliability=ReliabilityPolicy.RELIABLE,
+        reliability=ReliabilityPolicy[args.reliability.upper()],
         durability=DurabilityPolicy[args.durability.upper()],
         history=HistoryPolicy.KEEP_ALL,
     )
@@ -48,6 +50,7 @@ def main() -> None:
     messages = [bytes.fromhex(line) for line in args.file.read_text().split()]
     for message in messages:
         publisher.publish(deserialize_message(message, kind) if args.typed else message)
+        time.sleep(args.period)
     print(f'published {len(messages)}', flush=True)  # noqa: T201
     while rclpy.ok():
         time.sleep(0.05)
