@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, warnings
 from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.logs import route_log
+from ros2_kafka_bridge.memory import give_back
 from ros2_kafka_bridge.metrics import Counters, Snapshot, State
 from ros2_kafka_bridge.ros.node import RosNode, middleware, open_node
 from ros2_kafka_bridge.ros.probe import Abilities, limits, probe, probe_topic
@@ -29,11 +30,16 @@ class Bridge:
     Args:
         config: What to run.
         routes: Names of the routes to run; None runs all.
+        worker: Number of this process among the workers of one bridge, from 1; 0 where it is the
+            only one. A worker leaves to its supervisor what is said once for all of them.
     """
 
-    def __init__(self, config: Config, routes: frozenset[str] | None = None) -> None:
-        self.config = config
+    def __init__(
+        self, config: Config, routes: frozenset[str] | None = None, worker: int = 0
+    ) -> None:
+        self.config = _of_worker(config, worker)
         self.stop = Stop()
+        self._worker = worker
         # Routes from ROS stop after those to ROS: what one of these has published last, and its
         # reader here has acknowledged, is still taken.
         self._stop_takers = Stop()
@@ -54,8 +60,10 @@ class Bridge:
         probed = probe_topic()
         routes = [lane.route for lane in self._lanes]
         endpoints = endpoints_of(routes, probed, self.config.ros.lease_s)
-        with open_node(self.config.name, self.config.ros.domain_id, endpoints) as node:
+        name = f'{self.config.name}_{self._worker}' if self._worker else self.config.name
+        with open_node(name, self.config.ros.domain_id, endpoints) as node:
             abilities = self._start(node, probed)
+            give_back()
             wiring = Wiring(self.config, node, abilities, endpoints)
             for lane in self._lanes:
                 lane.thread = threading.Thread(
@@ -76,14 +84,15 @@ class Bridge:
     # Start-up
 
     def _start(self, node: RosNode, probed: str) -> Abilities:
-        for warning in warnings(self.config):
-            self._log.warning('%s', warning)
         abilities = probe(node, probed)
-        for warning in limits(abilities):
-            self._log.warning('%s', warning)
+        if self._worker <= 1:
+            for warning in (*warnings(self.config), *limits(abilities)):
+                self._log.warning('%s', warning)
+        worker = f', worker {self._worker},' if self._worker else ''
         self._log.info(
-            'bridge %s runs %d routes on %s', self.config.name, len(self._lanes), middleware()
-        )
+            'bridge %s%s runs %d routes on %s',
+            self.config.name, worker, len(self._lanes), middleware(),
+        )  # fmt: skip
         return abilities
 
     # Run
@@ -116,7 +125,9 @@ class Bridge:
                 lane.direction.run(lane.stop)
         except BridgeError as error:
             lane.failure = str(error)
-            lane.final = draining or (isinstance(error, RouteError) and error.final)
+            for_good = isinstance(error, RouteError) and error.final
+            lane.final = draining or for_good
+            lane.for_good = for_good and not lane.stop.asked
             again = '' if lane.final or lane.stop.asked else f'; tried again in {backoff_s:.0f} s'
             lane.log.error('failed: %s%s', error, again)  # noqa: TRY400 (the user's to mend)
             return lane.final
@@ -126,7 +137,7 @@ class Bridge:
         before = {s.route: s for s in self.snapshots()}
         looked_s = time.monotonic()
         while not self.stop.asked and any(lane.runs for lane in self._lanes):
-            if self.stop.wait(0.2) or time.monotonic() - looked_s < STATUS_S:
+            if self.stop.wait(0.2) or self._worker or time.monotonic() - looked_s < STATUS_S:
                 continue
             period_s, looked_s = time.monotonic() - looked_s, time.monotonic()
             for lane in self._lanes:
@@ -138,7 +149,7 @@ class Bridge:
 
     def _shut_down(self) -> None:
         """Drain the routes to ROS, then those from ROS; what does not end in time is left."""
-        if any(lane.runs for lane in self._lanes):
+        if not self._worker and any(lane.runs for lane in self._lanes):
             self._log.info('stopping: draining; once more stops at once')
         longest_s = max(lane.route.drain_s for lane in self._lanes)
         deadline_s = time.monotonic() + longest_s + _CLOSING_S
@@ -172,6 +183,7 @@ class _Lane:
         self.direction: Direction | None = None
         self.failure = ''
         self.final = False
+        self.for_good = False  # final, and not for the end of a drain
 
     @property
     def runs(self) -> bool:
@@ -183,5 +195,13 @@ class _Lane:
         else:
             last = self.direction.snapshot
         if self.failure:
-            return last._replace(state=State.FAILED, reason=self.failure)
+            return last._replace(state=State.FAILED, reason=self.failure, final=self.for_good)
         return last
+
+
+def _of_worker(config: Config, worker: int) -> Config:
+    """Let the broker tell the workers apart, unless the user has named the clients."""
+    if not worker:
+        return config
+    kafka = {'client.id': f'{config.name}-{worker}', **config.kafka}
+    return config.model_copy(update={'kafka': kafka})

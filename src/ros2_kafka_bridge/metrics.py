@@ -1,5 +1,7 @@
 """What a route counts, and the snapshot of it that others may read."""
 
+import json
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import NamedTuple
@@ -30,7 +32,8 @@ class Snapshot(NamedTuple):
 
     `taken` equals the five outcomes plus `in_flight`, always. `in_flight` is the length of what
     the route holds, not a difference. `lag` is in records (Kafka -> ROS only), `lost_upstream`
-    what was lost before the bridge could take it, `repeated` what was published again.
+    what was lost before the bridge could take it, `repeated` what was published again. `final`
+    says that the route has failed and is not tried again.
     """
 
     route: str
@@ -46,6 +49,7 @@ class Snapshot(NamedTuple):
     lost_upstream: int
     repeated: int
     lag: int | None
+    final: bool = False
 
     @property
     def balanced(self) -> bool:
@@ -96,3 +100,14 @@ class Counters:
             repeated=self.repeated,
             lag=lag,
         )
+
+
+def to_line(snapshots: Iterable[Snapshot]) -> bytes:
+    """Write snapshots as one line of JSON, as a worker sends them."""
+    return json.dumps({'snapshots': [s._asdict() for s in snapshots]}).encode() + b'\n'
+
+
+def from_line(line: bytes) -> list[Snapshot]:
+    """Read snapshots from a line of JSON."""
+    found = json.loads(line)['snapshots']
+    return [Snapshot(**{**fields, 'state': State(fields['state'])}) for fields in found]

@@ -5,7 +5,9 @@ from ros2_kafka_bridge.metrics import Snapshot
 
 def status_line(now: Snapshot, before: Snapshot, period_s: float) -> str:
     """One line that says how a route is doing."""
-    rate = (now.confirmed - before.confirmed) / period_s
+    # What runs a route again after its process had died counts from 0.
+    earlier = before.confirmed if before.confirmed <= now.confirmed else 0
+    rate = (now.confirmed - earlier) / period_s
     state = f'{now.state} ({now.reason})' if now.reason else str(now.state)
     lag = '' if now.lag is None else f', lag {now.lag}'
     return (

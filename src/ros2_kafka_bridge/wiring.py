@@ -25,7 +25,6 @@ from ros2_kafka_bridge.ros.types import load_type
 from ros2_kafka_bridge.ros_to_kafka import Entry, RosToKafka
 from ros2_kafka_bridge.stop import Stop
 
-READER_SAMPLES = 2000
 _LARGEST_BATCH_BYTES = 1_000_000
 _LEAST_KBYTES = 1024
 _LARGEST_LETTER_BYTES = 1_000_000_000  # the most that librdkafka takes
@@ -42,7 +41,8 @@ def endpoints_of(routes: list[Route], probed: str, lease_s: float | None) -> End
     readers = {probed: SAMPLES}
     for route in routes:
         if isinstance(route, RosToKafkaRoute):
-            readers[route.source.ros] = READER_SAMPLES
+            samples = readers.get(route.source.ros, 0)
+            readers[route.source.ros] = max(samples, route.source.max_samples)
         else:
             room = writers.get(route.sink.ros, 0)
             writers[route.sink.ros] = max(room, route.max_in_flight)

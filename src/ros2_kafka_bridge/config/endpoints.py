@@ -142,6 +142,11 @@ class RosSource(Settings):
         None, description='Message type. Without it the type that the graph shows.'
     )
     qos: QoS = Field(default_factory=QoS, description="Quality of service of the bridge's reader.")
+    max_samples: Count = Field(
+        2000,
+        description='Messages that DDS keeps for the bridge while it does not take, at most. '
+        'Fewer for large ones: while Kafka is away, so many of them are held in memory.',
+    )
 
 
 class RosSink(Settings):

@@ -241,6 +241,7 @@ class Config(Settings):
         description='librdkafka properties, by their own names. bootstrap.servers is required.'
     )
     ros: RosSettings = Field(default_factory=RosSettings, description='The ROS side.')
+    workers: Count = Field(1, description='Processes that share the routes, at most one for each.')
     defaults: dict[str, Any] = Field(
         default_factory=dict,
         description='Any field of a route but name, from and to, for the routes that it fits.',

@@ -1,0 +1,119 @@
+"""Several workers while one of them, or the process above them, is killed.
+
+The guarantees are those of docs: 1 and 2 at least once, 7 stop is a drain, 8 what SIGKILL costs.
+"""
+
+import os
+import signal
+from functools import partial
+from pathlib import Path
+
+from harness import Bench, Process, eventually, lines, to_kafka, to_ros, values
+from workers import pids, there_and_back, wait_until_gone
+
+COUNT = 6000
+RATE = 400.0
+LATCHED = ('--durability', 'transient_local', '--readers', '0', '--count', str(COUNT))
+
+
+def numbered(count: int) -> list[bytes]:
+    return [b'%d' % number for number in range(count)]
+
+
+def kill(process: Process, worker: int) -> int:
+    """SIGKILL a worker, and wait until it runs again; returns what the other was before."""
+    before = pids(process, worker)
+    other = pids(process, 3 - worker)[-1]
+    os.kill(before[-1], signal.SIGKILL)
+    process.wait_for(f'worker {worker} (', 60, count=2)
+    eventually(lambda: len(pids(process, worker)) > len(before), 60, process.output)
+    return other
+
+
+def test_guarantees_1_2_8_a_killed_worker_is_started_again_and_nothing_is_lost(
+    bench: Bench, topic_name: str, tmp_path: Path
+) -> None:
+    """Each worker in turn, while the other goes on as the same process."""
+    arrived, written = tmp_path / 'arrived', f'{topic_name}.written'
+    routes = [to_ros(topic_name, '/there', max_rate=RATE), to_kafka('/latched', written)]
+    bench.create_topic(topic_name)
+    bench.create_topic(written)
+    bench.produce(topic_name, numbered(COUNT))
+    with (
+        bench.subscriber('/there', arrived),
+        bench.publisher('/latched', *LATCHED, '--rate', str(RATE)),
+        bench.bridge(bench.config(routes, workers=2)) as process,
+    ):
+        eventually(lambda: len(lines(arrived)) > 500, 90, process.output)
+        other = kill(process, 1)
+        process.wait_for('worker 1 (to_ros) was ended by SIGKILL: started again in 1 s')
+        goes_on = bench.end_offset(written) + 500
+        eventually(partial(bench.reaches, written, goes_on), 60, process.output)
+        assert pids(process, 2) == [other]
+
+        read = len(lines(arrived))
+        other = kill(process, 2)
+        process.wait_for('worker 2 (to_kafka) was ended by SIGKILL: started again in 1 s')
+        eventually(lambda: len(lines(arrived)) > read + 500, 60, process.output)
+        assert pids(process, 1)[-1] == other
+
+        records = bench.records(written, COUNT, timeout_s=120)
+        eventually(lambda: str(COUNT - 1) in lines(arrived)[-1:], 120, process.output)
+        assert process.end(40) == 0, process.output()
+    assert values(records) == numbered(COUNT), 'nothing is lost, repeated or out of order'
+    found = [int(line) for line in lines(arrived)]
+    assert set(found) == set(range(COUNT))
+    assert bench.committed('test.to_ros', topic_name) == COUNT
+
+
+def test_guarantee_7_when_the_supervisor_is_killed_its_workers_drain_in_order_and_end(
+    bench: Bench, topic_name: str
+) -> None:
+    sent = [value.ljust(500) for value in numbered(20_000)]
+    returned = f'{topic_name}.returned'
+    config = bench.config(there_and_back(topic_name, max_rate=3000), workers=2)
+    bench.create_topic(topic_name)
+    bench.create_topic(returned)
+    bench.produce(topic_name, list(sent))
+    with bench.bridge(config) as process:
+        eventually(partial(bench.reaches, returned, 1500), 90, process.output)
+        workers = [*pids(process, 1), *pids(process, 2)]
+        process.kill()
+        wait_until_gone(*workers)
+    assert process.output().count('the supervisor has gone: draining') == 2
+    assert 'ERROR   to_' not in process.output()
+    committed = bench.committed('test.to_ros', topic_name)
+    assert 0 < committed < len(sent)
+    assert values(bench.records(returned, committed)) == sent[:committed]
+
+
+def test_a_worker_that_does_not_end_is_killed_and_the_other_has_its_drain(
+    bench: Bench, topic_name: str
+) -> None:
+    config = bench.config(
+        there_and_back(topic_name, drain_s=1), workers=2, defaults={'drain_s': 1}
+    )
+    bench.create_topic(topic_name)
+    bench.create_topic(f'{topic_name}.returned')
+    bench.produce(topic_name, numbered(100))
+    with bench.bridge(config) as process:
+        eventually(partial(bench.reaches, f'{topic_name}.returned', 100), 90, process.output)
+        os.kill(pids(process, 1)[0], signal.SIGSTOP)
+        assert process.end(60) == 1
+    assert 'worker 1 (to_ros) did not end in time and was killed' in process.output()
+    assert 'to_kafka: stopped: 100 taken, 100 confirmed' in process.output()
+    wait_until_gone(*pids(process, 1), *pids(process, 2))
+
+
+def test_a_worker_that_is_away_when_a_stop_comes_is_not_started_again(
+    bench: Bench, topic_name: str
+) -> None:
+    config = bench.config(there_and_back(topic_name), workers=2)
+    bench.create_topic(topic_name)
+    with bench.bridge(config) as process:
+        process.wait_for('subscribes to', 90)
+        os.kill(pids(process, 2)[0], signal.SIGKILL)
+        process.wait_for('was ended by SIGKILL: started again in')
+        process.send(signal.SIGTERM)
+        assert process.wait(40) == 1
+    assert len(pids(process, 2)) == 1

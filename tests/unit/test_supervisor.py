@@ -1,0 +1,139 @@
+"""How routes are shared out among workers, when one is started again, what its pipe carries."""
+
+import subprocess
+import sys
+from collections import Counter
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ros2_kafka_bridge.config.file import loads
+from ros2_kafka_bridge.metrics import Counters, State, from_line, to_line
+from ros2_kafka_bridge.shares import Share, share_out, supervised
+from ros2_kafka_bridge.worker_process import WorkerProcess, backoff
+
+CONFIG = """\
+name: test
+workers: {workers}
+kafka: {{bootstrap.servers: x}}
+defaults: {{format: text}}
+routes:
+  - {{name: a, from: {{kafka: a}}, to: {{ros: /a, type: std_msgs/msg/String}}, drain_s: 3}}
+  - {{name: b, from: {{ros: /b}}, to: {{kafka: b}}}}
+"""
+
+
+def names(prefix: str, count: int) -> list[str]:
+    return [f'{prefix}{number}' for number in range(count)]
+
+
+def numbers(shares: list[Share]) -> tuple[list[int], list[int]]:
+    """How many routes each worker has, to ROS and from ROS."""
+    to_ros = [len(share.routes) for share in shares if share.to_ros]
+    return to_ros, [len(share.routes) for share in shares if not share.to_ros]
+
+
+@pytest.mark.parametrize(
+    ('to_ros', 'from_ros', 'workers', 'expected'),
+    [
+        (1, 1, 2, ([1], [1])),
+        (1, 1, 8, ([1], [1])),
+        (4, 0, 3, ([2, 1, 1], [])),
+        (0, 4, 2, ([], [2, 2])),
+        (9, 1, 2, ([9], [1])),
+        (9, 1, 4, ([3, 3, 3], [1])),
+        (1, 9, 4, ([1], [3, 3, 3])),
+        (4, 4, 3, ([2, 2], [4])),
+    ],
+)
+def test_each_direction_gets_workers_in_proportion_to_its_routes(
+    to_ros: int, from_ros: int, workers: int, expected: tuple[list[int], list[int]]
+) -> None:
+    assert numbers(share_out(names('a', to_ros), names('b', from_ros), workers)) == expected
+
+
+@given(
+    to_ros=st.integers(0, 30).map(lambda count: names('a', count)),
+    from_ros=st.integers(0, 30).map(lambda count: names('b', count)),
+    workers=st.integers(2, 40),
+)
+def test_every_route_has_one_worker_of_its_direction_and_no_worker_is_idle(
+    to_ros: list[str], from_ros: list[str], workers: int
+) -> None:
+    if len(to_ros) + len(from_ros) < 2:
+        return
+    shares = share_out(to_ros, from_ros, workers)
+    assert len(shares) == min(workers, len(to_ros) + len(from_ros))
+    assert Counter(r for share in shares for r in share.routes) == Counter(to_ros + from_ros)
+    assert all(share.routes for share in shares)
+    assert all(set(share.routes) <= {*(to_ros if share.to_ros else from_ros)} for share in shares)
+    for counts in numbers(shares):
+        assert not counts or max(counts) - min(counts) <= 1
+
+
+def test_one_worker_or_one_route_needs_no_supervisor() -> None:
+    config = loads(CONFIG.format(workers=2), 'x', {})
+    assert supervised(config) == ['--workers=2', '--drain-s=8', '--to-ros=a', '--from-ros=b']
+    assert supervised(loads(CONFIG.format(workers=1), 'x', {})) == []
+    assert supervised(config.model_copy(update={'routes': config.routes[:1]})) == []
+
+
+def test_the_wait_for_a_start_doubles_up_to_ten_seconds_and_begins_anew_after_a_good_time() -> (
+    None
+):
+    waits = [0.0]
+    for _ in range(6):
+        waits.append(backoff(waits[-1], ran_s=2.0))
+    assert waits[1:] == [1.0, 2.0, 4.0, 8.0, 10.0, 10.0]
+    assert backoff(10.0, ran_s=3600.0) == 1.0
+
+
+def test_a_line_of_snapshots_brings_back_every_field() -> None:
+    counters = Counters('orders', state=State.WAITING, reason='a "subscriber"\nis away', taken=7)
+    sent = [
+        counters.snapshot(7, lag=3),
+        Counters('ü').snapshot(0)._replace(state=State.FAILED, final=True),
+    ]
+    line = to_line(sent)
+    assert line.count(b'\n') == 1
+    assert line.endswith(b'\n')
+    received = from_line(line)
+    assert received == sent
+    assert received[0].state is State.WAITING
+
+
+def test_what_a_worker_has_said_last_is_known_however_its_lines_are_cut() -> None:
+    worker = WorkerProcess(1, Share(('orders',), to_ros=True))
+    counters = Counters('orders')
+    lines = []
+    for _ in range(3):
+        counters.taken += 1
+        lines.append(to_line([counters.snapshot(counters.taken)]))
+    data = b''.join(lines)
+    for start in range(0, len(data) - 5, 7):
+        worker.hear(data[start : min(start + 7, len(data) - 5)])
+    assert worker.snapshots['orders'].taken == 2
+
+
+def test_a_dead_worker_is_due_after_its_wait_and_its_routes_say_so() -> None:
+    worker = WorkerProcess(1, Share(('orders', 'bad'), to_ros=True))
+    assert worker.due
+    bad = Counters('bad').snapshot(0)._replace(state=State.FAILED, reason='NUL', final=True)
+    worker.hear(to_line([bad]))
+    assert worker.fail('was ended by SIGKILL') == 1.0
+    assert not worker.due
+    assert worker.snapshots['bad'] == bad
+    assert worker.failed_for_good == ['bad']
+    orders = worker.snapshots['orders']
+    assert orders.state is State.FAILED
+    assert orders.reason == 'its worker was ended by SIGKILL and is started again'
+
+
+def test_the_supervisor_loads_no_ros_no_kafka_client_and_no_settings() -> None:
+    program = (
+        'import sys; import ros2_kafka_bridge.supervisor\n'
+        'heavy = {"rclpy", "confluent_kafka", "pydantic", "ruamel.yaml", "typer", "rich"}\n'
+        'assert not heavy & {*sys.modules}, heavy & {*sys.modules}'
+    )
+    subprocess.run([sys.executable, '-c', program], check=True, timeout=30)
