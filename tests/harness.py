@@ -68,6 +68,11 @@ class Process:
             raise AssertionError(f'still running after {timeout_s} s:\n{self.output()}') from None
 
     @property
+    def pid(self) -> int:
+        """Its number."""
+        return self._popen.pid
+
+    @property
     def running(self) -> bool:
         """Whether it has not ended."""
         return self._popen.poll() is None
@@ -101,8 +106,14 @@ class Bench:
     def __init__(self, place: Path, bootstrap_servers: str, domain: int) -> None:
         self.place = place
         self.bootstrap_servers = bootstrap_servers
+        self.domain = domain
         self._environ = {'ROS_DOMAIN_ID': str(domain)}
         self._count = 0
+
+    @property
+    def environ(self) -> dict[str, str]:
+        """The environment of what the test starts."""
+        return {**os.environ, **self._environ}
 
     def config(self, routes: list[dict[str, Any]], name: str = 'test', **more: Any) -> Path:
         """Write a configuration file; returns its path."""

@@ -1,20 +1,15 @@
-"""The command line: text -> configuration -> Bridge."""
+"""The command line: text -> configuration -> the process that runs it."""
 
 import enum
-import gc
 import os
-import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, NoReturn
 
 import typer
 
 from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
-
-if TYPE_CHECKING:
-    from ros2_kafka_bridge.config.settings import Config
 
 app = typer.Typer(
     help='Moves every message between Apache Kafka and ROS 2, both ways, and loses none.',
@@ -24,6 +19,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={'help_option_names': ['-h', '--help']},
 )
+
+_LOCAL = 'localhost:9092'
 
 
 class LogFormat(enum.StrEnum):
@@ -39,6 +36,7 @@ Names = Annotated[
 ]
 Log = Annotated[LogFormat, typer.Option(help='How a line of the log is written.')]
 Connect = Annotated[bool, typer.Option('--connect', help='Ask the broker and the ROS graph, too.')]
+Servers = Annotated[str, typer.Option('--bootstrap-servers', help='Kafka brokers, with commas.')]
 
 
 def _version(asked: bool) -> None:  # noqa: FBT001 (typer's callback)
@@ -64,24 +62,16 @@ def run(file: File, routes: Names = '', log_format: Log = LogFormat.TEXT) -> Non
 
     Exit status: 0 done, 1 failed while running, 2 could not start.
     """
-    config = _load(file)
-    chosen = _chosen(config, routes)
+    from ros2_kafka_bridge import shares, worker  # noqa: PLC0415 (--help must be quick)
 
-    from ros2_kafka_bridge import logs  # noqa: PLC0415 (heavy: --help must be quick)
-    from ros2_kafka_bridge.bridge import Bridge  # noqa: PLC0415
-
-    logs.set_up(log_format.value)
-    bridge = Bridge(config, chosen)
-
-    def on_signal(_number: int, _frame: Any) -> None:
-        bridge.stop.ask()
-
-    # The windows hold thousands of live entries: by default they are walked all the time.
-    gc.freeze()
-    gc.set_threshold(50_000, 20, 100)
-    signal.signal(signal.SIGTERM, on_signal)
-    signal.signal(signal.SIGINT, on_signal)
-    raise typer.Exit(bridge.run())
+    config = worker.load_checked(file)
+    worker.chosen(config, routes)
+    if not file.is_file():
+        raise ConfigError([f'{file}: can be read only once: save it as a file, to be run'])
+    more = ['--log-format', log_format.value, *([f'--routes={routes}'] if routes else [])]
+    if not routes and (several := shares.supervised(config)):
+        _become('supervisor', *more, *several, '--', str(file.resolve()))
+    _become('worker', *more, '--', str(file.resolve()))
 
 
 @app.command()
@@ -90,11 +80,111 @@ def check(file: File, *, connect: Connect = False) -> None:
 
     Exit status: 0 all is well, 1 a route could not run as it is, 2 the file is wrong.
     """
-    config = _load(file)
+    from ros2_kafka_bridge.worker import load_checked  # noqa: PLC0415 (--help must be quick)
 
-    from ros2_kafka_bridge.check import report  # noqa: PLC0415 (heavy: --help must be quick)
+    config = load_checked(file)
+
+    from ros2_kafka_bridge.commands.check import report  # noqa: PLC0415 (heavy: only for a right file)
 
     raise typer.Exit(report(config, file, connect=connect))
+
+
+@app.command()
+def demo(
+    *,
+    rate: Annotated[
+        float | None,
+        typer.Option(help='Orders per second.  [default: 300; with --compare 1000]'),
+    ] = None,
+    seconds: Annotated[float, typer.Option(help='How long orders are sent.')] = 20.0,
+    bootstrap_servers: Annotated[
+        str | None, typer.Option(help='A real broker.  [default: one embedded in the demo]')
+    ] = None,
+    compare: Annotated[
+        bool, typer.Option('--compare', help="Let the paper's nodes carry the same orders first.")
+    ] = False,
+    domain: Annotated[
+        int | None, typer.Option(help='ROS domain.  [default: ROS_DOMAIN_ID, or 0]')
+    ] = None,
+) -> None:
+    """Send random orders Kafka -> ROS -> Kafka, and count them on their way.
+
+    Ctrl-C ends the sending and counts what was sent; a second one ends at once (130).
+    Exit status: 0 the bridge lost nothing, 1 it did, or something failed, 2 could not start.
+    """
+    from ros2_kafka_bridge.demo import run as demonstration  # noqa: PLC0415 (heavy)
+
+    options = demonstration.Options(rate, seconds, bootstrap_servers, compare, domain)
+    raise typer.Exit(demonstration.run(options))
+
+
+@app.command()
+def init(
+    file: Annotated[Path, typer.Argument(help='File to write.')] = Path('bridge.yaml'),
+    *,
+    from_graph: Annotated[
+        bool, typer.Option('--from-graph', help='A route for each topic of the ROS graph.')
+    ] = False,
+    servers: Servers = '',
+    force: Annotated[bool, typer.Option('--force', help='Overwrite a file.')] = False,
+) -> None:
+    """Write a commented configuration to begin with; asks nothing, overwrites nothing.
+
+    It has the two usual routes, or with --from-graph a route for each ROS topic that is there
+    now: what is published goes to Kafka, what is only subscribed to comes from Kafka. With
+    --bootstrap-servers it names the topics that Kafka has already.
+
+    Exit status: 0 written, 1 no topic was seen, 2 the file is there or cannot be written.
+    """
+    from ros2_kafka_bridge.commands import init as command  # noqa: PLC0415 (--help must be quick)
+
+    brokers = servers or _LOCAL
+    if from_graph:
+        status = command.write_from_graph(file, brokers, ask_kafka=bool(servers), force=force)
+    else:
+        status = command.write_start(file, brokers, force=force)
+    raise typer.Exit(status)
+
+
+@app.command()
+def topics(
+    file: Annotated[
+        Path | None,
+        typer.Argument(help='Configuration (YAML): its brokers, domain and routes.'),
+    ] = None,
+    *,
+    servers: Servers = '',
+    rates: Annotated[
+        float | None,
+        typer.Option(
+            min=0.5,
+            metavar='SECONDS',
+            help='Count messages for so long. Every counted ROS topic is sent here meanwhile: '
+            'that is load on the network.',
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option('--json', help='For programs.')] = False,
+) -> None:
+    """Show the topics of both sides, and which routes and nodes would match.
+
+    For Kafka: partitions, records held (offsets from the first to the last, more than records on
+    compacted topics), rates. For ROS: types, QoS of publishers and subscribers, rates. A topic
+    that a bridge publishes is not counted, because the bridge would wait for the counting.
+    Without FILE: localhost:9092 and ROS_DOMAIN_ID.
+
+    Exit status: 0 both sides were seen, 1 Kafka was not, 2 the file is wrong.
+    """
+    if file is not None and servers:
+        raise ConfigError([f'--bootstrap-servers: {file} says them already: leave one out'])
+
+    from ros2_kafka_bridge.worker import load_checked  # noqa: PLC0415 (--help must be quick)
+
+    config = None if file is None else load_checked(file)
+
+    from ros2_kafka_bridge.commands.topics import Sides, report  # noqa: PLC0415 (heavy)
+
+    sides = Sides.without_file(servers or _LOCAL) if config is None else Sides.of(config)
+    raise typer.Exit(report(sides, seconds=rates, as_json=as_json))
 
 
 def main() -> None:
@@ -106,24 +196,16 @@ def main() -> None:
         sys.exit(2)
 
 
-def _load(file: Path) -> 'Config':
-    from ros2_kafka_bridge.config.file import load  # noqa: PLC0415 (heavy)
-    from ros2_kafka_bridge.kafka.properties import property_problems  # noqa: PLC0415
-    from ros2_kafka_bridge.ros.types import unknown_type  # noqa: PLC0415
+def _become(module: str, *arguments: str) -> NoReturn:
+    """Replace this process, so that what runs for long holds none of this one's libraries.
 
-    return load(file, os.environ, check_type=unknown_type, check_kafka=property_problems)
+    What is asked for on the way by a signal is kept for the program that takes over.
+    """
+    import signal  # noqa: PLC0415 (only here)
 
-
-def _chosen(config: 'Config', routes: str) -> frozenset[str] | None:
-    if not routes:
-        return None
-    chosen = frozenset(name.strip() for name in routes.split(','))
-    known = {route.name for route in config.routes}
-    if unknown := sorted(chosen - known):
-        raise ConfigError(
-            [
-                f'--routes: no route {name}, there are {", ".join(sorted(known))}'
-                for name in unknown
-            ]
-        )
-    return chosen
+    sys.stdout.flush()
+    sys.stderr.flush()
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGTERM])
+    # -P: a directory that happens to be the current one is not searched for modules.
+    program = [sys.executable, '-P', '-m', f'ros2_kafka_bridge.{module}']
+    os.execv(sys.executable, [*program, *arguments])  # noqa: S606 (no shell is wanted)

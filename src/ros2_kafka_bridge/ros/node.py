@@ -22,6 +22,7 @@ from ros2_kafka_bridge.ros.profile import (
 )
 
 _FIRST_WITH_FASTDDS_3 = 8
+_PREFIX = 'kafka_bridge_'
 
 
 class Peer(NamedTuple):
@@ -49,6 +50,34 @@ class Peer(NamedTuple):
         """Whether the graph knows its node: it tells a moment after the endpoint."""
         return '_NODE_NAME_UNKNOWN_' not in self.node
 
+    @property
+    def is_bridge(self) -> bool:
+        """Whether it belongs to a bridge, this one or another."""
+        return self.node.rpartition('/')[2].startswith(_PREFIX)
+
+    @classmethod
+    def of_qos(cls, node: str, message_type: str, gid: bytes, type_hash: str, qos: Any) -> 'Peer':
+        """Make it of rclpy's QoS."""
+        latched = qos.durability.name == 'TRANSIENT_LOCAL'
+        return cls(
+            node=node,
+            message_type=message_type,
+            gid=gid,
+            type_hash=type_hash,
+            reliability='best_effort' if qos.reliability.name == 'BEST_EFFORT' else 'reliable',
+            durability='transient_local' if latched else 'volatile',
+            qos=qos,
+        )
+
+
+class Topic(NamedTuple):
+    """A topic of the graph, with everybody at it."""
+
+    name: str
+    types: list[str]
+    publishers: list[Peer]
+    subscribers: list[Peer]
+
 
 class RosNode:
     """A node without executor, parameters or services; endpoints are made of `handle`."""
@@ -66,6 +95,31 @@ class RosNode:
         """Who subscribes to a topic, as far as discovery knows."""
         with translated(f'subscribers of {topic}'):
             return [_peer(info) for info in self.handle.get_subscriptions_info_by_topic(topic)]
+
+    def topics(self) -> list[Topic]:
+        """All topics of others, as far as discovery knows, sorted; those of ROS itself, too."""
+        with translated('the topics of the ROS graph'):
+            own = self.handle.get_fully_qualified_name()
+            names = sorted(name for name, _ in self.handle.get_topic_names_and_types())
+        found = []
+        for name in names:
+            publishers = [peer for peer in self.publishers(name) if peer.node != own]
+            subscribers = [peer for peer in self.subscribers(name) if peer.node != own]
+            if types := sorted({peer.message_type for peer in publishers + subscribers}):
+                found.append(Topic(name, types, publishers, subscribers))
+        return found
+
+
+def domain_in_words(domain_id: int | None) -> str:
+    """Say which ROS domain is meant, and who chose it: None is that of the environment."""
+    if domain_id is not None:
+        return f'domain {domain_id}'
+    return f'domain {os.environ.get("ROS_DOMAIN_ID") or 0} (ROS_DOMAIN_ID)'
+
+
+def node_name(bridge: str) -> str:
+    """Make the name of a node of the bridge of that name."""
+    return re.sub(r'\W', '_', f'{_PREFIX}{bridge}', flags=re.ASCII)
 
 
 def middleware() -> str:
@@ -96,7 +150,7 @@ def open_node(name: str, domain_id: int | None, endpoints: Endpoints) -> Iterato
             )
             stack.callback(context.try_shutdown)
             node = rclpy.create_node(
-                re.sub(r'\W', '_', f'kafka_bridge_{name}'),
+                node_name(name),
                 context=context,
                 use_global_arguments=False,
                 enable_rosout=False,
@@ -151,14 +205,11 @@ def _dialect() -> Dialect:
 
 
 def _peer(info: Any) -> Peer:
-    qos = info.qos_profile
     type_hash = getattr(info, 'topic_type_hash', None)
-    return Peer(
+    return Peer.of_qos(
         node=f'{info.node_namespace.rstrip("/")}/{info.node_name}',
         message_type=info.topic_type,
         gid=bytes(info.endpoint_gid)[:16],
         type_hash='' if type_hash is None else str(type_hash),
-        reliability='best_effort' if qos.reliability.name == 'BEST_EFFORT' else 'reliable',
-        durability='transient_local' if qos.durability.name == 'TRANSIENT_LOCAL' else 'volatile',
-        qos=qos,
+        qos=info.qos_profile,
     )

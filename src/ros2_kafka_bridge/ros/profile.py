@@ -70,6 +70,8 @@ def make_profile(
         _limit(_entry(profiles, 'data_reader', topic), samples)
     if endpoints.lease_s is not None:
         _lease(profiles, endpoints.lease_s)
+    if not len(profiles):
+        root.remove(profiles)  # Fast DDS takes an empty one for a mistake
     ET.register_namespace('', NAMESPACE)
     return ET.tostring(root, encoding='unicode', xml_declaration=True)
 

@@ -1,0 +1,1 @@
+"""What the commands do that only look or write a file: `check`, `topics` and `init`."""

@@ -1,0 +1,101 @@
+"""What was seen of both sides, as values: for the tables and for JSON."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class KafkaRow:
+    """A Kafka topic.
+
+    Args:
+        records: Offsets that it holds; None where a partition does not answer.
+        rate: Records a second; None where it was not asked for, or does not answer.
+        kind: Whose it is, where it is not the user's own.
+        routes: The routes that read or write it.
+        problem: Why nothing more is known of it; empty if it is well.
+    """
+
+    name: str
+    partitions: int
+    records: int | None
+    rate: float | None
+    kind: Literal['', 'internal', 'dead letters']
+    routes: list[str]
+    problem: str
+
+
+@dataclass(frozen=True)
+class PeerRow:
+    """Who publishes or subscribes."""
+
+    node: str
+    type: str
+    reliability: str
+    durability: str
+
+
+@dataclass(frozen=True)
+class Match:
+    """Whether a route and a node of the graph would match; `problem` says why not."""
+
+    route: str
+    node: str
+    problem: str
+
+
+@dataclass(frozen=True)
+class RosRow:
+    """A ROS topic.
+
+    Args:
+        rate: Messages a second; None where it was not asked for or could not be counted.
+        kind: Whose it is, where it is not the user's own.
+        routes: The routes that take from it or publish to it.
+        matches: Each route with each node that it would meet.
+    """
+
+    name: str
+    types: list[str]
+    publishers: list[PeerRow]
+    subscribers: list[PeerRow]
+    rate: float | None
+    kind: Literal['', 'of ROS itself']
+    routes: list[str]
+    matches: list[Match]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two topics whose names correspond and that no route joins.
+
+    Args:
+        way: Where the messages would go, by who is there in ROS.
+        problem: What would keep them from it as the bridge's own settings are.
+    """
+
+    kafka: str
+    ros: str
+    way: Literal['ROS to Kafka', 'Kafka to ROS']
+    problem: str
+
+
+@dataclass(frozen=True)
+class View:
+    """All that was seen.
+
+    Args:
+        brokers: The bootstrap servers.
+        ros_domain: In words.
+        kafka_problem: Why Kafka was not seen; empty if it was.
+        seconds: How long rates were measured; None where they were not asked for.
+    """
+
+    brokers: str
+    kafka_problem: str
+    ros_middleware: str
+    ros_domain: str
+    seconds: float | None
+    kafka: list[KafkaRow]
+    ros: list[RosRow]
+    pairs: list[Pair]

@@ -1,0 +1,222 @@
+"""`check` as a user meets it: what it prints of a file, a broker and a graph."""
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+
+import pytest
+from harness import Bench, eventually, lines, to_kafka, to_ros
+from terminal import on_terminal, without_colours
+
+from ros2_kafka_bridge.testing.local_kafka import free_port
+
+Unique = Callable[[str], str]
+SECRET = 'open-sesame'  # noqa: S105 (of the test)
+SASL = {
+    'security.protocol': 'SASL_PLAINTEXT',
+    'sasl.mechanisms': 'PLAIN',
+    'sasl.username': 'robot',
+    'sasl.password': SECRET,
+}
+OFFERED = 'durability: volatile is offered, transient_local is asked for'
+
+
+def kafka_too(bench: Bench, properties: dict[str, str]) -> dict[str, str]:
+    """The test's Kafka with more librdkafka properties."""
+    return {'bootstrap.servers': bench.bootstrap_servers, **properties}
+
+
+# The file
+
+
+def test_it_says_what_a_file_holds_and_masks_its_secrets(bench: Bench) -> None:
+    routes = [to_ros('orders', '/orders'), to_kafka('/orders', 'orders.returned')]
+    file = bench.config(routes, kafka=kafka_too(bench, SASL))
+    expected = [
+        f'{file}: 2 routes of bridge test, all well written',
+        f'  kafka bootstrap.servers: {bench.bootstrap_servers}',
+        '  kafka sasl.mechanisms: PLAIN',
+        '  kafka sasl.password: ***',
+        '  kafka sasl.username: robot',
+        '  kafka security.protocol: SASL_PLAINTEXT',
+        '  to_ros: Kafka orders -> ROS /orders (std_msgs/msg/String), text',
+        '  to_kafka: ROS /orders (std_msgs/msg/String) -> Kafka orders.returned, text',
+    ]
+    status, out, err = bench.command('check', str(file))
+    assert (status, out.splitlines(), err) == (0, expected, '')
+
+
+def test_it_names_what_a_weaker_setting_gives_up(bench: Bench) -> None:
+    routes = [to_ros('orders', '/orders')]
+    file = bench.config(routes, kafka=kafka_too(bench, {'acks': '1'}))
+    status, out, _ = bench.command('check', str(file))
+    assert status == 0
+    assert '  note kafka.acks: 1 also turns idempotence off: guarantee 2 falls' in out
+
+
+def test_a_mistake_beside_a_secret_does_not_show_it(bench: Bench) -> None:
+    wrong = {**SASL, 'sasl.mechanisms': 'PLAINE', 'ssl.key.password': SECRET, 'ssl.ca.pem': 'x'}
+    file = bench.config([to_ros('orders', '/orders')], kafka=kafka_too(bench, wrong))
+    status, out, err = bench.command('check', str(file))
+    assert status == 2
+    assert 'kafka.' in err
+    assert SECRET not in out + err
+
+
+# --connect
+
+
+def test_all_is_well_at_a_real_broker_and_graph(bench: Bench, topic_name: str) -> None:
+    bench.create_topic(topic_name, partitions=3)
+    bench.create_topic(f'{topic_name}.dead-letters')
+    bench.produce(topic_name, [b'a', b'b', b'c'])
+    file = bench.config([to_ros(topic_name, '/orders')])
+    with bench.subscriber('/orders', bench.place / 'received') as subscriber:
+        subscriber.wait_for('ready')
+        status, out, err = bench.command('check', str(file), '--connect')
+    assert (status, err) == (0, '')
+    assert re.search(r'  ok   1 brokers of cluster \S+ answer', out)
+    domain = r'domain \d+ \(ROS_DOMAIN_ID\)'
+    assert re.search(rf'  ok   rclpy of \S+, rmw_fastrtps_cpp, {domain}', out)
+    assert f'  ok   topic {topic_name} has 3 partitions' in out
+    assert f'  ok   topic {topic_name}.dead-letters has 1 partition\n' in out
+    start = 'start is earliest, all that the topic holds (3 records)'
+    assert f'  ok   group test.to_ros is new: {start}' in out
+    assert '  ok   1 subscriber of /orders matches' in out
+    assert 'if one is, set max_rate' in out
+    assert 'BAD' not in out
+    assert out.splitlines()[-1] == '1 route would run'
+    assert bench.committed('test.to_ros', topic_name) < 0, 'nothing is changed'
+
+
+def test_each_thing_that_does_not_fit_is_a_line_with_its_cure(
+    bench: Bench, unique: Unique
+) -> None:
+    there, missing = unique('there'), unique('missing')
+    bench.create_topic(there)
+    routes = [
+        to_ros(there, '/latched', name='latched'),
+        to_ros(there, '/later', name='later', **{'from': {'kafka': there, 'group': 'later'}}),
+        to_ros(missing, '/lost', name='lost'),
+        to_kafka('/sensor', there, name='sensor'),
+        to_kafka('/sensor', there, name='keyed', to={'kafka': there, 'key': '{message.dat}'}),
+        to_kafka('/nobody', missing, name='nobody'),
+    ]
+    file = bench.config(routes)
+    with (
+        bench.subscriber(
+            '/latched', bench.place / 'received', '--durability', 'transient_local'
+        ) as subscriber,
+        bench.publisher(
+            '/sensor', '--count', '0', '--reliability', 'best_effort', '--readers', '0'
+        ) as publisher,
+    ):
+        subscriber.wait_for('ready')
+        publisher.wait_for('published')
+        status, out, err = bench.command('check', str(file), '--connect')
+    assert (status, err) == (1, '')
+    assert re.search(rf'  BAD  /subscriber_\d+ does not match: {OFFERED}; set it in to\.qos', out)
+    assert '  note 0 of 1 subscriber of /latched: the route waits for them' in out
+    offer = r'/publisher_\d+ publishes best_effort, volatile'
+    assert re.search(rf'  note {offer}: what the network loses is lost before the bridge', out)
+    assert '  BAD  std_msgs/msg/String has no number or text at dat (did you mean data?)' in out
+    assert '  note nobody publishes /nobody' in out
+    assert re.search(rf'  BAD  topic {missing} is not there \(.*\); create it', out)
+    assert f'  note topic {missing} is not there: the broker creates it' in out
+    assert f'dead-letter topic {there}.dead-letters is not there: it is created at the' in out
+    last = out.splitlines()[-1]
+    waits = '1 would wait (later: for subscribers of /later)'
+    assert last.startswith(f'2 routes would run; {waits}; 3 cannot run as it is (latched: ')
+    found = bench.admin().list_topics(timeout=10).topics
+    assert missing not in found, 'nothing is changed'
+
+
+def test_routes_of_one_file_count_for_each_other(bench: Bench, unique: Unique) -> None:
+    orders, returned = unique('orders'), unique('returned')
+    bench.create_topic(orders)
+    bench.create_topic(returned)
+    back = {'name': 'back', 'from': {'ros': '/orders'}, 'to': {'kafka': returned}}
+    file = bench.config([to_ros(orders, '/orders', name='out'), {**back, 'format': 'text'}])
+    status, out, _ = bench.command('check', str(file), '--connect')
+    assert status == 0
+    assert '  ok   1 subscriber of /orders matches, with route back of this file' in out
+    assert '  ok   route out of this file publishes /orders' in out
+    assert out.splitlines()[-1] == '2 routes would run'
+
+
+def test_it_says_how_much_a_group_has_to_deliver(bench: Bench, topic_name: str) -> None:
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, [b'%d' % number for number in range(10)])
+    file = bench.config([to_ros(topic_name, '/orders')])
+    with bench.subscriber('/orders', bench.place / 'received') as subscriber:
+        subscriber.wait_for('ready')
+        with bench.bridge(file) as bridge:
+            eventually(lambda: len(lines(bench.place / 'received')) == 10, 30)
+            assert bridge.end() == 0
+        bench.produce(topic_name, [b'10', b'11'])
+        _, out, _ = bench.command('check', str(file), '--connect')
+    assert 'group test.to_ros goes on at its committed offsets, 2 records to deliver' in out
+
+
+def test_without_a_broker_it_says_so_and_still_looks_at_ros(bench: Bench) -> None:
+    bench.bootstrap_servers = f'127.0.0.1:{free_port()}'
+    routes = [to_ros('orders', '/orders')]
+    file = bench.config(routes, kafka=kafka_too(bench, SASL))
+    status, out, err = bench.command('check', str(file), '--connect')
+    assert (status, err) == (1, '')
+    asked = f'is bootstrap.servers ({bench.bootstrap_servers}) right, does the broker run?'
+    assert re.search(rf'  BAD  the broker does not answer.*{re.escape(asked)}', out)
+    assert '  note 0 of 1 subscriber of /orders: the route waits for them' in out
+    assert out.splitlines()[-1].startswith('No route can run: the broker does not answer')
+    assert SECRET not in out
+
+
+# A terminal
+
+
+@pytest.mark.parametrize('columns', [80, 120])
+def test_a_terminal_shows_a_table_that_fits_it(
+    bench: Bench, topic_name: str, columns: int
+) -> None:
+    bench.create_topic(topic_name)
+    file = bench.config([to_ros(topic_name, '/latched', name='latched')])
+    with bench.subscriber(
+        '/latched', bench.place / 'received', '--durability', 'transient_local'
+    ) as subscriber:
+        subscriber.wait_for('ready')
+        status, shown = on_terminal('check', str(file), '--connect', columns=columns)
+    assert status == 1
+    assert re.search(r'\x1b\[[0-9;]*32mok', shown), 'green'
+    assert re.search(r'\x1b\[[0-9;]*31mBAD', shown), 'red'
+    found = without_colours(shown)
+    text = ' '.join(' '.join(found).split())
+    assert re.search(rf'BAD readers /subscriber_\d+ does not match: {OFFERED}', text)
+    assert '-> set it in to.qos' in text
+    assert max(map(len, found[2:])) <= columns
+    assert '…' not in shown
+
+
+def test_ctrl_c_ends_it_without_a_traceback(bench: Bench, topic_name: str) -> None:
+    file = bench.config([to_ros(topic_name, '/orders')])
+    log = bench.place / 'out'
+    with log.open('wb') as output:
+        command = [
+            sys.executable,
+            '-u',
+            '-m',
+            'ros2_kafka_bridge',
+            'check',
+            str(file),
+            '--connect',
+        ]
+        process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
+        try:
+            eventually(lambda: 'rmw_fastrtps_cpp' in log.read_text(), 30)
+            process.send_signal(signal.SIGINT)
+            assert process.wait(20) == 130
+        finally:
+            process.kill()
+            process.wait()
+    assert 'Traceback' not in log.read_text()
