@@ -20,13 +20,16 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 export ROS2_KAFKA_BRIDGE_KAFKA_JARS ?= $(CURDIR)/.kafka/jars
 
-.PHONY: help setup test check lint format types locked kafka bench docs lock java
+.PHONY: help setup demo test check lint format types locked kafka bench docs lock java
 .DEFAULT_GOAL := help
 
 help: ## what there is to make
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(READY) ## .venv with the locked dependencies and this project
+
+demo: $(READY) ## orders through Kafka and ROS 2 and back, with Python alone (A='--compare')
+	@$(BIN)/ros2-kafka-bridge demo $(A)
 
 test: $(if $(filter-out tests/unit%,$(T)),java $(JAZZY)) $(READY) ## all tests (some: T=tests/unit, A='-k name')
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(T) $(A)

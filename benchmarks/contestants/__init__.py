@@ -68,23 +68,24 @@ def _bridge(ends: Ends) -> Commands:
     return Commands([*run, 'kafka_to_ros'], [*run, 'ros_to_kafka'], 'subscribes to')
 
 
-def _scripts(name: str) -> Callable[[Ends], Commands]:
+def _both(kafka_ros: list[str], ros_kafka: list[str]) -> Callable[[Ends], Commands]:
     def commands(ends: Ends) -> Commands:
-        def script(direction: str, kafka_topic: str) -> list[str]:
-            file = str(_HERE / f'{name}_{direction}.py')
-            return [sys.executable, file, ends.bootstrap_servers, kafka_topic, ends.ros_topic]
+        def node(program: list[str], kafka_topic: str) -> list[str]:
+            return [sys.executable, *program, ends.bootstrap_servers, kafka_topic, ends.ros_topic]
 
-        return Commands(
-            script('kafka_ros', ends.source), script('ros_kafka', ends.sink), 'subscribed'
-        )
+        return Commands(node(kafka_ros, ends.source), node(ros_kafka, ends.sink), 'subscribed')
 
     return commands
 
 
+_PAPER: Final = 'ros2_kafka_bridge.demo.paper'
+_paper = _both(['-m', f'{_PAPER}_kafka_ros'], ['-m', f'{_PAPER}_ros_kafka'])
+_bare = _both([str(_HERE / 'bare_kafka_ros.py')], [str(_HERE / 'bare_ros_kafka.py')])
+
 CONTESTANTS: Final[Mapping[str, Contestant]] = MappingProxyType(
     {
-        'paper': Contestant('the two published algorithms, depth 10', _scripts('paper')),
+        'paper': Contestant('the two published algorithms, depth 10', _paper),
         'bridge': Contestant('this bridge, default settings', _bridge),
-        'bare': Contestant('loops that confirm and count nothing', _scripts('bare')),
+        'bare': Contestant('loops that confirm and count nothing', _bare),
     }
 )

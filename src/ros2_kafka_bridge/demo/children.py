@@ -1,0 +1,98 @@
+"""Processes that tell their counters through a pipe, and what they print in a file."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final, Self
+
+from ros2_kafka_bridge.demo.contestants import Program
+from ros2_kafka_bridge.demo.snapshots import listen
+
+_KILLED_S: Final = 5.0
+_TAIL_LINES: Final = 8
+
+# A child must not outlive a demo that was killed: the kernel then asks it to end. Set by a program
+# of its own, because code between fork and exec is not safe in a process with threads.
+_END_WITH_OWNER: Final = (
+    'import ctypes, os, sys\n'
+    'ctypes.CDLL(None).prctl(1, 15)\n'  # PR_SET_PDEATHSIG, SIGTERM
+    'if os.getppid() == int(sys.argv[1]): os.execv(sys.argv[2], sys.argv[2:])\n'
+)
+
+
+class Child:
+    """A process that ends with its `with`, at the latest.
+
+    Args:
+        program: What to start.
+        log: Where its output goes.
+        environ: Added to this process's own environment.
+    """
+
+    def __init__(self, program: Program, log: Path, environ: Mapping[str, str]) -> None:
+        self.snapshots: dict[str, Mapping[str, Any]] = {}  # the last one of each route
+        self.log = log
+        self._program = program
+        self._environ = environ
+        self._popen: subprocess.Popen[bytes] | None = None
+        self._listener: threading.Thread | None = None
+
+    def __enter__(self) -> Self:
+        read, write = os.pipe()
+        with self.log.open('ab') as output:
+            self._popen = subprocess.Popen(  # noqa: S603 (our own program)
+                [*_owned(), *self._program.command, '--snapshots', str(write)],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                pass_fds=(write,),
+                env={**os.environ, **self._environ},
+                start_new_session=True,  # Ctrl-C is for the demo, which ends this one in order
+            )
+        os.close(write)
+        self._listener = threading.Thread(
+            target=listen, args=(read, self._note), name='listener', daemon=True
+        )
+        self._listener.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        assert self._popen is not None
+        assert self._listener is not None
+        if self._popen.poll() is None:
+            self._popen.kill()
+        self._popen.wait()
+        self._listener.join(_KILLED_S)
+
+    @property
+    def runs(self) -> bool:
+        """Whether it has not ended."""
+        return self._popen is not None and self._popen.poll() is None
+
+    def ask_to_end(self) -> None:
+        """Send SIGTERM."""
+        with suppress(ProcessLookupError):
+            assert self._popen is not None
+            self._popen.terminate()
+
+    def story(self) -> str:
+        """Say how it ended, with the last lines of its log."""
+        assert self._popen is not None
+        status = self._popen.wait()
+        how = f'with exit status {status}'
+        if status < 0:
+            how = f'by {signal.Signals(-status).name}: its counters are those that it told last'
+        lines = self.log.read_text(encoding='utf-8', errors='replace').splitlines()
+        return '\n    '.join([f'{self._program.name} ended {how}', *lines[-_TAIL_LINES:]])
+
+    def _note(self, snapshot: Mapping[str, Any]) -> None:
+        self.snapshots[snapshot['route']] = snapshot
+
+
+def _owned() -> list[str]:
+    return [sys.executable, '-I', '-S', '-c', _END_WITH_OWNER, str(os.getpid())]

@@ -1,0 +1,63 @@
+"""The published Kafka-ROS algorithm: a timer publishes every record that waits.
+
+    python -m ros2_kafka_bridge.demo.paper_kafka_ros localhost:9092 orders /orders --depth 10
+
+Default clients, default QoS (KEEP_LAST) with the depth that is given. It waits for the subscriber
+before it spins, which was not published: else a start before the match would lose whatever it
+publishes until then, and one would measure discovery.
+"""
+
+import contextlib
+import time
+from typing import Any
+
+import rclpy
+from confluent_kafka import Consumer
+from rclpy.executors import ExternalShutdownException
+from std_msgs.msg import String
+
+from ros2_kafka_bridge.demo.paper import arguments
+from ros2_kafka_bridge.demo.snapshots import Count
+
+PERIOD_S = 0.01
+SETTLE_S = 0.5
+
+
+def main() -> None:
+    """Spin until told to end."""
+    given = arguments(__doc__)
+    count = Count('kafka_to_ros', given.snapshots)
+    rclpy.init(args=[])
+    node = rclpy.create_node('kafka_ros_bridge')
+    publisher = node.create_publisher(String, given.ros_topic, given.depth)
+    consumer = Consumer(
+        {
+            'bootstrap.servers': given.bootstrap_servers,
+            'group.id': f'{given.kafka_topic}.paper',
+            'auto.offset.reset': 'earliest',
+            **given.properties,
+        }
+    )
+    consumer.subscribe([given.kafka_topic])
+    count.start()
+    while rclpy.ok() and not publisher.get_subscription_count():
+        time.sleep(0.01)
+    time.sleep(SETTLE_S)  # the writer knows of the match before the reader does
+    with contextlib.suppress(ExternalShutdownException):
+        node.create_timer(PERIOD_S, lambda: publish(consumer, publisher, count))
+        rclpy.spin(node)
+    consumer.close()
+    count.tell()
+
+
+def publish(consumer: Consumer, publisher: Any, count: Count) -> None:
+    """Publish every record in the consumer."""
+    while (record := consumer.poll(0)) is not None:
+        value = record.value()
+        if record.error() is None and value is not None:
+            publisher.publish(String(data=value.decode()))
+            count.confirmed += 1
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,44 @@
+"""The published ROS-Kafka algorithm: a subscription's callback produces each message.
+
+    python -m ros2_kafka_bridge.demo.paper_ros_kafka localhost:9092 orders.returned /orders
+
+Default client, default QoS (KEEP_LAST) with the depth that is given. One line is added to what
+was published: the callback serves the producer (`poll`). Without it the producer's queue is full
+after 100,000 messages, and the node dies of it.
+"""
+
+import contextlib
+
+import rclpy
+from confluent_kafka import Producer
+from rclpy.executors import ExternalShutdownException
+from std_msgs.msg import String
+
+from ros2_kafka_bridge.demo.paper import arguments
+from ros2_kafka_bridge.demo.snapshots import Count
+
+
+def main() -> None:
+    """Spin until told to end."""
+    given = arguments(__doc__)
+    count = Count('ros_to_kafka', given.snapshots)
+    rclpy.init(args=[])
+    node = rclpy.create_node('ros_kafka_bridge')
+    producer = Producer({'bootstrap.servers': given.bootstrap_servers, **given.properties})
+
+    def produce(message: String) -> None:
+        producer.produce(given.kafka_topic, message.data.encode())
+        producer.poll(0)
+        count.confirmed += 1
+
+    node.create_subscription(String, given.ros_topic, produce, given.depth)
+    count.start()
+    print('subscribed', flush=True)  # noqa: T201 (for who starts it)
+    with contextlib.suppress(ExternalShutdownException):
+        rclpy.spin(node)
+    producer.flush(10)
+    count.tell()
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,101 @@
+"""The topics of a demonstration: made before, gone afterwards."""
+
+import logging
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
+from typing import Any, Final
+
+from confluent_kafka import KafkaError, KafkaException
+from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
+    AdminClient,
+    NewTopic,
+)
+
+from ros2_kafka_bridge.errors import TransportError
+
+_REQUEST_S: Final = 5.0
+_AGAIN_S: Final = 0.5
+_GONE: Final = frozenset({KafkaError.UNKNOWN_TOPIC_OR_PART, KafkaError.GROUP_ID_NOT_FOUND})
+
+
+class Topics:
+    """Topics on a broker that somebody else uses, too.
+
+    Args:
+        properties: Of the Kafka client.
+    """
+
+    def __init__(self, properties: Mapping[str, str]) -> None:
+        self._servers = properties['bootstrap.servers']
+        self._admin = AdminClient(dict(properties), logger=_silent())
+
+    def greet(self) -> None:
+        """See that a broker is there.
+
+        Raises:
+            TransportError: None answers.
+        """
+        try:
+            self._admin.list_topics(timeout=_REQUEST_S)
+        except KafkaException as error:
+            raise TransportError(
+                f'no broker answers at {self._servers} ({error.args[0].str()}): '
+                'is --bootstrap-servers right, does the broker run?'
+            ) from error
+
+    def look_up(self, names: Sequence[str]) -> None:
+        """Ask for topics; the embedded broker makes them when they are asked for."""
+        for name in names:
+            self._admin.list_topics(name, timeout=_REQUEST_S)
+
+    def create(self, names: Sequence[str]) -> None:
+        """Create topics of one partition.
+
+        Raises:
+            TransportError: The broker does not answer, or refuses.
+        """
+        new = [NewTopic(name, num_partitions=1) for name in names]
+        for name, answer in self._admin.create_topics(new, request_timeout=_REQUEST_S).items():
+            try:
+                answer.result()
+            except KafkaException as error:
+                raise TransportError(
+                    f'topic {name} cannot be created: {error.args[0].str()}'
+                ) from error
+
+    def delete(self, names: Sequence[str], groups: Sequence[str], patience_s: float) -> str:
+        """Delete topics and groups that may be there; returns what has failed, or nothing.
+
+        Args:
+            names: The topics.
+            groups: The consumer groups.
+            patience_s: How long to wait for the broker to forget a member that was killed.
+        """
+        limit = {'request_timeout': _REQUEST_S}
+        failed = _failed(self._admin.delete_topics(list(names), **limit))
+        deadline_s = time.monotonic() + patience_s
+        while True:
+            left = _failed(self._admin.delete_consumer_groups(list(groups), **limit))
+            if not left or time.monotonic() > deadline_s:
+                break
+            time.sleep(_AGAIN_S)
+        return '; '.join(f'{name} is left: {why}' for name, why in {**failed, **left}.items())
+
+
+def _failed(answers: Mapping[str, Future[Any]]) -> dict[str, str]:
+    return {name: why for name, answer in answers.items() if (why := _why(answer))}
+
+
+def _why(answer: Future[Any]) -> str:
+    try:
+        answer.result()
+    except KafkaException as error:
+        return '' if error.args[0].code() in _GONE else str(error.args[0].str())
+    return ''
+
+
+def _silent() -> logging.Logger:
+    logger = logging.getLogger(f'{__name__}.librdkafka')
+    logger.setLevel(logging.CRITICAL)
+    return logger

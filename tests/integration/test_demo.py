@@ -1,0 +1,196 @@
+"""The demonstration as a user runs it: what it prints, what it leaves, its exit status."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from harness import Bench, Process, eventually
+
+from ros2_kafka_bridge.testing.local_kafka import free_port
+
+COUNTED = re.compile(
+    r'(?P<name>\w+): Producer (?P<produced>\S+), Kafka-ROS (?P<kafka_ros>\S+), '
+    r'ROS-Kafka (?P<ros_kafka>\S+), Consumer (?P<consumed>\S+), lost (?P<lost>\S+) \(.*%\)'
+)
+
+
+@pytest.fixture
+def place(tmp_path: Path, ros_domain: int) -> Path:
+    """A place for the demonstration's files; its ROS domain is the test's own."""
+    del ros_domain
+    return tmp_path
+
+
+@contextmanager
+def demo(place: Path, *options: str) -> Iterator[Process]:
+    """Start a demonstration; its children must have gone when it has ended."""
+    command = [sys.executable, '-m', 'ros2_kafka_bridge', 'demo', *options]
+    with Process(command, place / 'out', {'TMPDIR': str(place)}) as process:
+        yield process
+    assert children_in(place) == [], 'a child is left'
+
+
+def children_in(place: Path) -> list[int]:
+    """The processes that a demonstration of this place has started."""
+    found = []
+    for entry in Path('/proc').glob('[0-9]*'):
+        try:
+            words = (entry / 'cmdline').read_bytes().split(b'\0')
+            environ = (entry / 'environ').read_bytes()
+        except OSError:  # it has ended meanwhile
+            continue
+        if b'--snapshots' in words and f'TMPDIR={place}\0'.encode() in environ:
+            found.append(int(entry.name))
+    return found
+
+
+def counted(process: Process) -> dict[str, dict[str, str]]:
+    """The lines that sum up, by contestant."""
+    matches = map(COUNTED.match, process.output().splitlines())
+    return {match['name']: match.groupdict() for match in matches if match}
+
+
+def all_equal(result: dict[str, str]) -> bool:
+    """Whether every order was counted everywhere, and none is lost."""
+    moved = {result[name] for name in ('produced', 'kafka_ros', 'ros_kafka', 'consumed')}
+    return len(moved) == 1 and moved != {'0'} and result['lost'] == '0'
+
+
+def test_every_order_comes_back_over_the_embedded_broker(place: Path) -> None:
+    with demo(place, '--rate', '300', '--seconds', '3') as process:
+        assert process.wait(60) == 0
+    result = counted(process)['bridge']
+    assert result['produced'] == '900'
+    assert all_equal(result)
+    shown = process.output()
+    assert 'this bridge: sending' in shown
+    assert '\x1b' not in shown
+    assert '\r' not in shown
+    assert [*place.iterdir()] == [process.log], 'nothing is left'
+
+
+def test_a_real_broker_is_used_and_left_as_it_was(bench: Bench, place: Path) -> None:
+    before = leftovers(bench)
+    options = ('--bootstrap-servers', bench.bootstrap_servers, '--rate', '300', '--seconds', '2')
+    with demo(place, *options) as process:
+        assert process.wait(60) == 0
+    assert f'a second, Kafka at {bench.bootstrap_servers}' in process.output()
+    assert all_equal(counted(process)['bridge'])
+    assert leftovers(bench) <= before
+
+
+def test_the_paper_is_shown_beside_the_bridge_which_loses_none(place: Path) -> None:
+    with demo(place, '--compare', '--rate', '1000', '--seconds', '2') as process:
+        assert process.wait(90) == 0
+    results = counted(process)
+    assert list(results) == ['paper', 'bridge']
+    paper, bridge = ({k: v.replace(',', '') for k, v in r.items()} for r in results.values())
+    assert all_equal(bridge)
+    assert paper['produced'] == bridge['produced'] == '2000'
+    assert int(paper['consumed']) + int(paper['lost']) == 2000
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_sending_and_all_that_was_sent_is_counted(
+    bench: Bench, place: Path, number: signal.Signals
+) -> None:
+    before = leftovers(bench)
+    with demo(place, '--bootstrap-servers', bench.bootstrap_servers, '--seconds', '60') as process:
+        process.wait_for('this bridge: sending', 60)
+        process.send(number)
+        assert process.wait(60) == 0
+    assert all_equal(counted(process)['bridge'])
+    assert 'Traceback' not in process.output()
+    assert leftovers(bench) <= before
+
+
+def test_a_second_signal_ends_at_once_and_leaves_no_topic(bench: Bench, place: Path) -> None:
+    with demo(place, '--bootstrap-servers', bench.bootstrap_servers, '--seconds', '60') as process:
+        process.wait_for('this bridge: sending', 60)
+        os.kill(children_in(place)[0], signal.SIGSTOP)  # it would never drain
+        process.send(signal.SIGINT)
+        process.wait_for('this bridge: ', count=process.output().count('this bridge: ') + 2)
+        process.send(signal.SIGINT)
+        assert process.wait(60) == 130
+    assert process.output().splitlines()[-1] == 'ended at once'
+    assert 'Traceback' not in process.output()
+    assert [name for name in topics(bench) if name.startswith('demo-')] == []
+    assert [*place.iterdir()] == [process.log]
+
+
+def test_a_bridge_that_is_killed_is_told_with_its_log_and_what_is_lost(
+    bench: Bench, place: Path
+) -> None:
+    before = leftovers(bench)
+    with demo(place, '--bootstrap-servers', bench.bootstrap_servers, '--seconds', '60') as process:
+        process.wait_for('this bridge: sending', 60)
+        [bridge] = children_in(place)
+        os.kill(bridge, signal.SIGKILL)
+        assert process.wait(60) == 1
+    shown = process.output()
+    assert 'the bridge ended by SIGKILL' in shown
+    kept = re.search(r'the logs are kept in (\S+)', shown)
+    assert kept is not None
+    assert 'bridge demo-' in (Path(kept[1]) / 'bridge' / '0.log').read_text()
+    result = {name: word.replace(',', '') for name, word in counted(process)['bridge'].items()}
+    assert int(result['consumed']) + int(result['lost']) == int(result['produced'])
+    assert leftovers(bench) <= before
+
+
+def test_a_demonstration_that_is_killed_takes_its_bridge_with_it(place: Path) -> None:
+    with demo(place, '--seconds', '60') as process:
+        process.wait_for('this bridge: sending', 60)
+        process.kill()
+        eventually(lambda: not children_in(place), 30, lambda: 'the bridge is left')
+
+
+def test_a_broker_that_is_not_there_is_one_sentence(place: Path) -> None:
+    address = f'127.0.0.1:{free_port()}'
+    with demo(place, '--bootstrap-servers', address) as process:
+        assert process.wait(60) == 2
+    [sentence] = process.output().splitlines()
+    assert sentence.startswith(f'no broker answers at {address} (')
+    assert sentence.endswith('): is --bootstrap-servers right, does the broker run?')
+
+
+def test_an_option_that_cannot_be_is_one_sentence(place: Path) -> None:
+    with demo(place, '--rate', '0') as process:
+        assert process.wait() == 2
+    [sentence] = process.output().splitlines()
+    assert sentence.startswith('--rate 0: expected more than 0')
+
+
+def test_in_a_terminal_there_is_one_table_that_stays(place: Path) -> None:
+    file = place / 'typescript'
+    command = f'{sys.executable} -m ros2_kafka_bridge demo --seconds 2'
+    done = subprocess.run(
+        ['script', '-qec', command, str(file)],
+        env={**os.environ, 'COLUMNS': '80', 'LINES': '40', 'TERM': 'xterm', 'NO_COLOR': '1'},
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0
+    shown = file.read_text()
+    assert '\x1b[?25h' in shown, 'the cursor is back'
+    assert not re.search(r'\x1b\[[0-9;]*3[0-7]m', shown), 'NO_COLOR counts'
+    last = shown.rpartition('\x1b[2K')[2]
+    assert 'produced' in last
+    assert '600' in last
+    assert last.index('came back') < last.index('bridge: Producer 600')
+
+
+def leftovers(bench: Bench) -> set[str]:
+    """Topics and groups of demonstrations at the broker; other tests may leave some."""
+    admin = bench.admin()  # kept: its futures fail when it goes
+    groups = [group.group_id for group in admin.list_consumer_groups().result().valid]
+    return {name for name in [*topics(bench), *groups] if name.startswith('demo-')}
+
+
+def topics(bench: Bench) -> list[str]:
+    """All topics at the broker."""
+    return [*bench.admin().list_topics(timeout=10).topics]
