@@ -70,8 +70,9 @@ them. The direction of a route is read from its `from` and `to`.
 ```yaml
 {example}```
 
-- `${{NAME}}` in a value reads the environment; a missing variable is a mistake. `$${{` is a
-  literal `${{`.
+- `${{NAME}}` in a value reads the environment, `${{file:PATH}}` a file, without the newline at its
+  end; relative paths begin at the configuration. A missing variable or file is a mistake. `$${{`
+  is a literal `${{`.
 - `defaults` holds fields of routes; each counts for the routes whose direction it fits, and what
   a route says itself counts more.
 - Names with `{{`, `}}`, `*` or a leading `^` are refused: they are kept for templates and

@@ -1,0 +1,68 @@
+"""A shop: sends orders to Kafka, and waits until a robot has done each of them.
+
+.venv/bin/python examples/shop.py --count 1000 --rate 100
+"""
+
+import argparse
+import json
+import sys
+import time
+import uuid
+from collections.abc import Iterator
+from itertools import islice
+
+import msgspec
+from confluent_kafka import Consumer, Producer
+
+from ros2_kafka_bridge.testing.orders import encode, orders
+
+
+def statuses(consumer: Consumer, timeout_s: float) -> Iterator[int]:
+    """What robots have said: the ids of the orders that are done."""
+    for record in consumer.consume(500, timeout_s):
+        value = record.value()
+        if record.error() is None and value is not None:
+            yield json.loads(value)['order_id']
+
+
+def main() -> None:
+    """Sell, wait, and say what came of it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--count', type=int, default=1000)
+    parser.add_argument('--rate', type=float, default=100.0, help='orders per second')
+    parser.add_argument('--bootstrap-servers', default='localhost:9092')
+    parser.add_argument('--patience', type=float, default=30.0, help='seconds without news')
+    args = parser.parse_args()
+
+    first_id = time.time_ns()  # no order of an earlier run has it
+    servers = {'bootstrap.servers': args.bootstrap_servers}
+    producer = Producer({**servers, 'enable.idempotence': True})
+    reading = {'group.id': f'shop-{uuid.uuid4()}', 'auto.offset.reset': 'earliest'}
+    consumer = Consumer({**servers, **reading})
+    consumer.subscribe(['status'])
+
+    done: list[int] = []
+    sent = 0
+    started_s = last_s = time.monotonic()
+    goods = orders(seed=first_id)
+    while len(set(done)) < args.count and time.monotonic() - last_s < args.patience:
+        due = min(args.count, int((time.monotonic() - started_s) * args.rate) + 1)
+        for order in islice(goods, due - sent):
+            mine = msgspec.structs.replace(order, order_id=first_id + order.order_id)
+            producer.produce('orders', encode(mine))
+            sent += 1
+        producer.poll(0)
+        if news := [i for i in statuses(consumer, 0.02) if i >= first_id]:
+            done += news
+            last_s = time.monotonic()
+    producer.flush()
+    consumer.close()
+
+    missing = sent - len(set(done))
+    repeated = len(done) - len(set(done))
+    print(f'{sent} orders sent, {len(set(done))} done, {missing} missing, {repeated} told twice')
+    sys.exit(1 if missing else 0)
+
+
+if __name__ == '__main__':
+    main()
