@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import confluent_kafka
 
-from ros2_kafka_bridge.testing.local_kafka import find_jars
+from ros2_kafka_bridge.testing.kafka_jars import find_jars
 
 
 class Machine(NamedTuple):

@@ -13,12 +13,8 @@ from confluent_kafka import Consumer, Producer, TopicPartition
 
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.testing import local_kafka
-from ros2_kafka_bridge.testing.local_kafka import (
-    LocalKafka,
-    find_jars,
-    free_port,
-    install_jars,
-)
+from ros2_kafka_bridge.testing.kafka_jars import find_jars, install_jars
+from ros2_kafka_bridge.testing.local_kafka import LocalKafka, free_port
 
 PROGRAM = [sys.executable, '-m', 'ros2_kafka_bridge.testing.local_kafka']
 

@@ -115,6 +115,45 @@ def test_a_doubled_dollar_is_no_variable() -> None:
     assert config.kafka['client.id'] == '${X}-$5'
 
 
+def test_a_secret_is_read_from_a_file_beside_the_configuration(tmp_path: Path) -> None:
+    (tmp_path / 'password').write_text(f'{SECRET}\n')
+    (tmp_path / 'key.pem').write_text('two\nlines\r\n')
+    path = tmp_path / 'bridge.yaml'
+    path.write_text(
+        with_kafka(
+            'sasl.password: ${file:password}\n  ssl.key.pem: ${file:key.pem}\n'
+            f'  client.id: a-${{file:{tmp_path}/password}}'
+        )
+    )
+    kafka = load(path, {}).kafka
+    assert kafka['sasl.password'] == SECRET
+    assert kafka['ssl.key.pem'] == 'two\nlines'
+    assert kafka['client.id'] == f'a-{SECRET}'
+
+
+@pytest.mark.parametrize(
+    ('content', 'expected'),
+    [
+        (None, 'no such file'),
+        (b'\n', 'it is empty'),
+        (b'\xff', 'not UTF-8: it holds no text'),
+        (b'a' * 1_048_577, 'larger than 1048576 bytes: is it the right file?'),
+    ],
+)
+def test_a_secret_that_cannot_be_read_is_said_with_line_and_field(
+    tmp_path: Path, content: bytes | None, expected: str
+) -> None:
+    if content is not None:
+        (tmp_path / 'password').write_bytes(content)
+    path = tmp_path / 'bridge.yaml'
+    path.write_text(with_kafka('sasl.password: ${file:password}'))
+    with pytest.raises(ConfigError) as caught:
+        load(path, {})
+    assert caught.value.problems == [
+        f'{path}:4: kafka.sasl.password: the file {tmp_path}/password: {expected}'
+    ]
+
+
 def test_a_variable_is_not_read_again() -> None:
     config = loads(with_kafka('client.id: ${X}'), 'bridge.yaml', {'X': '${Y}'})
     assert config.kafka['client.id'] == '${Y}'
@@ -206,7 +245,7 @@ def test_the_parts_of_a_key() -> None:
     ('content', 'expected'),
     [
         (b'name: b\nkafka: \xff\n', '{}:2: not UTF-8: save the file in this encoding'),
-        (b'a' * 1_048_577, '{}: larger than 1048576 bytes: no configuration'),
+        (b'a' * 1_048_577, '{}: larger than 1048576 bytes: is it the right file?'),
         (None, '{}: no such file'),
     ],
 )

@@ -1,11 +1,13 @@
 """Every foreign error is in one table, so that a route always knows what to do (guarantee 5)."""
 
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from confluent_kafka import KafkaError
 from rclpy import exceptions
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from ruamel.yaml import YAML
 
 from ros2_kafka_bridge.errors import (
     BridgeError,
@@ -15,7 +17,10 @@ from ros2_kafka_bridge.errors import (
     TransportError,
 )
 from ros2_kafka_bridge.kafka import errors as kafka
+from ros2_kafka_bridge.kafka.cures import CURES
 from ros2_kafka_bridge.ros import errors as ros
+
+SEEN = YAML(typ='safe').load(Path(__file__).with_name('kafka_said.yaml'))
 
 
 def kafka_codes() -> dict[str, int]:
@@ -58,12 +63,41 @@ def test_a_code_of_kafka_is_translated_with_its_place(code: int, kind: type[Brid
     assert str(found).startswith('topic orders: ')
 
 
-def test_what_a_user_can_cure_is_said_with_the_cure() -> None:
-    error = KafkaError(KafkaError.TOPIC_AUTHORIZATION_FAILED)
-    assert str(kafka.translate(error, 'topic orders')).endswith(
-        '; give this user the permission on the topic (ACL)'
-    )
-    assert {*kafka._CURES} <= kafka_codes().keys()
+@pytest.mark.parametrize('seen', SEEN, ids=lambda seen: str(seen['cure'][:30] or 'none'))
+def test_what_a_user_can_cure_is_said_with_the_cure(seen: dict[str, str]) -> None:
+    error = KafkaError(kafka_codes()[seen['code']], seen['said'])
+    found = kafka.translate(error, 'topic orders', kafka.Client('READ'))
+    assert type(found).__name__ == seen['kind']
+    _, _, told = str(found).partition('; ')
+    assert told.startswith(seen['cure'])
+    assert bool(told) == bool(seen['cure'])
+    assert 'in state' not in str(found)
+    assert str(found).count('unavailable') <= 1
+
+
+@pytest.mark.parametrize(
+    ('reason', 'cure'),
+    [
+        ('certificate has expired', 'renew the certificate of the broker'),
+        (
+            "IP address mismatch, certificate is not valid for '127.0.0.1'",
+            'write the host in bootstrap.servers as the certificate of the broker names it',
+        ),
+        ('self-signed certificate in certificate chain', 'ssl.ca.location must name'),
+        ('unable to get local issuer certificate', 'ssl.ca.location must name'),
+    ],
+)
+def test_the_cure_of_distrust_follows_its_reason(reason: str, cure: str) -> None:
+    said = 'ssl://b:9093/1: SSL handshake failed: error:0A: certificate verify failed: broker ...'
+    found = kafka.explain(KafkaError(KafkaError._SSL, said), reason=reason)
+    assert found.text == f'b:9093: certificate verify failed: {reason} (broker)'
+    assert found.cure.startswith(cure)
+    assert found.kind is RouteError
+
+
+def test_every_cure_is_for_codes_that_there_are() -> None:
+    named = {name for cure in CURES for name in cure.codes.split()}
+    assert named <= kafka_codes().keys()
 
 
 def test_a_fatal_error_of_the_client_fails_the_route() -> None:

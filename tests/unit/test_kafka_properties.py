@@ -1,5 +1,7 @@
 """librdkafka's properties reach the client that they belong to, and wrong ones are found."""
 
+from http.server import BaseHTTPRequestHandler, HTTPServer
+
 import confluent_kafka
 import pytest
 
@@ -19,6 +21,16 @@ MIXED: dict[str, str | int | float | bool] = {
     'session.timeout.ms': 9000,
     'socket.keepalive.enable': True,
     'statistics.interval.ms': 1e3,
+}
+
+
+TOKENS: dict[str, object] = {
+    'security.protocol': 'SASL_SSL',
+    'sasl.mechanisms': 'OAUTHBEARER',
+    'sasl.oauthbearer.method': 'oidc',
+    'sasl.oauthbearer.client.id': 'a',
+    'sasl.oauthbearer.client.secret': 'hunter2',
+    'sasl.oauthbearer.token.endpoint.url': 'https://login.example.org/token',
 }
 
 
@@ -136,12 +148,25 @@ def test_all_problems_are_found_not_only_the_first() -> None:
             'ssl.ca.location',
         ),
         ({'sasl.mechanisms': 'PLAIN', 'security.protocol': 'sasl_plaintext'}, 'sasl.mechanisms'),
+        ({**TOKENS, 'ssl.ca.location': '/no'}, 'ssl.ca.location'),
+        ({**TOKENS, 'ssl.key.pem': 'no'}, 'ssl.key.pem'),
     ],
 )
 def test_properties_that_do_not_fit_together_are_found(
     properties: dict[str, object], culprit: str
 ) -> None:
     assert list(property_problems(properties)) == [culprit]
+
+
+def test_no_token_is_asked_for_to_find_problems() -> None:
+    with HTTPServer(('127.0.0.1', 0), BaseHTTPRequestHandler) as server:
+        server.timeout = 0
+        asked: list[object] = []
+        server.process_request = asked.append  # type: ignore[assignment]
+        url = f'http://127.0.0.1:{server.server_port}/'
+        assert property_problems({**TOKENS, 'sasl.oauthbearer.token.endpoint.url': url}) == {}
+        server.handle_request()
+    assert asked == []
 
 
 def test_no_problem_shows_a_secret() -> None:

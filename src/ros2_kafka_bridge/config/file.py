@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import re
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
+from ros2_kafka_bridge.config.references import UnreadableError, expand, read_limited
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.config.tree import Finding, Tree, YamlError, read_yaml
 from ros2_kafka_bridge.config.words import mistakes_in
@@ -14,18 +15,8 @@ from ros2_kafka_bridge.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     from ros2_kafka_bridge.config.values import CheckKafka, CheckType
-
-SIZE_LIMIT_BYTES = 1024 * 1024
-
-_VARIABLE = re.compile(r'\$(\$(?=\{)|\{([A-Za-z_][A-Za-z0-9_]*)\}|\{)')
-
-
-class _Expanded(NamedTuple):
-    data: Any
-    findings: list[Finding]
 
 
 def load(
@@ -37,7 +28,8 @@ def load(
     """The configuration in a file.
 
     Args:
-        path: The file; named in messages as it is given here.
+        path: The file; named in messages as it is given here. A path in `${file:PATH}` is
+            relative to its directory.
         environ: What `${NAME}` is read from.
         check_type: Says what is wrong with the name of a message type, None where nothing is.
         check_kafka: Says what is wrong with librdkafka properties, by their names.
@@ -46,12 +38,9 @@ def load(
         ConfigError: With every mistake in the file.
     """
     try:
-        with path.open('rb') as file:
-            content = file.read(SIZE_LIMIT_BYTES + 1)
-    except OSError as error:
-        raise ConfigError([f'{path}: {_plain_os_error(error)}']) from error
-    if len(content) > SIZE_LIMIT_BYTES:
-        raise ConfigError([f'{path}: larger than {SIZE_LIMIT_BYTES} bytes: no configuration'])
+        content = read_limited(path)
+    except UnreadableError as error:
+        raise ConfigError([f'{path}: {error}']) from error
     try:
         text = content.decode('utf-8-sig')
     except UnicodeDecodeError as error:
@@ -79,7 +68,7 @@ def loads(
     if tree.data is None:
         text = 'the file is empty: it needs at least name, kafka and routes'
         raise ConfigError([f'{file_name}:1: {text}'])
-    expanded = _expand(tree, environ)
+    expanded = expand(tree.data, environ, Path(file_name).parent)
     context = {'check_type': check_type, 'check_kafka': check_kafka}
     findings = [*tree.findings, *expanded.findings]
     config = None
@@ -92,18 +81,8 @@ def loads(
     return config
 
 
-def _plain_os_error(error: OSError) -> str:
-    if isinstance(error, FileNotFoundError):
-        return 'no such file'
-    if isinstance(error, IsADirectoryError):
-        return 'a directory: name the file in it'
-    if isinstance(error, PermissionError):
-        return 'no permission to read it'
-    return error.strerror or 'cannot be read'
-
-
 def _found_by_settings(error: ValidationError, known: list[Finding]) -> list[Finding]:
-    """The settings' findings, but for values that are wrong already for their variable."""
+    """The settings' findings, but for values that are wrong already for their reference."""
     reported = {finding.path for finding in known}
     return [
         Finding(mistake.path, mistake.text)
@@ -123,35 +102,3 @@ def _field(path: tuple[str | int, ...]) -> str:
     parts = [f'[{step}]' if isinstance(step, int) else f'.{step}' for step in path]
     shown = ''.join(parts).removeprefix('.')
     return f'{shown}: ' if shown else ''
-
-
-def _expand(tree: Tree, environ: Mapping[str, str]) -> _Expanded:
-    """The data with `${NAME}` replaced in its texts, and `$${` for a literal `${`."""
-    findings: list[Finding] = []
-
-    def expanded(value: Any, path: tuple[str | int, ...]) -> Any:
-        if isinstance(value, dict):
-            return {name: expanded(item, (*path, name)) for name, item in value.items()}
-        if isinstance(value, list):
-            return [expanded(item, (*path, place)) for place, item in enumerate(value)]
-        if isinstance(value, str) and '$' in value:
-            findings.extend(Finding(path, text) for text in _wrong_variables(value, environ))
-            return _VARIABLE.sub(lambda match: _replaced(match, environ), value)
-        return value
-
-    data = expanded(tree.data, ())
-    return _Expanded(data, findings)
-
-
-def _wrong_variables(value: str, environ: Mapping[str, str]) -> list[str]:
-    found = []
-    for match in _VARIABLE.finditer(value):
-        if match[1] == '{':
-            found.append('${ without a name and }: a variable is written ${NAME}')
-        elif match[2] and match[2] not in environ:
-            found.append(f'the environment has no variable {match[2]}')
-    return found
-
-
-def _replaced(match: re.Match[str], environ: Mapping[str, str]) -> str:
-    return environ.get(match[2], match[0]) if match[2] else '$'

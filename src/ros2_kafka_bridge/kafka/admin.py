@@ -1,26 +1,25 @@
 """Topics: looking at them and creating them."""
 
-import logging
 from collections.abc import Mapping
 from typing import Any
 
 from confluent_kafka import KafkaError, KafkaException
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
-    AdminClient,
     ConfigResource,
     NewTopic,
     ResourceType,
 )
 
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.kafka.errors import translate
+from ros2_kafka_bridge.kafka.health import Admin
 
 _REQUEST_S = 3.0
 _LOOK_S = 2.0
-
-
-def _client(properties: Mapping[str, Any]) -> AdminClient:
-    return AdminClient(dict(properties), logger=logging.getLogger(f'{__name__}.librdkafka'))
+_DONE = {
+    KafkaError.TOPIC_ALREADY_EXISTS,
+    KafkaError.TOPIC_AUTHORIZATION_FAILED,
+    KafkaError.CLUSTER_AUTHORIZATION_FAILED,
+}
 
 
 def ensure_topic(properties: Mapping[str, Any], topic: str) -> None:
@@ -30,27 +29,24 @@ def ensure_topic(properties: Mapping[str, Any], topic: str) -> None:
 
     Raises:
         TransportError: The broker did not answer.
+        RouteError: This user is not let in.
     """
-    admin = _client(properties)
-    try:
+    admin = Admin(properties, __name__)
+    with admin.translated(f'topic {topic}'):
         new = NewTopic(topic, num_partitions=1)
-        answer = admin.create_topics([new], request_timeout=_REQUEST_S)[topic]
-        answer.result(_REQUEST_S + 1)
-    except TimeoutError as error:
-        raise TransportError(f'topic {topic}: the broker does not answer') from error
-    except KafkaException as error:
-        done = {
-            KafkaError.TOPIC_ALREADY_EXISTS,
-            KafkaError.TOPIC_AUTHORIZATION_FAILED,
-            KafkaError.CLUSTER_AUTHORIZATION_FAILED,
-        }
-        if error.args[0].code() not in done:
-            raise translate(error.args[0], f'topic {topic}') from error
+        answer = admin.requests.create_topics([new], request_timeout=_REQUEST_S)[topic]
+        try:
+            answer.result(_REQUEST_S + 1)
+        except TimeoutError as error:
+            raise TransportError(f'topic {topic}: the broker does not answer') from error
+        except KafkaException as error:
+            if error.args[0].code() not in _DONE:
+                raise
 
 
 def topic_limit_bytes(properties: Mapping[str, Any], topic: str) -> int | None:
     """Look up the topic's max.message.bytes; None where the broker does not tell."""
-    admin = _client(properties)
+    admin = Admin(properties, __name__).requests
     resource = ConfigResource(ResourceType.TOPIC, topic)
     try:
         answer = admin.describe_configs([resource], request_timeout=_LOOK_S)[resource]

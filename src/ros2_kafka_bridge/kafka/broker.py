@@ -1,15 +1,14 @@
 """Looking at a broker without changing anything, for `check --connect`."""
 
-import logging
 import time
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from confluent_kafka import ConsumerGroupTopicPartitions, KafkaException, TopicPartition
-from confluent_kafka.admin import AdminClient
 
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.errors import translate
+from ros2_kafka_bridge.kafka.health import Admin
 
 _REQUEST_S = 5.0
 
@@ -33,9 +32,7 @@ class Broker:
     """A cluster, looked at with the user's own properties."""
 
     def __init__(self, properties: Mapping[str, Any]) -> None:
-        self._admin = AdminClient(
-            dict(properties), logger=logging.getLogger(f'{__name__}.librdkafka')
-        )
+        self._admin = Admin(properties, __name__)
 
     def greeting(self) -> str:
         """Say who answers.
@@ -44,16 +41,14 @@ class Broker:
             TransportError: Nobody does.
             RouteError: This user is not let in.
         """
-        try:
-            metadata = self._admin.list_topics(timeout=_REQUEST_S)
-        except KafkaException as error:
-            raise translate(error.args[0], 'the broker does not answer') from error
+        with self._admin.translated('the broker does not answer'):
+            metadata = self._admin.requests.list_topics(timeout=_REQUEST_S)
         return f'{len(metadata.brokers)} brokers of cluster {metadata.cluster_id} answer'
 
     def topic(self, topic: str) -> TopicView:
         """Look at one topic."""
         try:
-            answer = self._admin.describe_topics(
+            answer = self._admin.requests.describe_topics(
                 _topics([topic]), include_authorized_operations=True, request_timeout=_REQUEST_S
             )[topic].result()
         except KafkaException as error:
@@ -74,7 +69,7 @@ class Broker:
         deadline_s = time.monotonic() + _REQUEST_S
         while True:
             try:
-                answer = self._admin.list_consumer_group_offsets(
+                answer = self._admin.requests.list_consumer_group_offsets(
                     [request], request_timeout=_REQUEST_S
                 )[group].result()
                 break

@@ -17,7 +17,9 @@ from confluent_kafka import (
 )
 
 from ros2_kafka_bridge.endpoints import Rebalance, Record
-from ros2_kafka_bridge.kafka.errors import ClientHealth, translate
+from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.kafka.errors import Client, translate
+from ros2_kafka_bridge.kafka.health import ClientHealth, check_files
 
 _REQUEST_S = 10.0
 _LEAVE_S = 2.0
@@ -50,7 +52,8 @@ class KafkaSource:
         self._topic = topic
         self._start = start
         self._log = log
-        self._health = ClientHealth(f'topic {topic}', log)
+        self._about = Client('READ', self._properties)
+        self._health = ClientHealth(f'topic {topic}', log, self._about)
         self._consumer: Consumer | None = None
         self._rebalance: Rebalance
         self._committed: dict[int, int] = {}
@@ -101,6 +104,8 @@ class KafkaSource:
 
         self._rebalance = rebalance
         self._closing = self._held = False
+        self._health.on_open()
+        check_files(self._properties, f'topic {self._topic}')
         callbacks = {'error_cb': self._health.on_error, 'on_commit': self._on_commit}
         try:
             self._consumer = Consumer(
@@ -110,7 +115,7 @@ class KafkaSource:
                 [self._topic], on_assign=on_assign, on_revoke=on_revoke, on_lost=on_lost
             )
         except KafkaException as error:
-            raise translate(error.args[0], f'topic {self._topic}') from error
+            raise self._translated(error) from error
 
     def poll(self, limit: int, timeout_s: float) -> Sequence[Record]:
         """Wait up to `timeout_s` for the first record, then return what is there."""
@@ -147,7 +152,8 @@ class KafkaSource:
             if now_s >= again_s:
                 self.commit(positions)
                 again_s = now_s + _AGAIN_S
-            self._client.poll(0.05)
+            with contextlib.suppress(KafkaException):  # fatal for the client, and known
+                self._client.poll(0.05)
         return not self._news(positions)
 
     def commit_before_revoke(self, positions: Mapping[int, int]) -> None:
@@ -181,7 +187,8 @@ class KafkaSource:
             self._consumer.unsubscribe()
             deadline_s = time.monotonic() + _LEAVE_S
             while self._consumer.assignment() and time.monotonic() < deadline_s:
-                self._consumer.poll(0.01)
+                with contextlib.suppress(KafkaException):
+                    self._consumer.poll(0.01)
             self._consumer.close()
             self._consumer = None
             for known in (self._committed, self._positions, self._left, self.ends):
@@ -192,9 +199,15 @@ class KafkaSource:
         assert self._consumer is not None, 'the source is open'
         return self._consumer
 
+    def _translated(self, error: KafkaException) -> BridgeError:
+        return translate(error.args[0], f'topic {self._topic}', self._about)
+
     def _read(self, limit: int, timeout_s: float) -> Sequence[Record]:
         # consume() waits its whole timeout unless all `limit` records come; poll() does not.
-        first = self._client.poll(timeout_s)
+        try:
+            first = self._client.poll(timeout_s)
+        except KafkaException as error:  # fatal for the client
+            raise self._translated(error) from error
         self._health.raise_failure()
         if self.away and first is None:
             self._look_for_broker()
@@ -250,7 +263,7 @@ class KafkaSource:
             self._client.incremental_unassign([here])
             self._client.incremental_assign([TopicPartition(self._topic, partition, offset)])
         except KafkaException as error:
-            raise translate(error.args[0], f'{self._topic}[{partition}]') from error
+            raise translate(error.args[0], f'{self._topic}[{partition}]', self._about) from error
         self._fresh = True
 
     def _resolve(self, partition: int) -> int:

@@ -1,13 +1,15 @@
 """One table that says for every Kafka error what is done about it."""
 
-import logging
+import re
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 from confluent_kafka import KafkaError
 
 from ros2_kafka_bridge.errors import BridgeError, RecordError, RouteError, TransportError
+from ros2_kafka_bridge.kafka.cures import CURES, Cure
+from ros2_kafka_bridge.kafka.tls import address_in, distrust
 
 _RECORD = """
     INVALID_MSG_SIZE INVALID_RECORD INVALID_TIMESTAMP MSG_SIZE_TOO_LARGE RECORD_LIST_TOO_LARGE
@@ -64,18 +66,6 @@ _ROUTE = """
     _UNKNOWN_PARTITION _UNKNOWN_PROTOCOL _UNKNOWN_TOPIC _UNSUPPORTED_FEATURE
 """
 
-_CURES = {
-    'TOPIC_AUTHORIZATION_FAILED': 'give this user the permission on the topic (ACL)',
-    'GROUP_AUTHORIZATION_FAILED': 'give this user READ on the consumer group (ACL)',
-    'CLUSTER_AUTHORIZATION_FAILED': 'give this user IDEMPOTENT_WRITE on the cluster (ACL)',
-    'SASL_AUTHENTICATION_FAILED': 'check sasl.username and sasl.password',
-    '_AUTHENTICATION': 'check the sasl.* properties of this bridge',
-    '_SSL': 'check the ssl.* properties of this bridge',
-    'UNKNOWN_TOPIC_OR_PART': 'create the topic',
-    '_UNKNOWN_TOPIC': 'create the topic',
-    '_UNKNOWN_PARTITION': 'create the topic',
-}
-
 
 def _by_code(names: str) -> dict[int, str]:
     return {getattr(KafkaError, n): n for n in names.split() if hasattr(KafkaError, n)}
@@ -91,47 +81,80 @@ ERROR_CLASSES: Final[Mapping[int, type[BridgeError]]] = MappingProxyType(
 """What each error code means: bad record, wait, or route failed."""
 
 
-def translate(error: KafkaError, where: str) -> BridgeError:
+NO_ANSWER: Final = 'no broker answers'
+_NO_CURE: Final = Cure('', '', '')
+_DISTRUST: Final = 'certificate verify failed'
+_STATE = re.compile(r' \(after \d+ms in state \w+\)')
+_REPEATED = re.compile(r'(\{.*?\})\1+')
+
+
+class Problem(NamedTuple):
+    """An error in words, what to do about it, and what it means."""
+
+    text: str
+    cure: str
+    kind: type[BridgeError]
+
+    @property
+    def sentence(self) -> str:
+        """Both in one."""
+        return f'{self.text}; {self.cure}' if self.cure else self.text
+
+
+class Client(NamedTuple):
+    """What an error does not tell of the client that it comes from.
+
+    Args:
+        right: The operation on the topic that it needs.
+        properties: Its librdkafka properties.
+    """
+
+    right: str = 'READ and WRITE'
+    properties: Mapping[str, Any] = MappingProxyType({})
+
+
+UNKNOWN_CLIENT: Final = Client()
+
+
+def translate(error: KafkaError, where: str, client: Client = UNKNOWN_CLIENT) -> BridgeError:
     """Make the bridge's error of a Kafka error; `where` names topic, partition or client.
 
-    A code that a newer librdkafka adds is a RouteError: the route says so and tries again.
+    A broker whose certificate was not trusted is asked for it again, to say why: that takes up
+    to two seconds. A code that a newer librdkafka adds is a RouteError: the route says so and
+    tries again.
     """
-    if error.fatal():
-        return RouteError(f'{where}: the Kafka client gave up: {error.str()}')
+    problem = explain(error, client, _reason_of_distrust(error, client))
+    return problem.kind(f'{where}: {problem.sentence}')
+
+
+def explain(error: KafkaError, client: Client = UNKNOWN_CLIENT, reason: str = '') -> Problem:
+    """Say an error in words, with its cure; `reason` tells why a certificate is not trusted."""
     name = _NAMES.get(error.code(), error.name())
-    cure = f'; {_CURES[name]}' if name in _CURES else ''
-    return ERROR_CLASSES.get(error.code(), RouteError)(f'{where}: {error.str()}{cure}')
+    text = _words(error.str(), name, client, reason)
+    found = next((cure for cure in CURES if _fits(cure, name, text)), _NO_CURE)
+    cure = found.text.format(right=client.right)
+    if error.fatal():
+        return Problem(f'the Kafka client gave up: {text}', cure, RouteError)
+    kind = found.kind or ERROR_CLASSES.get(error.code(), RouteError)
+    return Problem(text, cure, kind)
 
 
-class ClientHealth:
-    """Keeps what a client says of itself in its error callback, for the route's own thread.
+def _fits(cure: Cure, name: str, text: str) -> bool:
+    return name in cure.codes.split() and re.search(cure.words, text) is not None
 
-    Used by the thread that polls the client: librdkafka calls back from there.
-    """
 
-    def __init__(self, where: str, log: logging.LoggerAdapter[logging.Logger]) -> None:
-        self._where = where
-        self._log = log
-        self._failure: BridgeError | None = None
-        self.away = ''
+def _words(text: str, name: str, client: Client, reason: str) -> str:
+    if name == '_ALL_BROKERS_DOWN':
+        return NO_ANSWER  # librdkafka counts also those that it no longer needs
+    if _DISTRUST in text:
+        address = address_in(text)
+        who = f'{address.host}:{address.port}: ' if address else ''
+        return f'{who}{_DISTRUST}' + (f': {reason} (broker)' if reason else '')
+    text = _REPEATED.sub(r'\1', _STATE.sub('', text))
+    url = client.properties.get('sasl.oauthbearer.token.endpoint.url')
+    return f'{text} ({url})' if url and 'OAUTHBEARER token' in text else text
 
-    def on_error(self, error: KafkaError) -> None:
-        """Take an error of the client (librdkafka's error callback)."""
-        problem = translate(error, self._where)
-        if isinstance(problem, RouteError):
-            self._failure = problem
-        elif isinstance(problem, TransportError) and not self.away:
-            self.away = f'Kafka is away: {error.str()}'
-            self._log.warning('%s; trying again until it is back', self.away)
 
-    def on_contact(self) -> None:
-        """Note that the broker has answered."""
-        if self.away:
-            self.away = ''
-            self._log.info('Kafka is back')
-
-    def raise_failure(self) -> None:
-        """Raise what made the client useless, if anything did."""
-        failure, self._failure = self._failure, None
-        if failure is not None:
-            raise failure
+def _reason_of_distrust(error: KafkaError, client: Client) -> str:
+    address = address_in(error.str()) if _DISTRUST in error.str() else None
+    return distrust(address, client.properties) if address and client.properties else ''

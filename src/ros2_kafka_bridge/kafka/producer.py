@@ -1,7 +1,8 @@
 """Producing to Kafka: idempotent, with a report for every record."""
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any, Generic
 
@@ -9,7 +10,8 @@ from confluent_kafka import KafkaError, KafkaException, Message, Producer
 
 from ros2_kafka_bridge.endpoints import Outgoing, Reports, Token
 from ros2_kafka_bridge.errors import BridgeError, RecordTooLargeError
-from ros2_kafka_bridge.kafka.errors import ClientHealth, translate
+from ros2_kafka_bridge.kafka.errors import Client, translate
+from ros2_kafka_bridge.kafka.health import ClientHealth, check_files
 
 _LARGEST_BYTES = 1_000_000  # librdkafka's default
 
@@ -31,7 +33,8 @@ class KafkaSink(Generic[Token]):
     ) -> None:
         self._properties = dict(properties)
         self._where = where
-        self._health = ClientHealth(where, log)
+        self._about = Client('WRITE', properties)
+        self._health = ClientHealth(where, log, self._about)
         self._producer: Producer | None = None
         self._confirmed: list[Token] = []
         self._failed: list[tuple[Token, BridgeError]] = []
@@ -47,13 +50,13 @@ class KafkaSink(Generic[Token]):
         Raises:
             RouteError: librdkafka refuses the properties.
         """
-        try:
+        self._health.on_open()
+        check_files(self._properties, self._where)
+        with self._translated():
             self._producer = Producer(
                 self._properties | {'error_cb': self._health.on_error},
                 logger=logging.getLogger(f'{__name__}.librdkafka'),
             )
-        except KafkaException as error:
-            raise translate(error.args[0], self._where) from error
 
     def produce(self, record: Outgoing, token: Token) -> bool:
         """Hand over a record; False: the queue is full, nothing was taken."""
@@ -72,8 +75,13 @@ class KafkaSink(Generic[Token]):
         return True
 
     def poll(self, timeout_s: float) -> Reports[Token]:
-        """Wait up to `timeout_s` for delivery reports and return them."""
-        self._client.poll(timeout_s)
+        """Wait up to `timeout_s` for delivery reports and return them.
+
+        Raises:
+            RouteError: The client cannot go on; what it has reported is kept for `close`.
+        """
+        with self._translated():  # a fatal error of the client is raised from here
+            self._client.poll(timeout_s)
         if self._confirmed:
             self._health.on_contact()
         reports = Reports(self._confirmed, self._failed)
@@ -87,7 +95,8 @@ class KafkaSink(Generic[Token]):
         if self._producer is None:
             return ()
         self._producer.purge()
-        self._producer.flush(1.0)
+        with suppress(KafkaException):  # fatal, and known
+            self._producer.flush(1.0)
         self._producer = None
         delivered, self._confirmed, self._failed = self._confirmed, [], []
         return delivered
@@ -96,6 +105,13 @@ class KafkaSink(Generic[Token]):
     def _client(self) -> Producer:
         assert self._producer is not None, 'the sink is open'
         return self._producer
+
+    @contextmanager
+    def _translated(self) -> Iterator[None]:
+        try:
+            yield
+        except KafkaException as error:
+            raise translate(error.args[0], self._where, self._about) from error
 
     def _report(self, token: Token, error: KafkaError | None, message: Message) -> None:
         if error is None:
@@ -108,11 +124,14 @@ class KafkaSink(Generic[Token]):
                 )
             )
         else:
-            self._failed.append((token, translate(error, self._where)))
+            self._failed.append((token, translate(error, self._where, self._about)))
 
     def _refusal(self, error: KafkaError, record: Outgoing) -> BridgeError:
         if error.code() == KafkaError.MSG_SIZE_TOO_LARGE:
             limit_bytes = int(self._properties.get('message.max.bytes', _LARGEST_BYTES))
             where = 'message.max.bytes of the producer'
             return RecordTooLargeError(len(record.value or b''), limit_bytes, where)
-        return translate(error, self._where)
+        if error.code() == KafkaError._FATAL:  # noqa: SLF001 (its public name)
+            with self._translated():  # what it was for is still to be called back
+                self._client.poll(0.0)
+        return translate(error, self._where, self._about)

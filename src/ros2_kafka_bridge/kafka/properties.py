@@ -111,6 +111,8 @@ _REFUSED = {
 _SECRET = re.compile(r'password|passphrase|secret|token|private\.key\.pem$|^basic\.auth\.')
 _SECRET_NAMES = frozenset({'ssl.key.pem', 'sasl.oauthbearer.config', 'sasl.jaas.config'})
 _NO_SECRET = re.compile(r'token\.endpoint\.url$|\.location$|\.file$')
+_TOKEN_URL = 'sasl.oauthbearer.token.endpoint.url'  # noqa: S105 (a name)
+_NOWHERE = 'http://127.0.0.1:9/'
 _CREATION = re.compile(r'^Failed to create (producer|consumer): ')
 
 
@@ -259,6 +261,10 @@ def _merged(
 def _together(properties: Mapping[str, PropertyValue]) -> dict[str, str]:
     """Problems of properties that are right one by one: files, and pairs that do not fit."""
     problems: dict[str, str] = {}
+    # A client that asks for tokens does not survive a wrong file: librdkafka ends the process.
+    if _TOKEN_URL in properties and (error := _client_error('producer', _tls_alone(properties))):
+        name = _culprit(properties, error)
+        return {name: _sentence(name, properties[name], error)}
     clients = {
         'producer': producer_properties(properties, client_id='check'),
         'consumer': consumer_properties(properties, group='check', client_id='check'),
@@ -270,6 +276,11 @@ def _together(properties: Mapping[str, PropertyValue]) -> dict[str, str]:
             name = _culprit(users, error)
             problems.setdefault(name, _sentence(name, users.get(name, ''), error))
     return problems
+
+
+def _tls_alone(properties: Mapping[str, PropertyValue]) -> dict[str, PropertyValue]:
+    tls = {n: v for n, v in properties.items() if n.startswith(('ssl.', 'https.', 'enable.ssl.'))}
+    return {**tls, 'security.protocol': 'SSL'}
 
 
 def _culprit(properties: Mapping[str, PropertyValue], error: str) -> str:
@@ -302,6 +313,8 @@ def _client_error(kind: str, settings: Mapping[str, PropertyValue]) -> str | Non
     brokerless: dict[str, Any] = {
         name: value for name, value in settings.items() if canonical(name) != 'bootstrap.servers'
     }
+    if _TOKEN_URL in brokerless:
+        brokerless[_TOKEN_URL] = _NOWHERE  # a client asks for a token as soon as it is made
     try:
         if kind == 'producer':
             Producer(brokerless, logger=_silent_logger()).flush(0)

@@ -9,7 +9,8 @@ from typing import Any
 from confluent_kafka import Consumer, KafkaError, KafkaException, Message, TopicPartition
 
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.kafka.errors import translate
+from ros2_kafka_bridge.kafka.errors import Client, translate
+from ros2_kafka_bridge.kafka.health import check_files
 
 TAIL_RECORDS = 10_000
 _REQUEST_S = 5.0
@@ -28,6 +29,8 @@ def read_tail(
         TransportError: The broker is away.
         RouteError: The topic may not be read.
     """
+    about = Client('READ', properties)
+    check_files(properties, f'topic {topic}')
     consumer = Consumer(
         {**properties, 'enable.partition.eof': True},
         logger=logging.getLogger(f'{__name__}.librdkafka'),
@@ -36,7 +39,7 @@ def read_tail(
         return _read(consumer, topic, records)
     except KafkaException as error:
         where = f'topic {topic} cannot be read, to skip what it holds from before a restart'
-        raise translate(error.args[0], where) from error
+        raise translate(error.args[0], where, about) from error
     finally:
         consumer.close()
 
@@ -61,8 +64,8 @@ def _read(consumer: Consumer, topic: str, records: int) -> set[tuple[bytes, int]
                 _note(message, found)
             elif error.code() == KafkaError._PARTITION_EOF:  # noqa: SLF001 (its public name)
                 ends.discard(message.partition())
-            elif not isinstance(problem := translate(error, f'topic {topic}'), TransportError):
-                raise problem
+            elif not isinstance(translate(error, f'topic {topic}'), TransportError):
+                raise KafkaException(error)
         if time.monotonic() > deadline_s:
             raise TransportError(f'topic {topic}: its end cannot be read')
     return found

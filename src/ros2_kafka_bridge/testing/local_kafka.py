@@ -6,8 +6,6 @@ out: it runs one in the foreground. Both need Java 17 or newer and, the first ti
 
 import argparse
 import base64
-import fcntl
-import hashlib
 import os
 import random
 import re
@@ -30,11 +28,9 @@ from confluent_kafka import KafkaException
 from confluent_kafka.admin import AdminClient
 
 from ros2_kafka_bridge.errors import ConfigError, TransportError
+from ros2_kafka_bridge.testing.kafka_jars import find_jars, install_jars, java
 
-JARS_VARIABLE: Final = 'ROS2_KAFKA_BRIDGE_KAFKA_JARS'
-POM: Final = Path(__file__).with_name('pom.xml')
 HOST: Final = '127.0.0.1'
-OLDEST_JAVA: Final = 17
 START_S: Final = 60.0
 STOP_S: Final = 15.0
 
@@ -105,6 +101,7 @@ class LocalKafka:
         port: Where clients connect; 0 chooses a free one.
         properties: Properties of the broker, over those in `PROPERTIES`. `listeners` adds to the
             node's own two, for example `SSL://127.0.0.1:29093` (see `free_port`).
+        jvm_flags: Flags of Java, behind those in `JVM_FLAGS`.
     """
 
     def __init__(
@@ -112,12 +109,14 @@ class LocalKafka:
         directory: Path | None = None,
         port: int = 0,
         properties: Mapping[str, str] = MappingProxyType({}),
+        jvm_flags: Sequence[str] = (),
     ) -> None:
         self._is_temporary = directory is None
         self._directory = None if directory is None else directory.absolute()
         self._port = port
         self._controller_port = 0
         self._properties = properties
+        self._jvm_flags = jvm_flags
         self._process: subprocess.Popen[bytes] | None = None
         self._log_offset = 0
 
@@ -184,15 +183,15 @@ class LocalKafka:
         """
         assert not self.is_running, 'the node runs already'
         jars = install_jars()
-        java = [_java(), *JVM_FLAGS, *LOG_FLAGS, '-cp', f'{jars}/*']
+        command = [java(), *JVM_FLAGS, *LOG_FLAGS, *self._jvm_flags, '-cp', f'{jars}/*']
         wanted = self._port, self._controller_port
         for _ in range(START_ATTEMPTS - 1):
             self._choose_ports(*wanted)
             with suppress(_PortLostError):
-                self._start_once(java)
+                self._start_once(command)
                 return
         self._choose_ports(*wanted)
-        self._start_once(java)
+        self._start_once(command)
 
     def stop(self) -> None:
         """Stop the node in order (SIGTERM); one that takes longer than 15 s is killed."""
@@ -316,42 +315,6 @@ class LocalKafka:
         return f'{what}, see {self.log_file}' + (f': {reason}' if reason else '')
 
 
-def find_jars(directory: Path | None = None) -> Path | None:
-    """The directory that holds Kafka's jars, None where they are not installed.
-
-    Args:
-        directory: Where `install_jars` puts them. The default is what the environment variable
-            ROS2_KAFKA_BRIDGE_KAFKA_JARS names, else `.kafka/jars` if there is one here, else a
-            directory in the user's cache.
-    """
-    jars = _jars_of_this_pom(directory)
-    return jars if jars.is_dir() else None
-
-
-def install_jars(directory: Path | None = None) -> Path:
-    """Let Maven fetch Kafka's jars, if they are not there yet; two processes may do so at once.
-
-    Args:
-        directory: As in `find_jars`.
-
-    Returns:
-        The directory that holds the jars.
-
-    Raises:
-        ConfigError: Java or Maven is missing, or Maven cannot fetch the jars.
-    """
-    jars = _jars_of_this_pom(directory)
-    if jars.is_dir():
-        return jars
-    _check_tools()
-    jars.parent.mkdir(parents=True, exist_ok=True)
-    with (jars.parent / '.lock').open('w') as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not jars.is_dir():
-            _copy_jars(jars)
-    return jars
-
-
 def free_port() -> int:
     """A port of 127.0.0.1 that nobody listens on, and that no client's end can take."""
     return next(port for port in random.SystemRandom().sample(PORTS, len(PORTS)) if _is_free(port))
@@ -455,68 +418,6 @@ def _is_free(port: int) -> bool:
 def _new_id() -> str:
     # 16 bytes; the first keeps the text from starting with a dash, as options do.
     return base64.urlsafe_b64encode(b'\0' + os.urandom(15)).decode().rstrip('=')
-
-
-def _jars_of_this_pom(directory: Path | None) -> Path:
-    # Another pom.xml means another directory: no node loses the jars that it runs from.
-    version = hashlib.sha256(POM.read_bytes()).hexdigest()[:12]
-    return (directory or _default_directory()).absolute() / version
-
-
-def _default_directory() -> Path:
-    named = os.environ.get(JARS_VARIABLE)
-    if named:
-        return Path(named)
-    here = Path('.kafka/jars')
-    if here.is_dir():
-        return here
-    cache = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
-    return Path(cache) / 'ros2-kafka-bridge' / 'kafka-jars'
-
-
-def _check_tools() -> None:
-    problems = []
-    try:
-        _java()
-    except ConfigError as error:
-        problems += error.problems
-    if shutil.which('mvn') is None:
-        problems.append('no Maven here (command mvn): it fetches Kafka, once')
-    if problems:
-        raise ConfigError(problems)
-
-
-def _java() -> str:
-    home = os.environ.get('JAVA_HOME')
-    java = shutil.which(f'{home}/bin/java' if home else 'java')
-    if java is None:
-        raise ConfigError(
-            [f'no Java here (command java): Kafka needs Java {OLDEST_JAVA} or newer']
-        )
-    answer = subprocess.run([java, '-version'], capture_output=True, text=True, check=False)  # noqa: S603 - Java
-    found = re.search(r'version "(?:1\.)?(\d+)', answer.stderr)
-    if found is None or int(found[1]) < OLDEST_JAVA:
-        which = f'Java {found[1]}' if found else 'of an unknown version'
-        raise ConfigError([f'{java} is {which}: Kafka needs Java {OLDEST_JAVA} or newer'])
-    return java
-
-
-def _copy_jars(jars: Path) -> None:
-    with tempfile.TemporaryDirectory(dir=jars.parent) as scratch:
-        copied = Path(scratch) / 'jars'
-        maven = ['mvn', '--batch-mode', '--file', str(POM), 'dependency:copy-dependencies']
-        run = subprocess.run(  # noqa: S603 - a command of this file
-            [*maven, '-DincludeScope=runtime', f'-DoutputDirectory={copied}'],
-            cwd=scratch,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if run.returncode:
-            lines = run.stdout.splitlines()
-            reason = next((line for line in lines if line.startswith('[ERROR]')), run.stderr)
-            raise ConfigError([f'Maven cannot fetch Kafka: {reason}'])
-        copied.rename(jars)
 
 
 if __name__ == '__main__':

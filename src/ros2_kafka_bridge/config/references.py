@@ -1,0 +1,122 @@
+"""What `${...}` in a value stands for: a variable of the environment, or the text of a file."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ros2_kafka_bridge.config.tree import Finding
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+SIZE_LIMIT_BYTES = 1024 * 1024
+
+_REFERENCE = re.compile(r'\$(\$(?=\{)|\{([A-Za-z_][A-Za-z0-9_]*)\}|\{file:([^{}]+)\}|\{)')
+
+
+class Expanded(NamedTuple):
+    """Values without references, and what is wrong with the references."""
+
+    data: Any
+    findings: list[Finding]
+
+
+class UnreadableError(Exception):
+    """A file cannot be read; the text says why, in words of a sentence."""
+
+
+def expand(data: Any, environ: Mapping[str, str], directory: Path) -> Expanded:
+    """Replace `${NAME}` and `${file:PATH}` in every text, and `$${` by a literal `${`.
+
+    Args:
+        data: Values of a file, as YAML gives them.
+        environ: What `${NAME}` is read from.
+        directory: What the path in `${file:PATH}` is relative to.
+    """
+    reader = _Reader(environ, directory)
+    return Expanded(reader.expanded(data, ()), reader.findings)
+
+
+def read_limited(path: Path) -> bytes:
+    """The content of a file of at most `SIZE_LIMIT_BYTES`.
+
+    Raises:
+        UnreadableError: It is not there, not readable, or larger.
+    """
+    try:
+        with path.open('rb') as file:
+            content = file.read(SIZE_LIMIT_BYTES + 1)
+    except OSError as error:
+        raise UnreadableError(_plain(error)) from error
+    if len(content) > SIZE_LIMIT_BYTES:
+        raise UnreadableError(f'larger than {SIZE_LIMIT_BYTES} bytes: is it the right file?')
+    return content
+
+
+def _plain(error: OSError) -> str:
+    if isinstance(error, FileNotFoundError):
+        return 'no such file'
+    if isinstance(error, IsADirectoryError):
+        return 'a directory: name the file in it'
+    if isinstance(error, PermissionError):
+        return 'no permission to read it'
+    return error.strerror or 'cannot be read'
+
+
+class _Reader:
+    """Replaces the references of one configuration; each file is read once."""
+
+    def __init__(self, environ: Mapping[str, str], directory: Path) -> None:
+        self.findings: list[Finding] = []
+        self._environ = environ
+        self._directory = directory
+        self._texts: dict[str, str | UnreadableError] = {}
+
+    def expanded(self, value: Any, path: tuple[str | int, ...]) -> Any:
+        if isinstance(value, dict):
+            return {name: self.expanded(item, (*path, name)) for name, item in value.items()}
+        if isinstance(value, list):
+            return [self.expanded(item, (*path, place)) for place, item in enumerate(value)]
+        if isinstance(value, str) and '$' in value:
+            return _REFERENCE.sub(lambda match: self._replaced(match, path), value)
+        return value
+
+    def _replaced(self, match: re.Match[str], path: tuple[str | int, ...]) -> str:
+        found, variable, file = match.groups()
+        if found == '$':
+            return '$'
+        if variable is None and file is None:
+            wrong = '${ without a name and }: a variable is ${NAME}, a file ${file:PATH}'
+            self.findings.append(Finding(path, wrong))
+        elif variable is not None and variable in self._environ:
+            return self._environ[variable]
+        elif variable is not None:
+            self.findings.append(Finding(path, f'the environment has no variable {variable}'))
+        else:
+            text = self._text(file)
+            if isinstance(text, str):
+                return text
+            self.findings.append(Finding(path, f'the file {self._directory / file}: {text}'))
+        return match[0]
+
+    def _text(self, file: str) -> str | UnreadableError:
+        if file not in self._texts:
+            try:
+                self._texts[file] = _text_of(self._directory / file)
+            except UnreadableError as error:
+                self._texts[file] = error
+        return self._texts[file]
+
+
+def _text_of(path: Path) -> str:
+    """The text of a file without the newline that editors and `echo` put at its end."""
+    try:
+        text = read_limited(path).decode('utf-8-sig')
+    except UnicodeDecodeError as error:
+        raise UnreadableError('not UTF-8: it holds no text') from error
+    text = text.removesuffix('\n').removesuffix('\r')
+    if not text:
+        raise UnreadableError('it is empty')
+    return text

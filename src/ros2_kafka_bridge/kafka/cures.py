@@ -1,0 +1,103 @@
+"""One table that says for a Kafka error what a person can do about it."""
+
+from typing import Final, NamedTuple
+
+from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
+
+
+class Cure(NamedTuple):
+    """What to do about an error, known by its code and by words in its text.
+
+    Args:
+        codes: Names of codes, any where it is empty.
+        words: A pattern that the text holds.
+        text: What to do; `{right}` is the operation on the topic that the client needs.
+        kind: What the error means, None where its code tells.
+    """
+
+    codes: str
+    words: str
+    text: str
+    kind: type[BridgeError] | None = None
+
+
+# The first that fits. librdkafka gives some errors of TLS and SASL a code that says `wait`, and
+# some that mend themselves one that does not.
+CURES: Final = (
+    Cure(
+        '_SSL _TRANSPORT',
+        r'expired \(broker\)',
+        'renew the certificate of the broker',
+        RouteError,
+    ),
+    Cure(
+        '_SSL _TRANSPORT',
+        r'not valid for .* \(broker\)',
+        'write the host in bootstrap.servers as the certificate of the broker names it, or give '
+        'the broker a certificate for this host; advertised.listeners of the broker counts too',
+        RouteError,
+    ),
+    Cure(
+        '_SSL _TRANSPORT',
+        r'certificate verify failed',
+        'ssl.ca.location must name the authority that has signed the certificate of the broker',
+        RouteError,
+    ),
+    Cure(
+        '_SSL _TRANSPORT',
+        r'alert (?:bad certificate|certificate|unknown ca|handshake failure|access denied)',
+        'the broker refuses the certificate of this bridge: ssl.certificate.location and '
+        'ssl.key.location must name one that has not expired, signed by an authority that the '
+        'broker trusts',
+        RouteError,
+    ),
+    Cure(
+        '_TRANSPORT',
+        r'SSL connection closed by peer|PLAINTEXT broker listener',
+        'if it stays: this listener may speak no TLS, check security.protocol and the port',
+    ),
+    Cure('_SSL', '', 'check the ssl.* properties of this bridge'),
+    Cure(
+        '_AUTHENTICATION',
+        r'OAUTHBEARER token',
+        'check sasl.oauthbearer.token.endpoint.url, sasl.oauthbearer.client.id and '
+        'sasl.oauthbearer.client.secret, and that the token endpoint answers',
+        TransportError,
+    ),
+    Cure('_AUTHENTICATION', r'current SASL state', '', TransportError),  # a session just ended
+    Cure(
+        '_AUTHENTICATION',
+        r'Unsupported SASL mechanism|mechanism handshake failed',
+        'set sasl.mechanisms to one that the broker takes',
+    ),
+    Cure(
+        '_AUTHENTICATION',
+        r'invalid_token|OAUTHBEARER',
+        'the broker refuses the token: if it has expired, sasl.oauthbearer.token.endpoint.url '
+        'gives no new ones; else check its audience, issuer and scope, and the clocks',
+    ),
+    Cure(
+        '_AUTHENTICATION SASL_AUTHENTICATION_FAILED',
+        '',
+        'check sasl.username and sasl.password',
+    ),
+    Cure(
+        '_ALL_BROKERS_DOWN',
+        '',
+        'does it run, are bootstrap.servers and security.protocol right?',
+    ),
+    Cure('_RESOLVE', '', 'check bootstrap.servers'),
+    Cure('TOPIC_AUTHORIZATION_FAILED', '', 'give this user {right} on the topic (ACL)'),
+    Cure(
+        'GROUP_AUTHORIZATION_FAILED',
+        '',
+        'give this user READ on the consumer group (ACL on the group, or on its prefix)',
+    ),
+    Cure(
+        'CLUSTER_AUTHORIZATION_FAILED',
+        '',
+        'give this user {right} on the topic (ACL), and before Kafka 2.8 IDEMPOTENT_WRITE on the '
+        'cluster',
+    ),
+    Cure('UNKNOWN_TOPIC_OR_PART _UNKNOWN_TOPIC _UNKNOWN_PARTITION', '', 'create the topic'),
+)

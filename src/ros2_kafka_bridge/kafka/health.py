@@ -1,0 +1,140 @@
+"""What a Kafka client says of itself, kept until somebody asks."""
+
+import logging
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, Final
+
+from confluent_kafka import KafkaError, KafkaException
+from confluent_kafka.admin import AdminClient
+
+from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
+from ros2_kafka_bridge.kafka.errors import NO_ANSWER, Client, Problem, explain, translate
+from ros2_kafka_bridge.kafka.tls import unreadable
+
+_TOLD_AGAIN_S: Final = 60.0
+
+
+def check_files(properties: Mapping[str, Any], where: str) -> None:
+    """Look for the files that a client will read.
+
+    Raises:
+        RouteError: One of them cannot be read; it says which.
+    """
+    if problem := unreadable(properties):
+        raise RouteError(f'{where}: {problem}')
+
+
+class ClientHealth:
+    """Keeps what a client says of itself in its error callback, for the route's own thread.
+
+    Used by the thread that polls the client: librdkafka calls back from there.
+
+    Args:
+        where: What to call the client in errors.
+        log: Where to say that Kafka is away.
+        client: What an error does not tell of it.
+    """
+
+    def __init__(
+        self,
+        where: str,
+        log: logging.LoggerAdapter[logging.Logger],
+        client: Client,
+    ) -> None:
+        self._where = where
+        self._log = log
+        self._client = client
+        self._failure: KafkaError | None = None
+        self._cause: Problem | None = None  # of being away
+        self._told: dict[str, float] = {}
+        self._said = ''  # of being away, since the last contact
+        self.away = ''
+
+    def on_open(self) -> None:
+        """Forget what the client before has said: this one speaks for itself."""
+        self._failure = None
+        self.away = self._said = ''
+
+    def on_error(self, error: KafkaError) -> None:
+        """Take an error of the client (librdkafka's error callback)."""
+        problem = explain(error, self._client)
+        if issubclass(problem.kind, RouteError):
+            self._failure = self._failure or error
+        elif issubclass(problem.kind, TransportError) and self._is_news(problem):
+            self._cause = problem
+            self.away = f'Kafka is away: {problem.sentence}'
+
+    def on_contact(self) -> None:
+        """Note that the broker has answered."""
+        if self.away:
+            self.away = ''
+            if self._said:
+                self._log.info('Kafka is back')
+            self._said = ''
+
+    def raise_failure(self) -> None:
+        """Raise what made the client useless, if anything did, or say that Kafka is away."""
+        failure, self._failure = self._failure, None
+        if failure is not None:
+            raise translate(failure, self._where, self._client)
+        if self.away not in {'', self._said} and self._due():
+            self._said = self.away
+            self._log.warning('%s; trying again until it is back', self.away)
+
+    def _is_news(self, problem: Problem) -> bool:
+        """Whether it says more than is known: the first, or the cause of it."""
+        known = self._cause if self.away else None
+        return known is None or (_is_cause(problem) and not _is_cause(known))
+
+    def _due(self) -> bool:
+        """Whether to say that Kafka is away: once a minute where the cause is the same.
+
+        While an old token holds, records go on between two requests for a new one that fail.
+        """
+        if self._cause is None or not _is_cause(self._cause):
+            return True
+        now_s = time.monotonic()
+        due = now_s - self._told.get(self.away, -_TOLD_AGAIN_S) >= _TOLD_AGAIN_S
+        if due:
+            self._told[self.away] = now_s
+        return due
+
+
+def _is_cause(problem: Problem) -> bool:
+    return bool(problem.cure) and problem.text != NO_ANSWER
+
+
+class Admin:
+    """An AdminClient; a request that fails for want of a connection says why there is none."""
+
+    def __init__(self, properties: Mapping[str, Any], name: str) -> None:
+        check_files(properties, 'the Kafka client')
+        self._client = Client(properties=properties)
+        self._cause: KafkaError | None = None
+        own: dict[str, Any] = {'error_cb': self._on_error}
+        self.requests = AdminClient(
+            {**properties, **own},
+            logger=logging.getLogger(f'{name}.librdkafka'),
+        )
+
+    @contextmanager
+    def translated(self, where: str) -> Iterator[None]:
+        """Make the bridge's errors of those that a request raises."""
+        try:
+            yield
+        except KafkaException as error:
+            self.requests.poll(0)  # calls back what has come meanwhile
+            raise self._translate(error.args[0], where) from error
+
+    def _on_error(self, error: KafkaError) -> None:
+        problem = explain(error, self._client)
+        if self._cause is None or _is_cause(problem):
+            self._cause = error
+
+    def _translate(self, error: KafkaError, where: str) -> BridgeError:
+        problem = translate(error, where, self._client)
+        if isinstance(problem, TransportError) and self._cause is not None:
+            return translate(self._cause, where, self._client)
+        return problem

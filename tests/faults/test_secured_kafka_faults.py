@@ -1,0 +1,372 @@
+"""A closed cluster that does not let the bridge in, or no longer.
+
+Each of these is one clear error that names its cure, said once for each try; nobody else is
+disturbed; nothing is lost once it is mended. No secret is ever shown.
+"""
+
+import itertools
+import uuid
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+from harness import Bench, Process, eventually, values
+from secured import (
+    CLIENT_SECRET,
+    PASSWORD,
+    USER,
+    Right,
+    Round,
+    SecuredKafka,
+    group_right,
+    make_round,
+    mended,
+    running,
+    topic_right,
+    watched,
+)
+
+COUNT = 300
+WRONG = 'not-the-password-31b0'
+OTHER = 'another-password-4be7'
+SECRETS = (PASSWORD, CLIENT_SECRET, WRONG, OTHER)
+
+
+@pytest.fixture(scope='module')
+def secured(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SecuredKafka]:
+    with running(tmp_path_factory.mktemp('secured')) as kafka:
+        kafka.set_password(USER, PASSWORD)
+        yield kafka
+
+
+@pytest.fixture
+def bench(tmp_path: Path, secured: SecuredKafka, ros_domain: int) -> Bench:
+    """The administration goes through the plain listener, past all permissions."""
+    return Bench(tmp_path, secured.node.bootstrap_servers, ros_domain)
+
+
+@pytest.fixture
+def name() -> str:
+    """A name of the bridge, and of its user, that nobody else uses."""
+    return f'bridge-{uuid.uuid4().hex[:8]}'
+
+
+def numbered(count: int, first: int = 0) -> list[bytes]:
+    return [b'%d' % number for number in range(first, first + count)]
+
+
+def all_arrive(bench: Bench, topic: str, sent: Sequence[bytes]) -> None:
+    """Every record comes, in order; a hand-over may repeat some."""
+
+    def arrived() -> list[bytes]:
+        found = values(bench.records(topic, bench.end_offset(topic)))
+        return list(dict.fromkeys(found))
+
+    eventually(lambda: len(arrived()) >= len(sent), 60, lambda: f'{arrived()[-3:]} came last')
+    assert arrived() == list(sent)
+
+
+def said(bridge: Process, route: str) -> list[str]:
+    """What a bridge has complained of for a route."""
+    return [
+        line
+        for line in bridge.output().split('\n')
+        if f' {route}: ' in line and (' ERROR ' in line or ' WARNING ' in line)
+    ]
+
+
+def fails_with(bridge: Process, route: str, cure: str) -> None:
+    """A route says the same error once for each of its tries, with the cure, and nothing else."""
+    eventually(
+        lambda: any(cure in line and 'tried again in 4 s' in line for line in said(bridge, route)),
+        60,
+        bridge.output,
+    )
+    complaints = list(
+        itertools.takewhile(lambda line: 'tried again in 8 s' not in line, said(bridge, route))
+    )
+    assert len(complaints) == 3, complaints
+    assert all(cure in line and 'failed: ' in line for line in complaints), complaints
+    assert bridge.running
+
+
+# Nobody is let in
+
+
+def test_a_wrong_password_names_its_property_and_costs_nothing_once_it_is_put_right(
+    secured: SecuredKafka, bench: Bench, name: str
+) -> None:
+    secured.set_password(name, WRONG)
+    goods = make_round(bench, 'orders')
+    secured.allow(name, goods.rights(name))
+    kafka = mended(secured.properties('SCRAM', bench.place), sasl_username=name)
+    config = bench.config(goods.routes, name=name, kafka=kafka)
+    bench.produce(goods.source, numbered(COUNT))
+    with watched(bench, config, SECRETS) as bridge:
+        for route in ('orders', 'orders_returned'):
+            fails_with(bridge, route, 'check sasl.username and sasl.password')
+        secured.set_password(name, PASSWORD)
+        all_arrive(bench, goods.returned, numbered(COUNT))
+        assert bridge.end() == 0
+
+
+@pytest.mark.parametrize('log_format', ['text', 'json'])
+def test_a_wrong_password_of_plain_is_shown_in_no_log(
+    secured: SecuredKafka, bench: Bench, name: str, log_format: str
+) -> None:
+    goods = make_round(bench, 'orders')
+    secured.allow(USER, goods.rights(name))
+    kafka = secured.properties('PLAIN', bench.place)
+    config = bench.config(goods.routes, name=name, kafka=kafka)
+    bench.produce(goods.source, numbered(COUNT))
+    options = ('--log-format', log_format)
+    with watched(bench, config, SECRETS, *options, KAFKA_PASSWORD=WRONG) as bridge:
+        bridge.wait_for('check sasl.username and sasl.password; tried again in 2 s')
+        assert bridge.end() == 0
+    with watched(bench, config, SECRETS, *options, KAFKA_PASSWORD=PASSWORD) as bridge:
+        all_arrive(bench, goods.returned, numbered(COUNT))
+        assert bridge.end() == 0
+
+
+@pytest.mark.parametrize(
+    ('listener', 'authority', 'cure'),
+    [
+        ('SECURE', 'other', 'ssl.ca.location must name the authority that has signed'),
+        (
+            'EXPIRED',
+            'own',
+            'certificate has expired (broker); renew the certificate of the broker',
+        ),
+        ('ELSEWHERE', 'own', "not valid for '127.0.0.1' (broker); write the host in bootstrap"),
+    ],
+)
+def test_a_broker_that_is_not_trusted_is_told_with_the_reason(
+    secured: SecuredKafka, bench: Bench, name: str, listener: str, authority: str, cure: str
+) -> None:
+    goods = make_round(bench, 'orders')
+    secured.allow(USER, goods.rights(name))
+    right = secured.properties('SCRAM', bench.place)
+    wrong = mended(
+        right,
+        bootstrap_servers=secured.address(listener),
+        ssl_ca_location=str(secured.other_ca_file if authority == 'other' else secured.ca_file),
+    )
+    bench.produce(goods.source, numbered(COUNT))
+    config = bench.config(goods.routes, name=name, kafka=wrong)
+    with watched(bench, config, SECRETS) as bridge:
+        for route in ('orders', 'orders_returned'):
+            fails_with(bridge, route, cure)
+        assert bridge.end() == 0
+    with watched(bench, bench.config(goods.routes, name=name, kafka=right), SECRETS) as bridge:
+        all_arrive(bench, goods.returned, numbered(COUNT))
+        assert bridge.end() == 0
+
+
+def test_a_bridge_without_the_certificate_that_the_broker_asks_for_is_told(
+    secured: SecuredKafka, bench: Bench, name: str
+) -> None:
+    goods = make_round(bench, 'orders')
+    secured.allow(USER, goods.rights(name))
+    right = secured.properties('mTLS', bench.place)
+    wrong = mended(right, ssl_certificate_location=None, ssl_key_location=None)
+    bench.produce(goods.source, numbered(COUNT))
+    with watched(bench, bench.config(goods.routes, name=name, kafka=wrong), SECRETS) as bridge:
+        for route in ('orders', 'orders_returned'):
+            fails_with(bridge, route, 'the broker refuses the certificate of this bridge')
+        assert bridge.end() == 0
+    with watched(bench, bench.config(goods.routes, name=name, kafka=right), SECRETS) as bridge:
+        all_arrive(bench, goods.returned, numbered(COUNT))
+        assert bridge.end() == 0
+
+
+def test_an_expired_certificate_of_the_bridge_is_told_and_a_new_one_in_its_place_is_read(
+    secured: SecuredKafka, bench: Bench, name: str
+) -> None:
+    goods = make_round(bench, 'orders')
+    secured.allow(USER, goods.rights(name))
+    kafka = secured.properties('mTLS', bench.place)
+    place = Path(kafka['ssl.certificate.location']), Path(kafka['ssl.key.location'])
+    new = [file.read_bytes() for file in place]
+    for file, old in zip(place, secured.client_certificate(USER, expired=True), strict=True):
+        file.write_bytes(old.read_bytes())
+    bench.produce(goods.source, numbered(COUNT))
+    with watched(bench, bench.config(goods.routes, name=name, kafka=kafka), SECRETS) as bridge:
+        for route in ('orders', 'orders_returned'):
+            fails_with(bridge, route, 'the broker refuses the certificate of this bridge')
+        for file, content in zip(place, new, strict=True):
+            file.write_bytes(content)
+        all_arrive(bench, goods.returned, numbered(COUNT))
+        assert bridge.end() == 0
+
+
+# A permission is missing
+
+
+@pytest.mark.parametrize(
+    ('missing', 'route', 'cure'),
+    [
+        ('READ', 'broken', 'give this user READ on the topic (ACL)'),
+        ('group', 'broken', 'give this user READ on the consumer group'),
+        ('WRITE', 'broken_returned', 'give this user WRITE on the topic (ACL)'),
+        ('DESCRIBE', 'broken', 'give this user READ on the topic (ACL)'),
+    ],
+)
+def test_a_missing_permission_stops_its_route_alone(
+    secured: SecuredKafka, bench: Bench, name: str, missing: str, route: str, cure: str
+) -> None:
+    secured.set_password(name, PASSWORD)
+    well, broken = make_round(bench, 'well'), make_round(bench, 'broken')
+    held_back = _held_back(broken, name, missing)
+    given = [*well.rights(name), *broken.rights(name)]
+    if missing == 'group':
+        everywhere = group_right(f'{name}.', prefixed=True)
+        given = [right for right in given if right != everywhere]
+        given += [group_right(f'{name}.well')]
+    given = [right for right in given if right not in held_back]
+    if missing == 'READ':
+        given += [topic_right(broken.source, 'DESCRIBE')]
+    secured.allow(name, given)
+    kafka = mended(secured.properties('SCRAM', bench.place), sasl_username=name)
+    config = bench.config([*well.routes, *broken.routes], name=name, kafka=kafka)
+    for goods in (well, broken):
+        bench.produce(goods.source, numbered(COUNT))
+    with watched(bench, config, SECRETS) as bridge:
+        fails_with(bridge, route, cure)
+        all_arrive(bench, well.returned, numbered(COUNT))
+        assert not said(bridge, 'well')
+        assert not said(bridge, 'well_returned')
+        secured.allow(name, held_back)
+        all_arrive(bench, broken.returned, numbered(COUNT))
+        assert bridge.end() == 0
+
+
+def _held_back(goods: Round, name: str, missing: str) -> list[Right]:
+    if missing == 'group':
+        return [group_right(f'{name}.{goods.name}')]
+    topic = goods.returned if missing == 'WRITE' else goods.source
+    return [topic_right(topic, 'WRITE' if missing == 'WRITE' else 'READ')]
+
+
+def test_a_user_that_may_write_nothing_ends_no_bridge(
+    secured: SecuredKafka, bench: Bench, name: str
+) -> None:
+    secured.set_password(name, PASSWORD)
+    goods = make_round(bench, 'orders')
+    *rights, write = goods.rights(name)
+    secured.allow(name, [*rights, topic_right(goods.returned, 'DESCRIBE')])
+    kafka = mended(secured.properties('SCRAM', bench.place), sasl_username=name)
+    config = bench.config(goods.routes, name=name, kafka=kafka)
+    bench.produce(goods.source, numbered(COUNT))
+    with watched(bench, config, SECRETS) as bridge:
+        fails_with(bridge, 'orders_returned', 'give this user WRITE on the topic (ACL)')
+        secured.allow(name, [write])
+        all_arrive(bench, goods.returned, numbered(COUNT))
+        assert bridge.end() == 0
+
+
+def test_a_dead_letter_topic_that_may_not_be_written_holds_its_route_back(
+    secured: SecuredKafka, bench: Bench, name: str
+) -> None:
+    secured.set_password(name, PASSWORD)
+    well, broken = make_round(bench, 'well'), make_round(bench, 'broken')
+    dead = f'{broken.source}.dead-letters'
+    bench.create_topic(dead)
+    secured.allow(name, [*well.rights(name), *broken.rights(name)])
+    kafka = mended(secured.properties('SCRAM', bench.place), sasl_username=name)
+    config = bench.config([*well.routes, *broken.routes], name=name, kafka=kafka)
+    bench.produce(well.source, numbered(COUNT))
+    bench.produce(broken.source, [b'\xff', *numbered(COUNT)])
+    with watched(bench, config, SECRETS) as bridge:
+        bridge.wait_for(f'failed: the dead-letter topic {dead} cannot be written')
+        bridge.wait_for('give this user WRITE on the topic (ACL); tried again in 4 s', 60)
+        tries = [line for line in said(bridge, 'broken') if 'failed: ' in line]
+        assert len(tries) <= 4, tries
+        all_arrive(bench, well.returned, numbered(COUNT))
+        secured.allow(name, [topic_right(dead, 'WRITE')])
+        all_arrive(bench, broken.returned, numbered(COUNT))
+        assert values(bench.records(dead, 1)) == [b'\xff']
+        assert bridge.end() == 0
+
+
+# In mid-run
+
+
+def test_a_password_changed_in_mid_run_is_told_and_costs_nothing(
+    secured: SecuredKafka, bench: Bench, name: str
+) -> None:
+    secured.set_password(name, PASSWORD)
+    goods = make_round(bench, 'orders')
+    secured.allow(name, goods.rights(name))
+    kafka = mended(
+        secured.properties('SCRAM', bench.place),
+        bootstrap_servers=secured.address('RENEWED'),
+        sasl_username=name,
+    )
+    config = bench.config(goods.routes, name=name, kafka=kafka)
+    with watched(bench, config, SECRETS) as bridge:
+        bench.produce(goods.source, numbered(COUNT))
+        all_arrive(bench, goods.returned, numbered(COUNT))
+        assert not said(bridge, 'orders')
+        secured.set_password(name, OTHER)
+        for route in ('orders', 'orders_returned'):
+            fails_with(bridge, route, 'check sasl.username and sasl.password')
+        bench.produce(goods.source, numbered(COUNT, COUNT))
+        secured.set_password(name, PASSWORD)
+        all_arrive(bench, goods.returned, numbered(2 * COUNT))
+        assert bridge.end() == 0
+
+
+def test_tokens_are_renewed_in_mid_run_and_no_route_fails(
+    secured: SecuredKafka, bench: Bench, name: str
+) -> None:
+    goods = make_round(bench, 'orders')
+    secured.allow(USER, goods.rights(name))
+    kafka = mended(
+        secured.properties('OAUTHBEARER', bench.place),
+        bootstrap_servers=secured.address('RENEWED'),
+    )
+    config = bench.config(goods.routes, name=name, kafka=kafka)
+    with watched(bench, config, SECRETS) as bridge:
+        bench.produce(goods.source, numbered(1))
+        all_arrive(bench, goods.returned, numbered(1))
+        given = secured.tokens.given
+        eventually(lambda: secured.tokens.given >= given + 6, 60)
+        bench.produce(goods.source, numbered(COUNT, 1))
+        all_arrive(bench, goods.returned, numbered(COUNT + 1))
+        assert ' ERROR ' not in bridge.output()
+        assert bridge.end() == 0
+
+
+def test_a_token_that_expires_while_the_endpoint_is_broken_is_told_and_costs_nothing(
+    secured: SecuredKafka, bench: Bench, name: str
+) -> None:
+    goods = make_round(bench, 'orders')
+    secured.allow(USER, goods.rights(name))
+    kafka = mended(
+        secured.properties('OAUTHBEARER', bench.place),
+        bootstrap_servers=secured.address('RENEWED'),
+    )
+    config = bench.config(goods.routes, name=name, kafka=kafka)
+    with watched(bench, config, SECRETS) as bridge:
+        bench.produce(goods.source, numbered(COUNT))
+        all_arrive(bench, goods.returned, numbered(COUNT))
+        with secured.tokens.out_of_order():
+            for route in ('orders', 'orders_returned'):
+                eventually(
+                    lambda route=route: any(  # type: ignore[misc]  # bound here
+                        'sasl.oauthbearer.token.endpoint.url' in line
+                        for line in said(bridge, route)
+                    ),
+                    90,
+                    bridge.output,
+                )
+            eventually(secured.tokens.all_expired, 60)
+            # The broker has closed what they had opened: from here on nothing gets through.
+            bridge.wait_for('waiting (Kafka is away', 60, count=2)
+            bench.produce(goods.source, numbered(COUNT, COUNT))
+            bridge.wait_for('Failed to acquire SASL OAUTHBEARER token', 60, count=5)
+            assert bench.end_offset(goods.returned) == COUNT
+        all_arrive(bench, goods.returned, numbered(2 * COUNT))
+        assert bridge.running
+        assert len(said(bridge, 'orders')) <= 10, said(bridge, 'orders')
+        assert bridge.end() == 0

@@ -1,0 +1,95 @@
+"""What a Kafka client says of itself is told once, with its cause."""
+
+import logging
+from pathlib import Path
+
+import pytest
+from confluent_kafka import KafkaError
+
+from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.kafka.errors import Client
+from ros2_kafka_bridge.kafka.health import ClientHealth, check_files
+
+NOBODY = KafkaError(KafkaError._ALL_BROKERS_DOWN, '1/1 brokers are down')
+NO_TOKEN = KafkaError(KafkaError._AUTHENTICATION, 'Failed to acquire SASL OAUTHBEARER token: 400')
+REFUSED = KafkaError(
+    KafkaError._AUTHENTICATION, 'SASL authentication error: Authentication failed'
+)
+
+
+@pytest.fixture
+def health() -> ClientHealth:
+    log = logging.LoggerAdapter(logging.getLogger('health'), {})
+    return ClientHealth('topic orders', log, Client('READ'))
+
+
+@pytest.fixture
+def told(caplog: pytest.LogCaptureFixture) -> pytest.LogCaptureFixture:
+    caplog.set_level(logging.INFO)
+    return caplog
+
+
+def test_an_outage_is_told_once_and_so_is_its_end(
+    health: ClientHealth, told: pytest.LogCaptureFixture
+) -> None:
+    for _ in range(3):
+        health.on_error(NOBODY)
+        health.raise_failure()
+    health.on_contact()
+    health.on_contact()
+    assert [line.split(';')[0] for line in told.messages] == [
+        'Kafka is away: no broker answers',
+        'Kafka is back',
+    ]
+
+
+def test_the_cause_is_told_though_it_comes_after_that_nobody_answers(
+    health: ClientHealth, told: pytest.LogCaptureFixture
+) -> None:
+    for error in (NOBODY, NO_TOKEN, NOBODY):
+        health.on_error(error)
+        health.raise_failure()
+    assert len(told.messages) == 2
+    assert 'sasl.oauthbearer.token.endpoint.url' in told.messages[1]
+    assert 'OAUTHBEARER token' in health.away
+
+
+def test_a_cause_that_comes_and_goes_is_told_once_a_minute(
+    health: ClientHealth, told: pytest.LogCaptureFixture
+) -> None:
+    for _ in range(5):
+        health.on_error(NO_TOKEN)
+        health.raise_failure()
+        health.on_contact()
+    assert len(told.messages) == 2
+
+
+def test_a_failure_is_raised_with_its_cure_and_that_nobody_answers_is_no_news(
+    health: ClientHealth, told: pytest.LogCaptureFixture
+) -> None:
+    health.on_error(REFUSED)
+    health.on_error(NOBODY)
+    with pytest.raises(RouteError, match=r'check sasl\.username and sasl\.password$'):
+        health.raise_failure()
+    assert told.messages == []
+
+
+def test_what_a_client_said_while_it_closed_is_not_held_against_the_next(
+    health: ClientHealth,
+) -> None:
+    health.on_error(REFUSED)
+    health.on_open()
+    health.raise_failure()
+    assert health.away == ''
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    there = tmp_path / 'ca.pem'
+    there.touch()
+    check_files(
+        {'ssl.ca.location': str(there), 'https.ca.location': str(tmp_path)}, 'topic orders'
+    )
+    expected = f'topic orders: ssl.key.location: {tmp_path}/key: No such file or directory'
+    with pytest.raises(RouteError) as caught:
+        check_files({'ssl.key.location': f'{tmp_path}/key'}, 'topic orders')
+    assert str(caught.value) == expected
