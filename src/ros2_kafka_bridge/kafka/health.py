@@ -106,14 +106,28 @@ def _is_cause(problem: Problem) -> bool:
     return bool(problem.cure) and problem.text != NO_ANSWER
 
 
+class _Cause:
+    """The first error of a client that names its cause, or else the first of all."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self.error: KafkaError | None = None
+
+    def note(self, error: KafkaError) -> None:
+        if self.error is None or _is_cause(explain(error, self._client)):
+            self.error = error
+
+
 class Admin:
     """An AdminClient; a request that fails for want of a connection says why there is none."""
 
     def __init__(self, properties: Mapping[str, Any], name: str) -> None:
         check_files(properties, 'the Kafka client')
         self._client = Client(properties=properties)
-        self._cause: KafkaError | None = None
-        own: dict[str, Any] = {'error_cb': self._on_error}
+        # The client must not hold this object, which holds the client: such a circle ends in the
+        # garbage collector, which takes the callback away from a client that still calls it.
+        self._cause = _Cause(self._client)
+        own: dict[str, Any] = {'error_cb': self._cause.note}
         self.requests = AdminClient(
             {**properties, **own},
             logger=logging.getLogger(f'{name}.librdkafka'),
@@ -128,13 +142,8 @@ class Admin:
             self.requests.poll(0)  # calls back what has come meanwhile
             raise self._translate(error.args[0], where) from error
 
-    def _on_error(self, error: KafkaError) -> None:
-        problem = explain(error, self._client)
-        if self._cause is None or _is_cause(problem):
-            self._cause = error
-
     def _translate(self, error: KafkaError, where: str) -> BridgeError:
         problem = translate(error, where, self._client)
-        if isinstance(problem, TransportError) and self._cause is not None:
-            return translate(self._cause, where, self._client)
+        if isinstance(problem, TransportError) and self._cause.error is not None:
+            return translate(self._cause.error, where, self._client)
         return problem
