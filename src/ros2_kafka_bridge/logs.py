@@ -46,7 +46,7 @@ def set_up(log_format: LogFormat) -> None:
     logger.setLevel(logging.INFO)
     logger.propagate = False
     # The client's own lines repeat what the bridge says with the route and the cure.
-    for client in ('admin', 'broker', 'consumer', 'producer', 'tail'):
+    for client in ('admin', 'broker', 'consumer', 'overview', 'producer', 'tail'):
         logging.getLogger(f'ros2_kafka_bridge.kafka.{client}.librdkafka').setLevel(
             logging.CRITICAL
         )

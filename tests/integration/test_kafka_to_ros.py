@@ -512,7 +512,7 @@ def test_guarantee_5_a_dead_letter_topic_without_permission_fails_its_route_alon
     ):
         bridge.wait_for('to_ros: failed: ', count=2)
         assert f'the dead-letter topic {letters} cannot be written: ' in bridge.output()
-        assert 'give this user the permission on the topic (ACL)' in bridge.output()
+        assert 'give this user WRITE on the topic (ACL)' in bridge.output()
         wait_for(others, texts(words(100)), bridge)
         assert bench.committed(GROUP, topic_name) <= 1
         admin.delete_acls([same])[same].result(10)
