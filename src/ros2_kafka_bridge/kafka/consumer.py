@@ -18,6 +18,7 @@ from confluent_kafka import (
 
 from ros2_kafka_bridge.endpoints import Rebalance, Record
 from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.kafka.beginnings import Beginnings
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.health import ClientHealth, check_files
 
@@ -50,7 +51,7 @@ class KafkaSource:
         own = {'group.instance.id': uuid.uuid4().hex, 'enable.partition.eof': True}
         self._properties = own | dict(properties)
         self._topic = topic
-        self._start = start
+        self._beginnings = Beginnings(topic, start, log)
         self._log = log
         self._about = Client('READ', self._properties)
         self._health = ClientHealth(f'topic {topic}', log, self._about)
@@ -65,7 +66,11 @@ class KafkaSource:
         self._fresh = False  # some partitions came while the others were held
         self._closing = False
         self.ends: dict[int, int] = {}
-        self.lost_upstream = 0
+
+    @property
+    def lost_upstream(self) -> int:
+        """Records that the topic no longer held when the bridge came to read them."""
+        return self._beginnings.lost
 
     @property
     def away(self) -> str:
@@ -191,7 +196,9 @@ class KafkaSource:
                     self._consumer.poll(0.01)
             self._consumer.close()
             self._consumer = None
-            for known in (self._committed, self._positions, self._left, self.ends):
+            for known in (
+                self._committed, self._positions, self._left, self.ends, self._beginnings.wanted,
+            ):  # fmt: skip
                 known.clear()
 
     @property
@@ -217,7 +224,7 @@ class KafkaSource:
         batch = [first, *self._client.consume(limit - 1, 0.0)] if limit > 1 else [first]
         if first.partition() in self._gone:
             del batch[0]
-        if any(message.error() for message in batch):
+        if self._beginnings.wanted or any(message.error() for message in batch):
             batch = [message for message in batch if self._is_record(message)]
         else:
             self._health.on_contact()
@@ -236,97 +243,46 @@ class KafkaSource:
     def _is_record(self, message: Message) -> bool:
         error = message.error()
         if error is None:
+            self._note_reached(message)
             return True
         if error.code() == KafkaError._AUTO_OFFSET_RESET:  # noqa: SLF001 (its public name)
-            self._place(message.partition() or 0)
+            self._place(message.partition() or 0, message.offset())
             return False
         if error.code() == KafkaError._MAX_POLL_EXCEEDED:  # noqa: SLF001
             return False
         if error.code() == KafkaError._PARTITION_EOF:  # noqa: SLF001
             self._health.on_contact()
+            self._note_reached(message)
             if message.partition() not in self._gone:
                 self.ends[message.partition() or 0] = message.offset() or 0
             return False
         if error.code() == KafkaError.UNKNOWN_TOPIC_OR_PART:
-            # Once it is there, all that it holds is new.
-            self._start = 'earliest'
+            self._beginnings.expect_new_topic()
         self._health.on_error(error)
         self._health.raise_failure()
         return False
 
-    def _place(self, partition: int) -> None:
+    def _note_reached(self, message: Message) -> None:
+        partition = message.partition() or 0
+        if partition in self._beginnings.wanted:
+            self._beginnings.reached(self._client, partition, message.offset() or 0)
+
+    def _place(self, partition: int, wanted: int | None) -> None:
         """Set where to read a partition whose stored offset is missing or out of range."""
+        known = {**self._committed, **self._positions}.get(partition)
         try:
             self.ends.pop(partition, None)
-            offset = self._resolve(partition)
-            here = TopicPartition(self._topic, partition)
-            self._client.incremental_unassign([here])
-            self._client.incremental_assign([TopicPartition(self._topic, partition, offset)])
+            beginning = self._beginnings.find(self._client, partition, wanted, known)
+            if beginning.anew:
+                self._forget([TopicPartition(self._topic, partition)])
+                self._rebalance.lost(frozenset({partition}))
+                news = self._places({partition: beginning.offset})
+                self._client.commit(offsets=news, asynchronous=True)
+            self._client.incremental_unassign(self._places({partition: OFFSET_INVALID}))
+            self._client.incremental_assign(self._places({partition: beginning.offset}))
         except KafkaException as error:
             raise translate(error.args[0], f'{self._topic}[{partition}]', self._about) from error
         self._fresh = True
-
-    def _resolve(self, partition: int) -> int:
-        metadata = self._client.list_topics(self._topic, timeout=_REQUEST_S)
-        everywhere = [
-            TopicPartition(self._topic, p) for p in metadata.topics[self._topic].partitions
-        ]
-        committed = {
-            p.partition: p.offset
-            for p in self._client.committed(everywhere, timeout=_REQUEST_S)
-            if p.offset >= 0
-        }
-        known = {**self._committed, **self._positions}.get(partition)
-        if not committed and known is None:
-            return self._first_start(everywhere)[partition]
-        low, high = self._client.get_watermark_offsets(
-            TopicPartition(self._topic, partition), timeout=_REQUEST_S
-        )
-        if partition in committed:
-            if low <= committed[partition] <= high:
-                return committed[partition]  # committed meanwhile, at the first start of the group
-            self._say_gone(partition, committed[partition], low, high)
-        elif known is not None:
-            # The offsets of the group went with the topic: all that it holds now is new.
-            self._say_gone(partition, max(known, high + 1), low, high)
-            self._forget([TopicPartition(self._topic, partition)])
-            self._rebalance.lost(frozenset({partition}))
-            self._client.commit(offsets=self._places({partition: low}), asynchronous=True)
-        return low
-
-    def _first_start(self, everywhere: list[TopicPartition]) -> dict[int, int]:
-        """Resolve `start` once, for every partition, and commit it at once.
-
-        Also for partitions that others read: seen from them, a partition without an offset among
-        others with one has appeared later, and is read from its beginning.
-        """
-        side = 0 if self._start == 'earliest' else 1
-        offsets = {
-            p.partition: self._client.get_watermark_offsets(p, timeout=_REQUEST_S)[side]
-            for p in everywhere
-        }
-        self._client.commit(
-            offsets=[TopicPartition(self._topic, p, offset) for p, offset in offsets.items()],
-            asynchronous=False,
-        )
-        self._log.info('first start of this group: begins at the %s record', self._start)
-        return offsets
-
-    def _say_gone(self, partition: int, wanted: int, low: int, high: int) -> None:
-        if wanted < low:
-            self.lost_upstream += low - wanted
-            self._log.error(
-                '%s[%d]: %d records were deleted before the bridge read them (offsets %d to %d); '
-                'it goes on at %d: keep the topic longer than the bridge can be away '
-                '(retention.ms, retention.bytes)',
-                self._topic, partition, low - wanted, wanted, low - 1, low,
-            )  # fmt: skip
-        else:
-            self._log.error(
-                '%s[%d]: offset %d is not there, the topic holds %d to %d: it was made anew or '
-                'cut off; the bridge reads all that it holds now',
-                self._topic, partition, wanted, low, high - 1,
-            )  # fmt: skip
 
     def _go_on(self, partitions: list[TopicPartition]) -> None:
         """Begin at once more assigned partitions where they were left, if nobody read on there."""
@@ -371,6 +327,7 @@ class KafkaSource:
     def _forget(self, partitions: list[TopicPartition]) -> None:
         for partition in partitions:
             self._gone.add(partition.partition)
+            self._beginnings.forget(partition.partition)
             for known in (self._committed, self._positions, self.ends):
                 known.pop(partition.partition, None)
 

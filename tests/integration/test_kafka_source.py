@@ -1,0 +1,109 @@
+"""The source of records on a real Kafka, where the broker deletes while it reads."""
+
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+from confluent_kafka import Producer, TopicPartition
+from harness import Bench, eventually
+
+from ros2_kafka_bridge.kafka.consumer import KafkaSource
+from ros2_kafka_bridge.kafka.properties import consumer_properties
+
+LOG = logging.LoggerAdapter(logging.getLogger('test.source'), {})
+
+
+class Nobody:
+    """A direction that holds nothing."""
+
+    def revoked(self, partitions: frozenset[int]) -> None:
+        pass
+
+    def lost(self, partitions: frozenset[int]) -> None:
+        pass
+
+
+@contextlib.contextmanager
+def opened(bench: Bench, topic: str) -> Iterator[KafkaSource]:
+    """A source from the earliest record on that holds little which was fetched before."""
+    small = {'queued.max.messages.kbytes': 64, 'max.partition.fetch.bytes': 16_384}
+    properties = consumer_properties(
+        {'bootstrap.servers': bench.bootstrap_servers, **small}, client_id='test', group='test'
+    )
+    source = KafkaSource(properties, topic, 'earliest', LOG)
+    source.open(Nobody())
+    try:
+        yield source
+    finally:
+        source.close()
+
+
+def trim(bench: Bench, topic: str) -> None:
+    """Delete all that the topic holds now."""
+    below = TopicPartition(topic, 0, -1)
+    admin = bench.admin()  # kept: its futures fail when it goes
+    admin.delete_records([below])[below].result(10)
+
+
+def write(bench: Bench, topic: str, ended: threading.Event, sent: list[int]) -> None:
+    """Write as fast as the broker takes it; `sent` gets how many."""
+    with Producer({'bootstrap.servers': bench.bootstrap_servers, 'acks': 'all'}) as producer:
+        count = 0
+        while not ended.is_set():
+            try:
+                producer.produce(topic, b'x' * 100, partition=0)
+                count += 1
+            except BufferError:
+                producer.poll(0.1)
+        assert producer.flush(60) == 0
+    sent.append(count)
+
+
+def test_guarantee_1_what_is_deleted_faster_than_it_is_read_is_counted_once_and_said_rarely(
+    bench: Bench, topic_name: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, [b'first'])
+    ended, sent = threading.Event(), [1]
+    writer = threading.Thread(target=write, args=(bench, topic_name, ended, sent))
+
+    def trim_often() -> None:
+        while not ended.is_set():
+            trim(bench, topic_name)
+
+    trimmer = threading.Thread(target=trim_often)
+    taken = 0
+
+    def read(limit: int) -> None:
+        nonlocal taken
+        taken += len(source.poll(limit, 0.1))
+
+    def read_to(end: int) -> bool:
+        read(500)
+        return source.ends.get(0) == end
+
+    with opened(bench, topic_name) as source:
+        eventually(
+            lambda: read_to(1), 30
+        )  # what is deleted before a first start was never its own
+        writer.start()
+        trimmer.start()
+        until_s = time.monotonic() + 6
+        while time.monotonic() < until_s:
+            read(20)  # slowly, so that the broker deletes what comes next
+            time.sleep(0.01)
+        taken_meanwhile = taken
+        ended.set()
+        writer.join()
+        trimmer.join()
+        end = sum(sent)
+        assert bench.end_offset(topic_name) == end
+        eventually(lambda: read_to(end), 60)
+        assert taken + source.lost_upstream == end
+    assert source.lost_upstream > 0
+    assert taken_meanwhile > 1
+    said = [record for record in caplog.records if 'were deleted before' in record.getMessage()]
+    assert 1 <= len(said) <= 15

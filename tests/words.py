@@ -1,0 +1,36 @@
+"""What the tests of Kafka -> ROS share: words that are sent, and waiting for them."""
+
+from pathlib import Path
+
+from harness import Bench, Process, eventually, lines
+
+GROUP = 'test.to_ros'
+ROS_TOPIC = '/words'
+
+
+def words(count: int, start: int = 0) -> list[bytes | None]:
+    return [b'%d' % number for number in range(start, start + count)]
+
+
+def texts(found: list[bytes | None]) -> list[str]:
+    return [(value or b'').decode() for value in found]
+
+
+def wait_for(file: Path, expected: list[str], bridge: Process, timeout_s: float = 30.0) -> None:
+    """Wait until all has arrived, once and in order."""
+    eventually(
+        lambda: len(lines(file)) >= len(expected),
+        timeout_s,
+        lambda: f'{len(lines(file))} of {len(expected)}\n{bridge.output()}',
+    )
+    assert lines(file) == expected
+
+
+def wait_for_commit(
+    bench: Bench, topic: str, offset: int, bridge: Process, partition: int = 0
+) -> None:
+    eventually(
+        lambda: bench.committed(GROUP, topic, partition) == offset,
+        10,
+        lambda: f'{bench.committed(GROUP, topic, partition)}, not {offset}\n{bridge.output()}',
+    )
