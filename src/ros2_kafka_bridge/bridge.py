@@ -4,24 +4,29 @@ import logging
 import os
 import threading
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 
+from ros2_kafka_bridge.backoff import Backoff
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, warnings
 from ros2_kafka_bridge.errors import BridgeError, RouteError
-from ros2_kafka_bridge.logs import route_log
+from ros2_kafka_bridge.logs import Repeated, route_log
 from ros2_kafka_bridge.memory import give_back
 from ros2_kafka_bridge.metrics import Counters, Snapshot, State
-from ros2_kafka_bridge.ros.node import RosNode, middleware, open_node
+from ros2_kafka_bridge.plural import count
+from ros2_kafka_bridge.ros.node import RosNode, middleware, open_node, worker_name
 from ros2_kafka_bridge.ros.probe import Abilities, limits, probe, probe_topic
-from ros2_kafka_bridge.status import status_line, totals
+from ros2_kafka_bridge.status import totals
+from ros2_kafka_bridge.status_log import StatusLog
 from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.wiring import Direction, Route, Wiring, endpoints_of
 
-STATUS_S = 10.0
-_FIRST_BACKOFF_S = 1.0
-_LONGEST_BACKOFF_S = 10.0
 _CLOSING_S = 10.0
 _AT_ONCE_S = 2.0
+
+
+def _tell_nobody() -> None:
+    pass
 
 
 class Bridge:
@@ -51,8 +56,12 @@ class Bridge:
         self._log = route_log()
         self._crashed = False
 
-    def run(self) -> int:
+    def run(self, tell: Callable[[], None] = _tell_nobody) -> int:
         """Run until a stop is asked for; returns the exit status.
+
+        Args:
+            tell: Called by a route that has failed for good, before anything else happens: whoever
+                restarts this process must know it. The snapshots say so by then.
 
         Raises:
             ConfigError: Nothing was started.
@@ -60,7 +69,7 @@ class Bridge:
         probed = probe_topic()
         routes = [lane.route for lane in self._lanes]
         endpoints = endpoints_of(routes, probed, self.config.ros.lease_s)
-        name = f'{self.config.name}_{self._worker}' if self._worker else self.config.name
+        name = worker_name(self.config.name, self._worker)
         with open_node(name, self.config.ros.domain_id, endpoints) as node:
             abilities = self._start(node, probed)
             give_back()
@@ -68,7 +77,7 @@ class Bridge:
             for lane in self._lanes:
                 lane.thread = threading.Thread(
                     target=self._keep_running,
-                    args=(lane, wiring),
+                    args=(lane, wiring, tell),
                     name=lane.route.name,
                     daemon=True,
                 )
@@ -90,60 +99,48 @@ class Bridge:
                 self._log.warning('%s', warning)
         worker = f', worker {self._worker},' if self._worker else ''
         self._log.info(
-            'bridge %s%s runs %d routes on %s',
-            self.config.name, worker, len(self._lanes), middleware(),
+            'bridge %s%s runs %s on %s',
+            self.config.name, worker, count(len(self._lanes), 'route'), middleware(),
         )  # fmt: skip
         return abilities
 
     # Run
 
-    def _keep_running(self, lane: '_Lane', wiring: Wiring) -> None:
+    def _keep_running(self, lane: '_Lane', wiring: Wiring, tell: Callable[[], None]) -> None:
         """Run one route until a stop, again and again while it fails; in a thread of its own."""
         try:
             with ExitStack() as stack:
-                backoff_s = _FIRST_BACKOFF_S
-                started_s = time.monotonic()
-                while not self._run_once(lane, wiring, stack, backoff_s):
-                    if time.monotonic() - started_s > _LONGEST_BACKOFF_S:
-                        backoff_s = _FIRST_BACKOFF_S
-                    lane.stop.wait(backoff_s)
-                    backoff_s = min(_LONGEST_BACKOFF_S, 2 * backoff_s)
-                    started_s = time.monotonic()
+                while error := self._run_once(lane, wiring, stack):
+                    lane.fail(error)
+                    if lane.for_good:
+                        tell()
+                    lane.say_failure()
+                    if lane.final:
+                        break
+                    lane.stop.wait(lane.backoff.wait_s)
         except BaseException:
             self._crashed = True
             lane.log.critical('a bug of the bridge ended this route', exc_info=True)
             if not self.stop.asked:
                 self.stop.ask()
 
-    def _run_once(self, lane: '_Lane', wiring: Wiring, stack: ExitStack, backoff_s: float) -> bool:
-        """Run one route until it stops or fails; tells whether that was the end of it."""
-        draining = lane.stop.asked  # a route that failed before still owes a drain
+    def _run_once(self, lane: '_Lane', wiring: Wiring, stack: ExitStack) -> BridgeError | None:
+        """Run one route until it stops or fails; returns why it has failed."""
+        lane.begin()
         try:
             lane.direction = lane.direction or wiring.make(lane.route, lane.log, lane.stop, stack)
             lane.failure = ''
             if lane.direction is not None:
                 lane.direction.run(lane.stop)
         except BridgeError as error:
-            lane.failure = str(error)
-            for_good = isinstance(error, RouteError) and error.final
-            lane.final = draining or for_good
-            lane.for_good = for_good and not lane.stop.asked
-            again = '' if lane.final or lane.stop.asked else f'; tried again in {backoff_s:.0f} s'
-            lane.log.error('failed: %s%s', error, again)  # noqa: TRY400 (the user's to mend)
-            return lane.final
-        return True
+            return error
+        return None
 
     def _watch(self) -> None:
-        before = {s.route: s for s in self.snapshots()}
-        looked_s = time.monotonic()
+        status = StatusLog(self.snapshots)
         while not self.stop.asked and any(lane.runs for lane in self._lanes):
-            if self.stop.wait(0.2) or self._worker or time.monotonic() - looked_s < STATUS_S:
-                continue
-            period_s, looked_s = time.monotonic() - looked_s, time.monotonic()
-            for lane in self._lanes:
-                now = lane.snapshot()
-                lane.log.info('%s', status_line(now, before[now.route], period_s))
-                before[now.route] = now
+            if not self.stop.wait(0.2) and not self._worker:
+                status.say()
 
     # Shutdown
 
@@ -184,10 +181,33 @@ class _Lane:
         self.failure = ''
         self.final = False
         self.for_good = False  # final, and not for the end of a drain
+        self.backoff = Backoff()
+        self._errors = Repeated(self.log)
+        self._began_s = 0.0
+        self._draining = False
 
     @property
     def runs(self) -> bool:
         return self.thread is not None and self.thread.is_alive()
+
+    def begin(self) -> None:
+        self._began_s = time.monotonic()
+        self._draining = self.stop.asked  # a route that failed before still owes a drain
+
+    def fail(self, error: BridgeError) -> None:
+        """Note what has failed, and whether it is tried again."""
+        self.backoff = self.backoff.after(time.monotonic() - self._began_s)
+        for_good = isinstance(error, RouteError) and error.final
+        self.for_good = for_good and not self.stop.asked
+        self.failure = str(error)
+        self.final = self._draining or for_good
+
+    def say_failure(self) -> None:
+        text = f'failed: {self.failure}'
+        if self.final or self.stop.asked:
+            self.log.error('%s', text)
+        else:
+            self._errors.error(text, f'; tried again in {self.backoff.wait_s:.0f} s')
 
     def snapshot(self) -> Snapshot:
         if self.direction is None:
@@ -203,5 +223,5 @@ def _of_worker(config: Config, worker: int) -> Config:
     """Let the broker tell the workers apart, unless the user has named the clients."""
     if not worker:
         return config
-    kafka = {'client.id': f'{config.name}-{worker}', **config.kafka}
+    kafka = {'client.id': worker_name(config.name, worker), **config.kafka}
     return config.model_copy(update={'kafka': kafka})

@@ -65,13 +65,13 @@ def run(file: File, routes: Names = '', log_format: Log = LogFormat.TEXT) -> Non
     from ros2_kafka_bridge import shares, worker  # noqa: PLC0415 (--help must be quick)
 
     config = worker.load_checked(file)
-    worker.chosen(config, routes)
+    names = worker.chosen(config, routes)
     if not file.is_file():
         raise ConfigError([f'{file}: can be read only once: save it as a file, to be run'])
-    more = ['--log-format', log_format.value, *([f'--routes={routes}'] if routes else [])]
-    if not routes and (several := shares.supervised(config)):
+    more = ['--log-format', log_format.value]
+    if several := shares.supervised(config, names):
         _become('supervisor', *more, *several, '--', str(file.resolve()))
-    _become('worker', *more, '--', str(file.resolve()))
+    _become('worker', *more, f'--routes={routes}', '--', str(file.resolve()))
 
 
 @app.command()
@@ -203,9 +203,11 @@ def _become(module: str, *arguments: str) -> NoReturn:
     """
     import signal  # noqa: PLC0415 (only here)
 
+    from ros2_kafka_bridge.stop import SIGNALS  # noqa: PLC0415
+
     sys.stdout.flush()
     sys.stderr.flush()
-    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGTERM])
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     # -P: a directory that happens to be the current one is not searched for modules.
     program = [sys.executable, '-P', '-m', f'ros2_kafka_bridge.{module}']
     os.execv(sys.executable, [*program, *arguments])  # noqa: S606 (no shell is wanted)

@@ -5,12 +5,15 @@ import logging
 import sys
 import time
 from datetime import UTC, datetime
-from typing import Literal
+from typing import Literal, NamedTuple
+
+from ros2_kafka_bridge.plural import count
 
 LogFormat = Literal['text', 'json']
 
 _OFTEN = 5
 _PERIOD_S = 10.0
+_AGAIN_S = 60.0
 
 
 class _JsonFormatter(logging.Formatter):
@@ -57,8 +60,50 @@ def route_log(route: str | None = None) -> logging.LoggerAdapter[logging.Logger]
     return logging.LoggerAdapter(logging.getLogger('ros2_kafka_bridge'), {'route': route})
 
 
+class Repeated:
+    """Says each error once, and again when a minute has passed."""
+
+    def __init__(self, log: logging.LoggerAdapter[logging.Logger]) -> None:
+        self._log = log
+        self._said: dict[str, _Said] = {}
+
+    def error(self, text: str, more: str = '') -> None:
+        """Say an error, unless it was said just now.
+
+        Args:
+            text: What has happened.
+            more: What follows it; it may differ each time.
+        """
+        now_s = time.monotonic()
+        before = self._said.get(text)
+        if before is not None and now_s - before.at_s < _AGAIN_S:
+            self._said[text] = before._replace(kept_back=before.kept_back + 1)
+            return
+        again = '' if before is None else f' ({count(before.kept_back + 1, "time")} more)'
+        self._log.error('%s%s%s', text, again, more)
+        recent = {t: said for t, said in self._said.items() if now_s - said.at_s < _AGAIN_S}
+        self._said = {**recent, text: _Said(now_s)}
+
+
+class _Said(NamedTuple):
+    at_s: float
+    kept_back: int = 0
+
+
+def client_log(module: str, level: int = logging.CRITICAL) -> logging.Logger:
+    """Make the log of a module's Kafka client, silent but from `level` on."""
+    logger = logging.getLogger(f'{module}.librdkafka')
+    logger.setLevel(level)
+    return logger
+
+
+def keep_clients_quiet() -> None:
+    """Leave it to a command to say in its own words what the Kafka clients would log."""
+    logging.getLogger('ros2_kafka_bridge').addHandler(logging.NullHandler())
+
+
 class Occasional:
-    """Says the first few warnings of every ten seconds, then how many it kept back."""
+    """Says the first few lines of every ten seconds, then how many it kept back."""
 
     def __init__(self, log: logging.LoggerAdapter[logging.Logger]) -> None:
         self._log = log
@@ -66,12 +111,19 @@ class Occasional:
         self._count = 0
 
     def warning(self, message: str) -> None:
-        """Say a warning, unless there were many just now."""
+        """Say a warning, unless there were many lines just now."""
+        self._say(logging.WARNING, message)
+
+    def error(self, message: str) -> None:
+        """Say an error, unless there were many lines just now."""
+        self._say(logging.ERROR, message)
+
+    def _say(self, level: int, message: str) -> None:
         now_s = time.monotonic()
         if now_s - self._since_s > _PERIOD_S:
             if self._count > _OFTEN:
-                self._log.warning('and %d more like the last ones', self._count - _OFTEN)
+                self._log.log(level, 'and %d more like the last ones', self._count - _OFTEN)
             self._since_s, self._count = now_s, 0
         self._count += 1
         if self._count <= _OFTEN:
-            self._log.warning('%s', message)
+            self._log.log(level, '%s', message)

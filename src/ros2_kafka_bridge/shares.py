@@ -36,18 +36,24 @@ def share_out(to_ros: Sequence[str], from_ros: Sequence[str], workers: int) -> l
     ]
 
 
-def supervised(config: 'Config') -> list[str]:
-    """The supervisor's arguments for a configuration; none where one process runs it."""
+def supervised(config: 'Config', chosen: frozenset[str] | None = None) -> list[str]:
+    """The supervisor's arguments for a configuration; none where one process runs it.
+
+    Args:
+        config: The configuration.
+        chosen: Names of the routes to run; None runs all.
+    """
     from ros2_kafka_bridge.config.settings import KafkaToRosRoute  # noqa: PLC0415 (heavy)
 
-    if min(config.workers, len(config.routes)) < 2:
+    routes = [route for route in config.routes if chosen is None or route.name in chosen]
+    if min(config.workers, len(routes)) < 2:
         return []
     names: dict[bool, list[str]] = {True: [], False: []}
-    for route in config.routes:
+    for route in routes:
         names[isinstance(route, KafkaToRosRoute)].append(route.name)
     return [
         f'--workers={config.workers}',
-        f'--drain-s={max(route.drain_s for route in config.routes)}',
+        f'--drain-s={max(route.drain_s for route in routes)}',
         *(f'--to-ros={name}' for name in names[True]),
         *(f'--from-ros={name}' for name in names[False]),
     ]

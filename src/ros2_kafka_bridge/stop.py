@@ -1,8 +1,14 @@
 """How a running bridge is told to stop."""
 
+import os
+import signal
+import stat
 import time
+from collections.abc import Sequence
+from typing import Any, Final
 
-_STEP_S = 0.05
+SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_STEP_S: Final = 0.05
 
 
 class Stop:
@@ -21,6 +27,15 @@ class Stop:
         self._now = self._now or self._drain
         self._drain = True
 
+    def on_signal(self, number: int, _frame: Any = None) -> None:
+        """Ask, as the handler of a signal."""
+        if number == signal.SIGHUP:
+            _let_go_of_closed_terminal()
+            # One closed terminal sends it twice: the shell does, and the kernel when that ends.
+            if self._drain:
+                return
+        self.ask()
+
     @property
     def asked(self) -> bool:
         """Whether to drain."""
@@ -37,3 +52,23 @@ class Stop:
         while not self._drain and (left_s := deadline_s - time.monotonic()) > 0:
             time.sleep(min(_STEP_S, left_s))
         return self._drain
+
+
+def signals_to_heed() -> Sequence[signal.Signals]:
+    """The signals that ask this process to stop: not SIGHUP where `nohup` has it ignored."""
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        return [number for number in SIGNALS if number != signal.SIGHUP]
+    return SIGNALS
+
+
+def _let_go_of_closed_terminal() -> None:
+    """Print to nobody from now on: a terminal that is gone refuses every line with an error."""
+    for descriptor in (1, 2):
+        try:
+            mode = os.fstat(descriptor).st_mode
+        except OSError:  # closed long ago
+            continue
+        if stat.S_ISCHR(mode) and not os.isatty(descriptor):
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, descriptor)
+            os.close(null)

@@ -1,10 +1,11 @@
 """A process that runs routes, without the libraries of the command line.
 
-    python -m ros2_kafka_bridge.worker FILE [--routes a,b] [--snapshots FD]
+    python -m ros2_kafka_bridge.worker FILE [--routes a,b] [--snapshots FD] [--content FD]
 
 With `--snapshots` it writes a line of JSON to that file descriptor each second, and a last one
 after the drain; `metrics.from_line` reads it. A reader that is slow misses some, one that is gone
-gets no more: neither holds the worker up.
+gets no more: neither holds the worker up. With `--content` the configuration is what that file
+descriptor holds: FILE gives its name to the messages, and its directory to `${file:PATH}`.
 """
 
 import argparse
@@ -18,17 +19,17 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Any, Final, NoReturn, Self
 
 from ros2_kafka_bridge import logs
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.metrics import Snapshot, to_line
+from ros2_kafka_bridge.stop import SIGNALS, signals_to_heed
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.bridge import Bridge
     from ros2_kafka_bridge.config.settings import Config
 
-SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 _PERIOD_S: Final = 1.0
 _LAST_S: Final = 1.0
 _BUSY_S: Final = 0.01
@@ -45,17 +46,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
 
 
-def load_checked(file: Path) -> 'Config':
+def load_checked(file: Path, text: str | None = None) -> 'Config':
     """The configuration in a file, checked against the types and the Kafka client found here.
+
+    Args:
+        file: The file.
+        text: What it held when it was read; None reads it now.
 
     Raises:
         ConfigError: With every mistake in the file.
     """
-    from ros2_kafka_bridge.config.file import load  # noqa: PLC0415 (heavy)
+    from ros2_kafka_bridge.config.file import load, loads  # noqa: PLC0415 (heavy)
     from ros2_kafka_bridge.kafka.properties import property_problems  # noqa: PLC0415
     from ros2_kafka_bridge.ros.types import unknown_type  # noqa: PLC0415
 
-    return load(file, os.environ, check_type=unknown_type, check_kafka=property_problems)
+    if text is not None:
+        return loads(text, str(file), os.environ, unknown_type, property_problems)
+    return load(file, os.environ, unknown_type, property_problems)
 
 
 def chosen(config: 'Config', routes: str) -> frozenset[str] | None:
@@ -86,6 +93,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         '--worker', type=int, default=0, metavar='N',
         help='number of this worker; the supervisor speaks to it by standard input',
     )  # fmt: skip
+    parser.add_argument('--content', type=int, metavar='FD', help='what FILE held, UTF-8')
     parser.add_argument(
         '--after', type=int, metavar='FD',
         help='a pipe whose end is waited for before a drain that no supervisor has asked for',
@@ -95,7 +103,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def _before_the_start(*, supervised: bool) -> None:
     """Take over the signals, which whoever started this process may have held back."""
-    for number in SIGNALS:
+    for number in SIGNALS if supervised else signals_to_heed():
         # A supervisor passes them on in the right order; Ctrl-C and systemd send them to all.
         signal.signal(number, signal.SIG_IGN if supervised else _end)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
@@ -109,7 +117,8 @@ def _end(_number: int, _frame: Any) -> NoReturn:
 
 
 def _run(options: argparse.Namespace) -> int:
-    config = load_checked(options.file)
+    text = None if options.content is None else _content(options.content)
+    config = load_checked(options.file, text)
     routes = chosen(config, options.routes)
 
     from ros2_kafka_bridge.bridge import Bridge  # noqa: PLC0415 (heavy: only for a right file)
@@ -119,15 +128,20 @@ def _run(options: argparse.Namespace) -> int:
     if options.worker:
         threading.Thread(target=_obey, args=(bridge, options.after), daemon=True).start()
     else:
-        for number in SIGNALS:
-            signal.signal(number, lambda *_: bridge.stop.ask())
+        for number in signals_to_heed():
+            signal.signal(number, bridge.stop.on_signal)
     # The windows hold thousands of live entries: by default they are walked all the time.
     gc.freeze()
     gc.set_threshold(50_000, 20, 100)
     if options.snapshots is None:
         return bridge.run()
-    with _Sender(options.snapshots, bridge.snapshots):
-        return bridge.run()
+    with _Sender(options.snapshots, bridge.snapshots) as sender:
+        return bridge.run(sender.send_now)
+
+
+def _content(descriptor: int) -> str:
+    """All that an inherited file holds, wherever another reader of it has come to."""
+    return os.pread(descriptor, os.fstat(descriptor).st_size, 0).decode()
 
 
 def _obey(bridge: 'Bridge', after: int | None) -> None:
@@ -142,20 +156,25 @@ def _obey(bridge: 'Bridge', after: int | None) -> None:
 
 
 class _Sender:
-    """Sends snapshots once a second, from a thread, and a last time at the end of `with`."""
+    """Sends snapshots once a second, from a thread, and a last time at the end of `with`.
+
+    A lock keeps the lines whole: a route may send one from its own thread.
+    """
 
     def __init__(self, pipe: int, snapshots: Callable[[], list[Snapshot]]) -> None:
         self._pipe = pipe
         self._snapshots = snapshots
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._send_often, name='snapshots', daemon=True)
+        self._lock = threading.Lock()
         self._rest = b''
 
-    def __enter__(self) -> None:
+    def __enter__(self) -> Self:
         mode = os.fstat(self._pipe).st_mode
         if stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode):  # a terminal is shared with others
             os.set_blocking(self._pipe, False)
         self._thread.start()
+        return self
 
     def __exit__(self, *_: object) -> None:
         self._ended.set()
@@ -163,18 +182,27 @@ class _Sender:
         with contextlib.suppress(OSError):
             self._send_last()
 
+    def send_now(self) -> None:
+        """Send what cannot wait; a pipe without room gets it in time."""
+        with contextlib.suppress(OSError), self._lock:
+            line = to_line(self._snapshots())
+            if self._send(line):  # the rest of another came first
+                self._send(line)
+
     def _send_often(self) -> None:
         with contextlib.suppress(OSError):  # nobody reads any more
             while not self._ended.wait(_PERIOD_S):
-                self._send(to_line(self._snapshots()))
+                with self._lock:
+                    self._send(to_line(self._snapshots()))
 
     def _send_last(self) -> None:
         deadline_s = time.monotonic() + _LAST_S
         line = to_line(self._snapshots())
         while time.monotonic() < deadline_s:
-            line = self._send(line)
-            if not line and not self._rest:
-                return
+            with self._lock:
+                line = self._send(line)
+                if not line and not self._rest:
+                    return
             time.sleep(_BUSY_S)
 
     def _send(self, line: bytes) -> bytes:

@@ -5,26 +5,11 @@ import os
 import subprocess
 import sys
 import time
-from typing import Final
+from collections.abc import Sequence
 
+from ros2_kafka_bridge.backoff import Backoff
 from ros2_kafka_bridge.metrics import Counters, State, from_line
 from ros2_kafka_bridge.shares import Share
-
-_FIRST_BACKOFF_S: Final = 1.0
-_LONGEST_BACKOFF_S: Final = 10.0
-_WELL_S: Final = 30.0
-
-
-def backoff(before_s: float, ran_s: float) -> float:
-    """How long to wait for the next start of a worker, in seconds.
-
-    Args:
-        before_s: How long was waited for the last one; 0 for the first.
-        ran_s: How long the worker ran since; one that ran for long was well.
-    """
-    if ran_s > _WELL_S:
-        return _FIRST_BACKOFF_S
-    return min(_LONGEST_BACKOFF_S, max(_FIRST_BACKOFF_S, 2 * before_s))
 
 
 class WorkerProcess:
@@ -43,7 +28,8 @@ class WorkerProcess:
         self.pipe = -1
         self._number = number
         self._process: subprocess.Popen[bytes] | None = None
-        self._started_s = self._start_at_s = self._backoff_s = 0.0
+        self._backoff = Backoff()
+        self._started_s = self._start_at_s = 0.0
         self._asked = 0
         self._heard = b''
 
@@ -76,12 +62,12 @@ class WorkerProcess:
         """The routes that are not started again."""
         return [name for name, snapshot in self.snapshots.items() if snapshot.final]
 
-    def start(self, arguments: list[str], inherited: int) -> None:
+    def start(self, arguments: Sequence[str], inherited: Sequence[int]) -> None:
         """Start it with the routes that have not failed for good.
 
         Args:
             arguments: What follows its own.
-            inherited: A file descriptor that it keeps open.
+            inherited: File descriptors that it keeps open.
 
         Raises:
             OSError: There is no room for a process.
@@ -98,7 +84,7 @@ class WorkerProcess:
                 [sys.executable, *module, *options, f'--snapshots={its_end}', *arguments],
                 bufsize=0,
                 stdin=subprocess.PIPE,
-                pass_fds=(its_end, inherited),
+                pass_fds=(its_end, *inherited),
             )
         except OSError:
             os.close(pipe)
@@ -132,13 +118,13 @@ class WorkerProcess:
     def fail(self, how: str) -> float:
         """Note that it has to be started again; returns in how many seconds."""
         now_s = time.monotonic()
-        self._backoff_s = backoff(self._backoff_s, now_s - self._started_s)
-        self._start_at_s = now_s + self._backoff_s
+        self._backoff = self._backoff.after(now_s - self._started_s)
+        self._start_at_s = now_s + self._backoff.wait_s
         for name, snapshot in self.snapshots.items():
             if not snapshot.final:
                 reason = f'its worker {how} and is started again'
                 self.snapshots[name] = snapshot._replace(state=State.FAILED, reason=reason)
-        return self._backoff_s
+        return self._backoff.wait_s
 
     def kill(self) -> None:
         """End it at once."""

@@ -4,7 +4,6 @@ Each of these is one clear error that names its cure, said once for each try; no
 disturbed; nothing is lost once it is mended. No secret is ever shown.
 """
 
-import itertools
 import uuid
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -76,17 +75,15 @@ def said(bridge: Process, route: str) -> list[str]:
 
 
 def fails_with(bridge: Process, route: str, cure: str) -> None:
-    """A route says the same error once for each of its tries, with the cure, and nothing else."""
-    eventually(
-        lambda: any(cure in line and 'tried again in 4 s' in line for line in said(bridge, route)),
-        60,
-        bridge.output,
-    )
-    complaints = list(
-        itertools.takewhile(lambda line: 'tried again in 8 s' not in line, said(bridge, route))
-    )
-    assert len(complaints) == 3, complaints
+    """A route says an error once, with the cure, and nothing else, however often it is tried."""
+    eventually(lambda: bool(said(bridge, route)), 60, bridge.output)
+    bridge.wait_for(f' {route}: failed (', 60)  # its status, which comes some tries later
+    complaints = said(bridge, route)
     assert all(cure in line and 'failed: ' in line for line in complaints), complaints
+    # The place where it was met may change: the first connection, a later one.
+    texts = [line.partition('failed: ')[2].partition('; tried again')[0] for line in complaints]
+    assert len(texts) == len({*texts}), complaints
+    assert len(texts) <= 3, complaints
     assert bridge.running
 
 
@@ -121,7 +118,7 @@ def test_a_wrong_password_of_plain_is_shown_in_no_log(
     bench.produce(goods.source, numbered(COUNT))
     options = ('--log-format', log_format)
     with watched(bench, config, SECRETS, *options, KAFKA_PASSWORD=WRONG) as bridge:
-        bridge.wait_for('check sasl.username and sasl.password; tried again in 2 s')
+        bridge.wait_for('check sasl.username and sasl.password; tried again in 1 s')
         assert bridge.end() == 0
     with watched(bench, config, SECRETS, *options, KAFKA_PASSWORD=PASSWORD) as bridge:
         all_arrive(bench, goods.returned, numbered(COUNT))

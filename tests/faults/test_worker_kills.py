@@ -66,6 +66,55 @@ def test_guarantees_1_2_8_a_killed_worker_is_started_again_and_nothing_is_lost(
     assert bench.committed('test.to_ros', topic_name) == COUNT
 
 
+def test_a_worker_that_is_started_again_runs_what_the_file_held_at_the_start(
+    bench: Bench, topic_name: str
+) -> None:
+    """With another name it would join another group, and publish all orders again."""
+    returned = f'{topic_name}.returned'
+    routes = there_and_back(topic_name)
+    config = bench.config(routes, workers=2)
+    bench.create_topic(topic_name)
+    bench.create_topic(returned)
+    bench.produce(topic_name, numbered(100))
+    with bench.bridge(config) as process:
+        eventually(partial(bench.reaches, returned, 100), 90, process.output)
+        eventually(lambda: bench.committed('test.to_ros', topic_name) == 100, 60, process.output)
+        changed = bench.config(routes, workers=2, name='changed')
+        changed.replace(config)
+        kill(process, 1)
+        bench.produce(topic_name, numbered(200)[100:])
+        eventually(lambda: bench.committed('test.to_ros', topic_name) == 200, 60, process.output)
+        assert process.end(40) == 0, process.output()
+    assert process.output().count('bridge test, worker 1, runs') == 2
+    assert 'changed' not in process.output()
+    assert values(bench.records(returned, 200)) == numbered(200)
+
+
+def test_a_route_that_failed_for_good_stays_so_when_its_worker_is_killed_right_after(
+    bench: Bench, topic_name: str
+) -> None:
+    """The supervisor knows it before the log does, not a second later."""
+    bad, good = f'{topic_name}.bad', f'{topic_name}.good'
+    routes = [
+        to_ros(bad, '/bad', name='bad', on_error='stop', min_subscribers=0),
+        to_ros(good, '/good', name='good', min_subscribers=0),
+        to_kafka('/other', f'{topic_name}.other'),
+    ]
+    bench.create_topic(bad)
+    bench.create_topic(good)
+    with bench.bridge(bench.config(routes, workers=2)) as process:
+        process.wait_for('good: reads', 90)
+        process.wait_for('bad: reads', 90)
+        bench.produce(bad, [b'\xff'])
+        process.wait_for('bad: failed: ')
+        os.kill(pids(process, 1)[0], signal.SIGKILL)
+        process.wait_for('worker 1, runs ', 60, count=2)
+        process.wait_for('good: reads', 60, count=2)
+        assert process.end(40) == 1
+    assert process.output().count('bad: failed: ') == 1
+    assert process.output().count('bad: reads') == 1
+
+
 def test_guarantee_7_when_the_supervisor_is_killed_its_workers_drain_in_order_and_end(
     bench: Bench, topic_name: str
 ) -> None:

@@ -77,7 +77,7 @@ def test_all_is_well_at_a_real_broker_and_graph(bench: Bench, topic_name: str) -
         subscriber.wait_for('ready')
         status, out, err = bench.command('check', str(file), '--connect')
     assert (status, err) == (0, '')
-    assert re.search(r'  ok   1 brokers of cluster \S+ answer', out)
+    assert re.search(r'  ok   1 broker of cluster \S+ answers', out)
     domain = r'domain \d+ \(ROS_DOMAIN_ID\)'
     assert re.search(rf'  ok   rclpy of \S+, rmw_fastrtps_cpp, {domain}', out)
     assert f'  ok   topic {topic_name} has 3 partitions' in out
@@ -119,6 +119,7 @@ def test_each_thing_that_does_not_fit_is_a_line_with_its_cure(
     assert (status, err) == (1, '')
     assert re.search(rf'  BAD  /subscriber_\d+ does not match: {OFFERED}; set it in to\.qos', out)
     assert '  note 0 of 1 subscriber of /latched: the route waits for them' in out
+    assert not re.search(r'\n  (ok|note) .*\n  BAD ', out), 'they stand first in their section'
     offer = r'/publisher_\d+ publishes best_effort, volatile'
     assert re.search(rf'  note {offer}: what the network loses is lost before the bridge', out)
     assert '  BAD  std_msgs/msg/String has no number or text at dat (did you mean data?)' in out

@@ -108,7 +108,7 @@ def test_run_runs_the_routes_that_are_asked_for(bench: Bench, unique: Unique) ->
         publisher.wait_for('published')
         assert len(bench.records(first, 10)) == 10
         assert bridge.end() == 0
-    assert 'bridge test runs 1 routes' in bridge.output()
+    assert 'bridge test runs 1 route on' in bridge.output()
     assert ' b: ' not in bridge.output()
     assert second not in bench.admin().list_topics(timeout=10).topics
 

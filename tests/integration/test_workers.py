@@ -21,6 +21,7 @@ from workers import bridge, gone, pids, there_and_back, wait_until_gone
 from ros2_kafka_bridge.metrics import Snapshot, State, from_line
 from ros2_kafka_bridge.ros.node import open_node
 from ros2_kafka_bridge.ros.profile import Endpoints
+from ros2_kafka_bridge.stop import SIGNALS
 from ros2_kafka_bridge.testing.orders import encode, orders
 
 COUNT = 20_000
@@ -109,7 +110,8 @@ def test_a_second_signal_ends_all_workers_at_once(
             process.wait_for('stopping: draining')
             assert not gone(pids(process, 2)[0]), 'those from ROS drain last'
             process.send(signal.SIGTERM)
-            assert process.wait(30) == 1, 'what was not taken any more is given up'
+            assert process.wait(30) == 0, 'nothing is given up: Kafka keeps what ROS did not get'
+    assert 'failed: ' not in process.output()
     wait_until_gone(*pids(process, 1), *pids(process, 2))
 
 
@@ -123,7 +125,10 @@ def test_workers_are_told_apart_in_the_graph_and_at_the_broker(
         open_node('watcher', ros_domain, Endpoints({}, {}, None)) as watcher,
     ):
         process.wait_for('reads ', 60, count=2)
-        for topic, node in (('/a', 'kafka_bridge_test_1'), ('/b', 'kafka_bridge_test_2')):
+        for topic, node in (
+            ('/a', 'kafka_bridge_test_worker_1'),
+            ('/b', 'kafka_bridge_test_worker_2'),
+        ):
             eventually(
                 lambda topic=topic, node=node: (  # type: ignore[misc]  # bound on purpose
                     [peer.node for peer in watcher.publishers(topic)] == [f'/{node}']
@@ -133,12 +138,24 @@ def test_workers_are_told_apart_in_the_graph_and_at_the_broker(
         admin = bench.admin()  # kept: its futures fail when it goes
         groups = admin.describe_consumer_groups(['test.a', 'test.b'])
         clients = {name: client_ids(future.result(10)) for name, future in groups.items()}
-        assert clients == {'test.a': ['test-1'], 'test.b': ['test-2']}
+        assert clients == {'test.a': ['test-worker-1'], 'test.b': ['test-worker-2']}
         assert process.end(40) == 0
 
 
 def client_ids(group: ConsumerGroupDescription) -> list[str]:
     return [member.client_id for member in group.members]
+
+
+def test_workers_share_the_routes_that_are_asked_for(bench: Bench, topic_name: str) -> None:
+    routes = [*there_and_back(topic_name), to_ros(topic_name, '/other', name='other')]
+    config = bench.config(routes, workers=2)
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, sized(10))
+    with bench.bridge(config, '--routes', 'to_ros,to_kafka') as process:
+        assert len(bench.records(f'{topic_name}.returned', 10)) == 10
+        assert process.end(40) == 0
+    assert len(pids(process, 1)) == len(pids(process, 2)) == 1
+    assert ' other' not in process.output()
 
 
 def test_a_status_line_of_each_route_comes_once_for_all_workers(
@@ -238,7 +255,7 @@ def test_a_signal_in_the_start_ends_the_bridge_without_a_traceback(
 ) -> None:
     bench.create_topic(topic_name)
     bench.create_topic(f'{topic_name}.returned')
-    for workers, number in product((1, 2), (signal.SIGINT, signal.SIGTERM)):
+    for workers, number in product((1, 2), SIGNALS):
         config = bench.config(there_and_back(topic_name), workers=workers)
         program = b'worker' if workers == 1 else b'supervisor'
         with bench.bridge(config) as process:

@@ -1,17 +1,26 @@
 """How routes are shared out among workers, when one is started again, what its pipe carries."""
 
+import logging
+import signal
 import subprocess
 import sys
+import threading
 from collections import Counter
+from pathlib import Path
 
 import pytest
+from harness import eventually
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ros2_kafka_bridge.backoff import Backoff
 from ros2_kafka_bridge.config.file import loads
+from ros2_kafka_bridge.logs import Repeated
 from ros2_kafka_bridge.metrics import Counters, State, from_line, to_line
 from ros2_kafka_bridge.shares import Share, share_out, supervised
-from ros2_kafka_bridge.worker_process import WorkerProcess, backoff
+from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.supervisor import Command, Supervisor
+from ros2_kafka_bridge.worker_process import WorkerProcess
 
 CONFIG = """\
 name: test
@@ -79,14 +88,93 @@ def test_one_worker_or_one_route_needs_no_supervisor() -> None:
     assert supervised(config.model_copy(update={'routes': config.routes[:1]})) == []
 
 
+def test_workers_share_the_routes_that_are_asked_for() -> None:
+    routes = ''.join(
+        f'  - {{name: {name}, from: {{ros: /{name}}}, to: {{kafka: {name}}}, drain_s: 2}}\n'
+        for name in ('c', 'd')
+    )
+    config = loads(CONFIG.format(workers=3) + routes, 'x', {})
+    asked = supervised(config, frozenset(['c', 'd']))
+    assert asked == ['--workers=3', '--drain-s=2.0', '--from-ros=c', '--from-ros=d']
+    assert supervised(config, frozenset(['c'])) == []
+
+
+@pytest.mark.parametrize(
+    ('number', 'at_once'),
+    [(signal.SIGINT, True), (signal.SIGTERM, True), (signal.SIGHUP, False)],
+)
+def test_a_second_signal_stops_at_once_but_for_that_of_a_closed_terminal(
+    number: signal.Signals, *, at_once: bool
+) -> None:
+    stop = Stop()
+    stop.on_signal(number)
+    assert stop.asked
+    assert not stop.at_once
+    stop.on_signal(number)
+    assert stop.at_once == at_once
+
+
+@pytest.mark.parametrize(
+    ('status', 'expected'), [(1, 1), (-signal.SIGKILL, 0), (0, 0)], ids=['1', 'killed', '0']
+)
+def test_a_worker_that_failed_unasked_makes_the_end_a_failure_and_one_that_was_killed_does_not(
+    status: int, expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A real process in the worker's place: it ends so once, and the next one waits for a stop."""
+    ending = f'sys.exit({status})' if status >= 0 else f'os.kill(os.getpid(), {-status})'
+    been = tmp_path / 'been'
+    program = tmp_path / 'program'
+    program.write_text(
+        f'#!{sys.executable}\n'
+        'import os, pathlib, sys\n'
+        f'been = pathlib.Path({str(been)!r})\n'
+        'if been.exists():\n'
+        '    been.with_name("again").touch()\n'
+        '    sys.stdin.read(1)\n'
+        '    sys.exit(0)\n'
+        'been.touch()\n'
+        f'{ending}\n'
+    )
+    program.chmod(0o700)
+    monkeypatch.setattr('sys.executable', str(program))
+    with Supervisor([Share(('orders',), to_ros=True)], Command([]), 5.0) as supervisor:
+        ended: list[int] = []
+        thread = threading.Thread(target=lambda: ended.append(supervisor.run()))
+        thread.start()
+        eventually(been.with_name('again').exists, 30)
+        supervisor.stop.ask()
+        thread.join(30)
+    assert ended == [expected]
+
+
+def test_an_error_that_stays_is_said_once_and_a_new_one_at_once(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = 1000.0
+    monkeypatch.setattr('time.monotonic', lambda: now_s)
+    errors = Repeated(logging.LoggerAdapter(logging.getLogger('test')))
+    for wait_s in (1, 2, 4):
+        errors.error('failed: away', f'; tried again in {wait_s} s')
+    errors.error('failed: refused', '; tried again in 8 s')
+    errors.error('failed: refused', '; tried again in 9 s')
+    errors.error('failed: away', '; tried again in 10 s')
+    now_s += 61
+    errors.error('failed: refused', '; tried again in 10 s')
+    assert caplog.messages == [
+        'failed: away; tried again in 1 s',
+        'failed: refused; tried again in 8 s',
+        'failed: refused (2 times more); tried again in 10 s',
+    ]
+
+
 def test_the_wait_for_a_start_doubles_up_to_ten_seconds_and_begins_anew_after_a_good_time() -> (
     None
 ):
-    waits = [0.0]
+    waits = [Backoff()]
     for _ in range(6):
-        waits.append(backoff(waits[-1], ran_s=2.0))
-    assert waits[1:] == [1.0, 2.0, 4.0, 8.0, 10.0, 10.0]
-    assert backoff(10.0, ran_s=3600.0) == 1.0
+        waits.append(waits[-1].after(ran_s=2.0))
+    assert [wait.wait_s for wait in waits] == [0.0, 1.0, 2.0, 4.0, 8.0, 10.0, 10.0]
+    assert waits[-1].after(ran_s=3600.0) == Backoff(1.0)
 
 
 def test_a_line_of_snapshots_brings_back_every_field() -> None:

@@ -13,11 +13,12 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from ros2_kafka_bridge.commands.drafts import Draft, drafts
-from ros2_kafka_bridge.commands.screen import keep_clients_quiet, screen, wait_for_discovery
+from ros2_kafka_bridge.commands.screen import screen, wait_for_discovery
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.kafka.overview import Overview
 from ros2_kafka_bridge.kafka.properties import common_properties
+from ros2_kafka_bridge.logs import keep_clients_quiet
 from ros2_kafka_bridge.ros.node import Topic, domain_in_words, open_node
 from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.ros.types import unknown_type

@@ -1,11 +1,10 @@
 """Whether a route's own ROS endpoint and those of others would match, and why not."""
 
-import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
-from ros2_kafka_bridge.ros.node import Peer, node_name
+from ros2_kafka_bridge.ros.node import Peer, own_nodes
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 
 AnyRoute = KafkaToRosRoute | RosToKafkaRoute
@@ -56,7 +55,7 @@ def type_of(route: RosToKafkaRoute, publishers: list[Peer]) -> str | None:
 
 def others(peers: list[Peer], bridge: str) -> list[Peer]:
     """Who is there beside the bridge of that name, which may be running just now."""
-    own = re.compile(rf'/{node_name(bridge)}(_\d+)?')  # a worker has a number
+    own = own_nodes(bridge)
     return [peer for peer in peers if not own.fullmatch(peer.node)]
 
 

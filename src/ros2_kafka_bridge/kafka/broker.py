@@ -9,6 +9,7 @@ from confluent_kafka import ConsumerGroupTopicPartitions, KafkaException, TopicP
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.errors import translate
 from ros2_kafka_bridge.kafka.health import Admin
+from ros2_kafka_bridge.plural import count
 
 _REQUEST_S = 5.0
 
@@ -43,7 +44,9 @@ class Broker:
         """
         with self._admin.translated('the broker does not answer'):
             metadata = self._admin.requests.list_topics(timeout=_REQUEST_S)
-        return f'{len(metadata.brokers)} brokers of cluster {metadata.cluster_id} answer'
+        brokers = count(len(metadata.brokers), 'broker')
+        verb = 'answers' if len(metadata.brokers) == 1 else 'answer'
+        return f'{brokers} of cluster {metadata.cluster_id} {verb}'
 
     def topic(self, topic: str) -> TopicView:
         """Look at one topic."""

@@ -114,12 +114,28 @@ def domain_in_words(domain_id: int | None) -> str:
     """Say which ROS domain is meant, and who chose it: None is that of the environment."""
     if domain_id is not None:
         return f'domain {domain_id}'
-    return f'domain {os.environ.get("ROS_DOMAIN_ID") or 0} (ROS_DOMAIN_ID)'
+    if chosen := os.environ.get('ROS_DOMAIN_ID'):
+        return f'domain {chosen} (ROS_DOMAIN_ID)'
+    return 'domain 0 (the default)'
 
 
 def node_name(bridge: str) -> str:
     """Make the name of a node of the bridge of that name."""
     return re.sub(r'\W', '_', f'{_PREFIX}{bridge}', flags=re.ASCII)
+
+
+def worker_name(bridge: str, worker: int) -> str:
+    """What a worker is called in the graph and at the broker; 0 is the bridge without workers.
+
+    A number alone would make worker 1 of `warehouse` the bridge `warehouse-1`.
+    """
+    return f'{bridge}-worker-{worker}' if worker else bridge
+
+
+def own_nodes(bridge: str) -> re.Pattern[str]:
+    """What matches the names of the bridge's node and of its workers', with the namespace."""
+    worker = node_name(worker_name(bridge, 1)).removesuffix('1')
+    return re.compile(rf'/({node_name(bridge)}|{worker}\d+)')
 
 
 def middleware() -> str:

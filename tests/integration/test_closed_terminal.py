@@ -1,0 +1,117 @@
+"""What becomes of a bridge and of the demonstration when their terminal is closed (SIGHUP)."""
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+import pytest
+from harness import Bench, Process, eventually, values
+from workers import there_and_back
+
+COUNT = 20_000
+COMMAND = (sys.executable, '-m', 'ros2_kafka_bridge')
+
+
+class Terminal:
+    """A terminal with one program in it, which gets SIGHUP when it is closed."""
+
+    def __init__(self, *arguments: str, environ: dict[str, str]) -> None:
+        self._master, its_end = pty.openpty()
+        self.program = subprocess.Popen(
+            ['setsid', '--ctty', *COMMAND, *arguments],
+            stdin=its_end,
+            stdout=its_end,
+            stderr=its_end,
+            env=environ,
+        )
+        os.close(its_end)
+        self._shown = b''
+
+    def shows(self, text: bytes) -> bool:
+        """Whether a text has come so far."""
+        os.set_blocking(self._master, False)
+        try:
+            while data := os.read(self._master, 65536):
+                self._shown += data
+        except OSError:  # nothing more, or its end
+            pass
+        return text in self._shown
+
+    def shown(self) -> str:
+        """What has come so far."""
+        self.shows(b'')
+        return self._shown.decode(errors='replace')
+
+    def close(self) -> None:
+        """Close it, as the button of its window does."""
+        os.close(self._master)
+
+
+@contextmanager
+def terminal(*arguments: str, environ: dict[str, str]) -> Iterator[Terminal]:
+    """Run a program on a terminal."""
+    found = Terminal(*arguments, environ=environ)
+    try:
+        yield found
+    finally:
+        found.program.kill()
+        found.program.wait()
+
+
+@pytest.mark.parametrize('workers', [1, 2])
+def test_guarantee_7_a_closed_terminal_is_a_drain(
+    bench: Bench, topic_name: str, workers: int
+) -> None:
+    sent = [f'{number}'.encode().ljust(500) for number in range(COUNT)]
+    returned = f'{topic_name}.returned'
+    config = bench.config(there_and_back(topic_name, max_rate=3000), workers=workers)
+    bench.create_topic(topic_name)
+    bench.create_topic(returned)
+    bench.produce(topic_name, list(sent))
+    with terminal('run', str(config), environ=bench.environ) as it:
+        eventually(partial(bench.reaches, returned, 1500), 60, it.shown)
+        it.close()
+        assert it.program.wait(40) == 0
+    committed = bench.committed('test.to_ros', topic_name)
+    assert 0 < committed < COUNT
+    assert values(bench.records(returned, committed)) == sent[:committed]
+
+
+@pytest.mark.parametrize('workers', [1, 2])
+def test_a_bridge_under_nohup_outlives_its_terminal(
+    bench: Bench, topic_name: str, workers: int
+) -> None:
+    returned = f'{topic_name}.returned'
+    config = bench.config(there_and_back(topic_name), workers=workers)
+    bench.create_topic(topic_name)
+    bench.create_topic(returned)
+    bench.produce(topic_name, [b'before'])
+    command = ['nohup', 'setsid', *COMMAND, 'run', str(config)]
+    with Process(command, bench.place / 'nohup.log', {'ROS_DOMAIN_ID': str(bench.domain)}) as it:
+        eventually(partial(bench.reaches, returned, 1), 60, it.output)
+        os.killpg(it.pid, signal.SIGHUP)
+        bench.produce(topic_name, [b'after'])
+        eventually(partial(bench.reaches, returned, 2), 60, it.output)
+        assert 'stopping' not in it.output()
+        assert it.end(40) == 0
+
+
+def test_a_demonstration_whose_terminal_is_closed_ends_in_order_and_leaves_nothing(
+    bench: Bench, tmp_path: Path
+) -> None:
+    place = tmp_path / 'place'
+    place.mkdir()
+    environ = {**bench.environ, 'TMPDIR': str(place)}
+    options = ('--rate', '200', '--seconds', '300')
+    with terminal('demo', *options, environ=environ) as it:
+        eventually(lambda: it.shows(b'sending'), 60, it.shown)
+        it.close()
+        status = it.program.wait(60)
+    assert status == 0
+    assert list(place.iterdir()) == [], 'nothing is left'
