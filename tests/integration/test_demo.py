@@ -5,14 +5,20 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from harness import Bench, Process, eventually
+from harness import Bench, Process, eventually, values
 
-from ros2_kafka_bridge.testing.local_kafka import free_port
+from ros2_kafka_bridge.demo import traffic
+from ros2_kafka_bridge.demo.run import STOPPED_AT_ONCE, Options, run
+from ros2_kafka_bridge.demo.topics import Topics
+from ros2_kafka_bridge.demo.traffic import PROBE, Receiver
+from ros2_kafka_bridge.testing.local_kafka import LocalKafka, free_port
+from ros2_kafka_bridge.testing.orders import Order, decode, encode
 
 COUNTED = re.compile(
     r'(?P<name>\w+): Producer (?P<produced>\S+), Kafka-ROS (?P<kafka_ros>\S+), '
@@ -25,6 +31,19 @@ def place(tmp_path: Path, ros_domain: int) -> Path:
     """A place for the demonstration's files; its ROS domain is the test's own."""
     del ros_domain
     return tmp_path
+
+
+@pytest.fixture(scope='module')
+def keeping_kafka() -> Iterator[LocalKafka]:
+    """A Kafka that deletes no topic."""
+    with LocalKafka(properties={'delete.topic.enable': 'false'}) as node:
+        yield node
+
+
+@pytest.fixture
+def keeping_bench(tmp_path: Path, keeping_kafka: LocalKafka, ros_domain: int) -> Bench:
+    """A bench on that Kafka."""
+    return Bench(tmp_path, keeping_kafka.bootstrap_servers, ros_domain)
 
 
 @contextmanager
@@ -54,6 +73,18 @@ def counted(process: Process) -> dict[str, dict[str, str]]:
     """The lines that sum up, by contestant."""
     matches = map(COUNTED.match, process.output().splitlines())
     return {match['name']: match.groupdict() for match in matches if match}
+
+
+def numbers(result: dict[str, str]) -> dict[str, int]:
+    """The same as numbers."""
+    return {what: int(n.replace(',', '')) for what, n in result.items() if what != 'name'}
+
+
+def order_ids(bench: Bench, topic: str) -> list[int]:
+    """The orders that a topic holds, without the one that does not count."""
+    ends = [bench.end_offset(topic, partition) for partition in partitions(bench, topic)]
+    found = values(bench.records(topic, sum(ends)))
+    return [order_id for value in found if (order_id := decode(value).order_id) != PROBE]
 
 
 def all_equal(result: dict[str, str]) -> bool:
@@ -90,10 +121,29 @@ def test_the_paper_is_shown_beside_the_bridge_which_loses_none(place: Path) -> N
         assert process.wait(90) == 0
     results = counted(process)
     assert list(results) == ['paper', 'bridge']
-    paper, bridge = ({k: v.replace(',', '') for k, v in r.items()} for r in results.values())
-    assert all_equal(bridge)
-    assert paper['produced'] == bridge['produced'] == '2000'
-    assert int(paper['consumed']) + int(paper['lost']) == 2000
+    assert all_equal(results['bridge'])
+    assert results['paper']['produced'] == results['bridge']['produced'] == '2,000'
+
+
+def test_what_is_told_of_the_paper_and_of_the_bridge_is_what_their_topics_hold(
+    keeping_bench: Bench, place: Path
+) -> None:
+    """Read from the topics by another: this broker keeps them, which the demonstration says."""
+    servers = keeping_bench.bootstrap_servers
+    with demo(
+        place, '--compare', '--bootstrap-servers', servers, '--rate', '1000', '--seconds', '2'
+    ) as process:
+        assert process.wait(90) == 1
+    assert process.output().count('.orders is left: ') == 2
+    for name, result in counted(process).items():
+        [sent] = [topic for topic in topics(keeping_bench) if topic.endswith(f'-{name}.orders')]
+        returned = sent.removesuffix('orders') + 'returned'
+        produced = order_ids(keeping_bench, sent)
+        consumed = set(order_ids(keeping_bench, returned))
+        told = numbers(result)
+        assert sorted(produced) == list(range(told['produced']))
+        assert len(consumed) == told['consumed']
+        assert len(set(produced) - consumed) == told['lost']
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
@@ -130,17 +180,77 @@ def test_a_bridge_that_is_killed_is_told_with_its_log_and_what_is_lost(
     before = leftovers(bench)
     with demo(place, '--bootstrap-servers', bench.bootstrap_servers, '--seconds', '60') as process:
         process.wait_for('this bridge: sending', 60)
+        process.send(signal.SIGSTOP)  # it would delete what is read here
         [bridge] = children_in(place)
         os.kill(bridge, signal.SIGKILL)
+        [returned] = [
+            t for t in topics(bench) if t not in before and t.endswith('-bridge.returned')
+        ]
+        consumed = set(order_ids(bench, returned))
+        process.send(signal.SIGCONT)
         assert process.wait(60) == 1
     shown = process.output()
     assert 'the bridge ended by SIGKILL' in shown
     kept = re.search(r'the logs are kept in (\S+)', shown)
     assert kept is not None
     assert 'bridge demo-' in (Path(kept[1]) / 'bridge' / '0.log').read_text()
-    result = {name: word.replace(',', '') for name, word in counted(process)['bridge'].items()}
-    assert int(result['consumed']) + int(result['lost']) == int(result['produced'])
+    told = numbers(counted(process)['bridge'])
+    assert told['consumed'] == len(consumed) > 0
+    lost = told['produced'] - len(consumed)
+    assert told['lost'] == lost > 0
+    assert f'the bridge has lost {lost:,} orders' in shown
     assert leftovers(bench) <= before
+
+
+def test_what_the_embedded_broker_deleted_before_it_was_read_is_no_fault_of_the_bridge(
+    place: Path,
+) -> None:
+    """It keeps about nine seconds of these orders; the bridge is held up for longer."""
+    with demo(place, '--rate', '1000', '--seconds', '18') as process:
+        process.wait_for('this bridge: sending', 60)
+        [bridge] = children_in(place)
+        os.kill(bridge, signal.SIGSTOP)
+        process.wait_for('produced 15,', 60)
+        os.kill(bridge, signal.SIGCONT)
+        assert process.wait(90) == 1
+    told = numbers(counted(process)['bridge'])
+    assert told['lost'] > 0
+    assert f'the broker deleted {told["lost"]:,} orders before they were read' in process.output()
+    assert 'the bridge has lost' not in process.output()
+
+
+def test_an_interruption_while_the_topics_are_made_leaves_none(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = leftovers(bench)
+    create = Topics.create
+
+    def interrupted(made: Topics, names: Sequence[str]) -> None:
+        create(made, names)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Topics, 'create', interrupted)
+    assert run(Options(bootstrap_servers=bench.bootstrap_servers)) == STOPPED_AT_ONCE
+    assert leftovers(bench) <= before
+
+
+def test_a_topic_that_a_broker_hears_of_late_is_read_all_the_same(
+    bench: Bench, topic_name: str
+) -> None:
+    with Receiver({'bootstrap.servers': bench.bootstrap_servers}, topic_name) as receiver:
+        time.sleep(1)  # it asks in vain; were it slower, it would not have to ask again
+        bench.create_topic(topic_name)
+        bench.produce(topic_name, [encode(Order(PROBE, 0, ()))])
+        eventually(receiver.probed.is_set, 30, lambda: receiver.failure or 'nothing came')
+
+
+def test_a_topic_that_never_comes_is_a_failure_that_names_it(
+    bench: Bench, topic_name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(traffic, 'PARTITIONS_S', 0.5)
+    with Receiver({'bootstrap.servers': bench.bootstrap_servers}, topic_name) as receiver:
+        eventually(lambda: not receiver.reads, 30)
+    assert receiver.failure.startswith(f'reading {topic_name}: ')
 
 
 def test_a_demonstration_that_is_killed_takes_its_bridge_with_it(place: Path) -> None:
@@ -189,6 +299,11 @@ def leftovers(bench: Bench) -> set[str]:
     admin = bench.admin()  # kept: its futures fail when it goes
     groups = [group.group_id for group in admin.list_consumer_groups().result().valid]
     return {name for name in [*topics(bench), *groups] if name.startswith('demo-')}
+
+
+def partitions(bench: Bench, topic: str) -> list[int]:
+    """The numbers of the partitions of a topic."""
+    return [*bench.admin().list_topics(topic, timeout=10).topics[topic].partitions]
 
 
 def topics(bench: Bench) -> list[str]:

@@ -104,7 +104,8 @@ def test_rates_are_counted_on_request_and_json_is_for_programs(
     assert of(view['ros'], '/status')['rate'] > 1
     assert of(view['kafka'], topic_name)['rate'] > 1
     assert of(view['kafka'], topic_name)['records'] > 0
-    assert of(view['kafka'], topic_name)['routes'] == ['to_kafka writes']
+    assert of(view['kafka'], topic_name)['routes'] == [{'route': 'to_kafka', 'does': 'writes'}]
+    assert of(view['ros'], '/status')['routes'] == [{'route': 'to_kafka', 'does': 'takes'}]
     [match] = of(view['ros'], '/status')['matches']
     assert match['route'] == 'to_kafka'
     assert match['problem'] == ''

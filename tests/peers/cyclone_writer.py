@@ -4,36 +4,11 @@ Prints `published N` when all is acknowledged, then stays until it is told to en
 """
 
 import argparse
-import os
 import time
-from dataclasses import dataclass
 
-from cyclonedds.core import Policy, Qos
-from cyclonedds.domain import Domain, DomainParticipant
-from cyclonedds.idl import IdlStruct, annotations
+from cyclone import String_, join  # type: ignore[import-not-found]  # beside this script
 from cyclonedds.pub import DataWriter
-from cyclonedds.topic import Topic
 from cyclonedds.util import duration
-
-# As ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST does for a ROS node.
-THIS_MACHINE = """
-    <General>
-      <Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>
-      <AllowMulticast>false</AllowMulticast>
-    </General>
-    <Discovery>
-      <ParticipantIndex>auto</ParticipantIndex>
-      <MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
-      <Peers><Peer address="127.0.0.1"/></Peers>
-    </Discovery>"""
-
-
-@dataclass
-@annotations.final
-class String_(IdlStruct, typename='std_msgs::msg::dds_::String_'):  # noqa: N801
-    """What ROS calls std_msgs/msg/String."""
-
-    data: str
 
 
 def main() -> None:
@@ -43,16 +18,8 @@ def main() -> None:
     parser.add_argument('--count', type=int, required=True)
     args = parser.parse_args()
 
-    qos = Qos(
-        Policy.Reliability.Reliable(duration(seconds=10)),
-        Policy.History.KeepAll,
-        Policy.Durability.Volatile,
-    )
-    number = int(os.environ['ROS_DOMAIN_ID'])
-    _domain = Domain(number, THIS_MACHINE)  # kept: its settings go with it
-    participant = DomainParticipant(number)
-    topic = Topic(participant, f'rt{args.topic}', String_, qos=qos)
-    writer = DataWriter(participant, topic, qos=qos)
+    joined = join(args.topic)
+    writer = DataWriter(joined.participant, joined.topic, qos=joined.qos)
     while not writer.get_matched_subscriptions():
         time.sleep(0.01)
     time.sleep(0.5)  # the writer knows of the match before the reader does

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from ros2_kafka_bridge.demo.run import Options, run
+from ros2_kafka_bridge.demo.run import Options, losses, run
 from ros2_kafka_bridge.demo.spark import spark
 from ros2_kafka_bridge.demo.table import Look, line, page, summary
 from ros2_kafka_bridge.demo.tally import Arrival, Latency, Tally, percentile
@@ -22,6 +22,7 @@ LOOK = Look(
     ros_to_kafka=92_195,
     consumed=92_195,
     lost=3_469,
+    deleted=0,
     duplicated=0,
     latency=Latency(0.006247, 0.0125, 0.25, 1.107546),
     rates=(160, 80, 0),
@@ -150,18 +151,38 @@ def test_a_plain_line_tells_the_same_without_control_characters() -> None:
     )
 
 
+# What is blamed on whom
+
+
+@pytest.mark.parametrize(
+    ('deleted', 'expected'),
+    [
+        (0, ['the bridge has lost 3,469 orders']),
+        (3_000, ['the broker deleted 3,000 orders', 'the bridge has lost 469 orders']),
+        (3_469, ['the broker deleted 3,469 orders']),
+        (3_500, ['the broker deleted 3,469 orders']),
+    ],
+)
+def test_what_the_broker_deleted_is_not_blamed_on_the_bridge(
+    deleted: int, expected: list[str]
+) -> None:
+    found = losses(LOOK._replace(name='bridge', deleted=deleted))
+    assert [text.partition(' before')[0] for text in found] == expected
+
+
 # Options
 
 
 @pytest.mark.parametrize(
     ('options', 'problem'),
     [
-        (Options(rate=0), '--rate 0: expected more than 0, at most 5,000'),
+        (Options(rate=0), '--rate 0: expected more than 0, at most 1,000'),
         (Options(rate=float('nan')), '--rate nan: expected'),
-        (Options(rate=6_000), '--bootstrap-servers takes more'),
+        (Options(rate=1_001), '--bootstrap-servers takes more'),
         (Options(rate=20_000, bootstrap_servers='there:9092'), 'at most 10,000 orders a second$'),
-        (Options(seconds=-1), '--seconds -1: expected more than 0'),
-        (Options(seconds=float('inf')), '--seconds inf: expected'),
+        (Options(seconds=-1), '--seconds -1: expected a number of seconds, more than 0'),
+        (Options(seconds=float('inf')), '--seconds inf: expected a number of seconds'),
+        (Options(bootstrap_servers=''), '--bootstrap-servers: expected .* leave it out for'),
         (Options(domain=233), '--domain 233: expected 0 to 232'),
     ],
 )

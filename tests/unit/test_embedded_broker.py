@@ -1,7 +1,10 @@
 """The broker inside the process: other clients find it and keep their records in it."""
 
+import pytest
 from confluent_kafka import Consumer, Producer, TopicPartition
 
+from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.testing import embedded_broker
 from ros2_kafka_bridge.testing.embedded_broker import EmbeddedBroker
 
 
@@ -26,6 +29,12 @@ def test_two_of_them_know_nothing_of_each_other() -> None:
 def test_it_listens_on_this_machine_alone() -> None:
     with EmbeddedBroker() as broker:
         assert broker.bootstrap_servers.startswith('127.0.0.1:')
+
+
+def test_one_that_does_not_come_up_is_one_clear_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(embedded_broker, 'ANSWER_S', 0.0)
+    with pytest.raises(TransportError, match='the embedded broker does not answer: '):
+        EmbeddedBroker().__enter__()
 
 
 def produce(bootstrap_servers: str, values: list[bytes]) -> None:

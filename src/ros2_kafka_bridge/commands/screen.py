@@ -4,7 +4,6 @@ What goes into a pipe or a file is one line for each thing, without colours, nev
 can be searched.
 """
 
-import logging
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -48,11 +47,6 @@ class Finding(NamedTuple):
 def screen() -> Console:
     """Standard output; nothing in a text is read as markup."""
     return Console(file=sys.stdout, highlight=False, markup=False, emoji=False, soft_wrap=True)
-
-
-def keep_clients_quiet() -> None:
-    """Leave it to the commands to say in their own words what the Kafka clients would log."""
-    logging.getLogger('ros2_kafka_bridge').addHandler(logging.NullHandler())
 
 
 def show_findings(console: Console, title: str, findings: Sequence[Finding]) -> None:

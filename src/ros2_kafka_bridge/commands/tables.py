@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from ros2_kafka_bridge.commands.screen import show_line, show_table
-from ros2_kafka_bridge.commands.view import Pair, PeerRow, RosRow, View
+from ros2_kafka_bridge.commands.view import Pair, PeerRow, RosRow, RouteRow, View
 
 _MATCH_COLUMNS = ('route', 'node', 'would match')
 
@@ -34,7 +34,7 @@ def _show_kafka(console: Console, title: str, view: View) -> None:
     columns = ['topic', '#partitions', '#records', *['#records/s'] * rated, 'route']
     rows: list[list[list[str]]] = []
     for row in view.kafka:
-        about = [*row.routes, *([row.kind] if row.kind else []), *_if(row.problem)]
+        about = [*_routes(row.routes), *([row.kind] if row.kind else []), *_if(row.problem)]
         held = [str(row.partitions), _number(row.records)] if not row.problem else ['-', '-']
         numbers = [[number] for number in held]
         rate = [['-' if row.problem else _rate(row.rate)]] if rated else []
@@ -52,7 +52,7 @@ def _show_ros(console: Console, title: str, view: View) -> None:
         first = [[row.name, *types]] if console.is_terminal else [[row.name], [*types]]
         ends = [_ends(row.publishers), _ends(row.subscribers)]
         rate = [[_rate(row.rate)]] if rated else []
-        rows.append([*first, *ends, *rate, [*row.routes, *_if(row.kind)]])
+        rows.append([*first, *ends, *rate, [*_routes(row.routes), *_if(row.kind)]])
     show_table(console, title, columns, rows)
     if rated and any(row.rate is None for row in view.ros):
         show_line(
@@ -72,12 +72,11 @@ def _show_matches(console: Console, found: Sequence[RosRow]) -> None:
     rows: list[list[list[str]]] = []
     for row in found:
         for route in row.routes:
-            name, verb = route.split(' ')
-            nodes = [match for match in row.matches if match.route == name]
-            rows += [[[name], [m.node], [m.problem or 'yes']] for m in nodes]
+            nodes = [match for match in row.matches if match.route == route.route]
+            rows += [[[route.route], [m.node], [m.problem or 'yes']] for m in nodes]
             if not nodes:
-                does = 'subscribes to' if verb == 'publishes' else 'publishes'
-                rows.append([[name], [], [f'nobody {does} {row.name}']])
+                does = 'subscribes to' if route.does == 'publishes' else 'publishes'
+                rows.append([[route.route], [], [f'nobody {does} {row.name}']])
     if rows:
         show_table(console, 'Which nodes the routes would match', _MATCH_COLUMNS, rows)
 
@@ -90,6 +89,10 @@ def _show_pairs(console: Console, pairs: Sequence[Pair]) -> None:
         [[p.kafka], [p.ros], [p.way], [p.problem or 'yes']] for p in pairs
     ]
     show_table(console, 'Possible pairs, not joined by a route', columns, rows)
+
+
+def _routes(rows: Sequence[RouteRow]) -> list[str]:
+    return [f'{row.route} {row.does}' for row in rows]
 
 
 def _if(text: str) -> list[str]:

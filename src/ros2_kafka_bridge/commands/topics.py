@@ -16,14 +16,9 @@ from ros2_kafka_bridge.commands.matching import (
     type_of,
 )
 from ros2_kafka_bridge.commands.names import is_of_kafka_itself, is_of_ros_itself, stem
-from ros2_kafka_bridge.commands.screen import (
-    keep_clients_quiet,
-    screen,
-    wait_for_discovery,
-    waiting,
-)
+from ros2_kafka_bridge.commands.screen import screen, wait_for_discovery, waiting
 from ros2_kafka_bridge.commands.tables import show
-from ros2_kafka_bridge.commands.view import KafkaRow, Match, Pair, PeerRow, RosRow, View
+from ros2_kafka_bridge.commands.view import KafkaRow, Match, Pair, PeerRow, RosRow, RouteRow, View
 from ros2_kafka_bridge.config.checks import DEAD_LETTER_SUFFIX
 from ros2_kafka_bridge.config.settings import (
     Config,
@@ -34,6 +29,7 @@ from ros2_kafka_bridge.config.settings import (
 from ros2_kafka_bridge.errors import BridgeError, TransportError
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
 from ros2_kafka_bridge.kafka.properties import PropertyValue, common_properties
+from ros2_kafka_bridge.logs import keep_clients_quiet
 from ros2_kafka_bridge.ros import rates
 from ros2_kafka_bridge.ros.node import Peer, RosNode, Topic, domain_in_words, middleware, open_node
 from ros2_kafka_bridge.ros.profile import Endpoints
@@ -158,7 +154,7 @@ def _kafka_row(
         rate=found.get(topic.name),
         kind=kind,
         routes=[
-            f'{route.name} {"reads" if isinstance(route, KafkaToRosRoute) else "writes"}'
+            RouteRow(route.name, 'reads' if isinstance(route, KafkaToRosRoute) else 'writes')
             for route in routes
             if kafka_end(route) == topic.name
         ],
@@ -217,7 +213,7 @@ def _ros_row(topic: Topic, routes: Sequence[AnyRoute], found: Mapping[str, float
         rate=found.get(topic.name),
         kind='of ROS itself' if is_of_ros_itself(topic.name) else '',
         routes=[
-            f'{route.name} {"publishes" if isinstance(route, KafkaToRosRoute) else "takes"}'
+            RouteRow(route.name, 'publishes' if isinstance(route, KafkaToRosRoute) else 'takes')
             for route in joined
         ],
         matches=[match for route in joined for match in _matches(route, topic, routes)],

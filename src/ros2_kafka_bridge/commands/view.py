@@ -5,6 +5,14 @@ from typing import Literal
 
 
 @dataclass(frozen=True)
+class RouteRow:
+    """A route at one of its topics, and what it does there."""
+
+    route: str
+    does: Literal['reads', 'writes', 'takes', 'publishes']
+
+
+@dataclass(frozen=True)
 class KafkaRow:
     """A Kafka topic.
 
@@ -21,7 +29,7 @@ class KafkaRow:
     records: int | None
     rate: float | None
     kind: Literal['', 'internal', 'dead letters']
-    routes: list[str]
+    routes: list[RouteRow]
     problem: str
 
 
@@ -61,7 +69,7 @@ class RosRow:
     subscribers: list[PeerRow]
     rate: float | None
     kind: Literal['', 'of ROS itself']
-    routes: list[str]
+    routes: list[RouteRow]
     matches: list[Match]
 
 

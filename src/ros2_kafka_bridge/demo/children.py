@@ -8,10 +8,11 @@ import threading
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Final, Self
 
 from ros2_kafka_bridge.demo.contestants import Program
 from ros2_kafka_bridge.demo.snapshots import listen
+from ros2_kafka_bridge.metrics import Snapshot
 
 _KILLED_S: Final = 5.0
 _TAIL_LINES: Final = 8
@@ -35,7 +36,7 @@ class Child:
     """
 
     def __init__(self, program: Program, log: Path, environ: Mapping[str, str]) -> None:
-        self.snapshots: dict[str, Mapping[str, Any]] = {}  # the last one of each route
+        self.snapshots: dict[str, Snapshot] = {}  # the last one of each route
         self.log = log
         self._program = program
         self._environ = environ
@@ -70,6 +71,12 @@ class Child:
         self._listener.join(_KILLED_S)
 
     @property
+    def pid(self) -> int:
+        """Its process id."""
+        assert self._popen is not None
+        return self._popen.pid
+
+    @property
     def runs(self) -> bool:
         """Whether it has not ended."""
         return self._popen is not None and self._popen.poll() is None
@@ -90,8 +97,8 @@ class Child:
         lines = self.log.read_text(encoding='utf-8', errors='replace').splitlines()
         return '\n    '.join([f'{self._program.name} ended {how}', *lines[-_TAIL_LINES:]])
 
-    def _note(self, snapshot: Mapping[str, Any]) -> None:
-        self.snapshots[snapshot['route']] = snapshot
+    def _note(self, snapshot: Snapshot) -> None:
+        self.snapshots[snapshot.route] = snapshot
 
 
 def _owned() -> list[str]:

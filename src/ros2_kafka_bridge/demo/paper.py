@@ -5,6 +5,7 @@ They are kept as they were printed (Algorithms 1 and 2), to be compared with; us
 
 import argparse
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Final, NamedTuple
 
 DEPTH: Final = 10
@@ -17,6 +18,7 @@ class Arguments(NamedTuple):
         properties: For its Kafka client, by librdkafka's names.
         depth: Of its KEEP_LAST queue, in messages.
         snapshots: The descriptor of a pipe that gets its counter once a second.
+        record: Where the ros-kafka node writes what `ros2-kafka-bridge depth` reads.
     """
 
     bootstrap_servers: str
@@ -25,6 +27,7 @@ class Arguments(NamedTuple):
     properties: Mapping[str, str]
     depth: int
     snapshots: int | None
+    record: Path | None
 
 
 def arguments(description: str | None) -> Arguments:
@@ -40,6 +43,7 @@ def arguments(description: str | None) -> Arguments:
         help='a librdkafka property',
     )  # fmt: skip
     parser.add_argument('--depth', type=int, default=DEPTH, help='default: %(default)s')
+    parser.add_argument('--record', type=Path, metavar='FILE', help='of service times')
     parser.add_argument('--snapshots', type=int, metavar='FD', help='a pipe for the counter')
     given = vars(parser.parse_args())
     properties = dict(text.split('=', 1) for text in given.pop('properties'))

@@ -4,10 +4,11 @@
 
 Default client, default QoS (KEEP_LAST) with the depth that is given. One line is added to what
 was published: the callback serves the producer (`poll`). Without it the producer's queue is full
-after 100,000 messages, and the node dies of it.
+after 100,000 messages, and the node dies of it. `--record FILE` measures how long it takes.
 """
 
 import contextlib
+from typing import Any
 
 import rclpy
 from confluent_kafka import Producer
@@ -16,6 +17,7 @@ from std_msgs.msg import String
 
 from ros2_kafka_bridge.demo.paper import arguments
 from ros2_kafka_bridge.demo.snapshots import Count
+from ros2_kafka_bridge.depth import ServiceTimes
 
 
 def main() -> None:
@@ -31,11 +33,15 @@ def main() -> None:
         producer.poll(0)
         count.confirmed += 1
 
-    node.create_subscription(String, given.ros_topic, produce, given.depth)
-    count.start()
-    print('subscribed', flush=True)  # noqa: T201 (for who starts it)
-    with contextlib.suppress(ExternalShutdownException):
-        rclpy.spin(node)
+    with contextlib.ExitStack() as stack:
+        callback: Any = produce
+        if given.record is not None:
+            callback = stack.enter_context(ServiceTimes(given.record)).timed(produce)
+        node.create_subscription(String, given.ros_topic, callback, given.depth)
+        count.start()
+        print('subscribed', flush=True)  # noqa: T201 (for who starts it)
+        with contextlib.suppress(ExternalShutdownException):
+            rclpy.spin(node)
     producer.flush(10)
     count.tell()
 

@@ -1,11 +1,11 @@
-"""Lines of counters that a process writes to a pipe of its parent."""
+"""Lines of counters that a process writes to a pipe of its parent, as the bridge's own."""
 
-import json
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
+
+from ros2_kafka_bridge.metrics import Counters, Outcome, Snapshot, from_line, to_line
 
 PERIOD_S = 1.0
 
@@ -32,9 +32,10 @@ class Count:
         """Tell the number of now; a parent that is gone ends this process."""
         if self._descriptor is None:
             return
-        line = json.dumps({'snapshots': [{'route': self._route, 'confirmed': self.confirmed}]})
+        counters = Counters(self._route, taken=self.confirmed)
+        counters.end(Outcome.CONFIRMED, counters.taken)
         try:
-            os.write(self._descriptor, line.encode() + b'\n')
+            os.write(self._descriptor, to_line([counters.snapshot(in_flight=0)]))
         except BrokenPipeError:
             os._exit(1)
 
@@ -44,9 +45,9 @@ class Count:
             time.sleep(PERIOD_S)
 
 
-def listen(descriptor: int, on_snapshot: Callable[[Mapping[str, Any]], None]) -> None:
+def listen(descriptor: int, on_snapshot: Callable[[Snapshot], None]) -> None:
     """Hand out every snapshot that comes through a pipe, until its writers have closed it."""
-    with open(descriptor, encoding='utf-8') as lines:
+    with open(descriptor, 'rb') as lines:
         for line in lines:
-            for snapshot in json.loads(line).get('snapshots', []):
+            for snapshot in from_line(line):
                 on_snapshot(snapshot)

@@ -28,6 +28,7 @@ class Look(NamedTuple):
         seconds: Since the first of them.
         kafka_to_ros: Moved by that half of it; None while it has not told.
         lost: Never arrived; while orders move, those that later ones have overtaken.
+        deleted: Of those, what the broker had deleted before it was read.
         rates: Orders that came back, in each second.
         final: Whether nothing will change any more.
     """
@@ -42,6 +43,7 @@ class Look(NamedTuple):
     ros_to_kafka: int | None
     consumed: int
     lost: int
+    deleted: int
     duplicated: int
     latency: Latency | None
     rates: Sequence[int]

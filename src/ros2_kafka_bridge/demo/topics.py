@@ -1,6 +1,5 @@
 """The topics of a demonstration: made before, gone afterwards."""
 
-import logging
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
@@ -13,6 +12,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 )
 
 from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.logs import client_log
 
 _REQUEST_S: Final = 5.0
 _AGAIN_S: Final = 0.5
@@ -28,7 +28,7 @@ class Topics:
 
     def __init__(self, properties: Mapping[str, str]) -> None:
         self._servers = properties['bootstrap.servers']
-        self._admin = AdminClient(dict(properties), logger=_silent())
+        self._admin = AdminClient(dict(properties), logger=client_log(__name__))
 
     def greet(self) -> None:
         """See that a broker is there.
@@ -93,9 +93,3 @@ def _why(answer: Future[Any]) -> str:
     except KafkaException as error:
         return '' if error.args[0].code() in _GONE else str(error.args[0].str())
     return ''
-
-
-def _silent() -> logging.Logger:
-    logger = logging.getLogger(f'{__name__}.librdkafka')
-    logger.setLevel(logging.CRITICAL)
-    return logger

@@ -1,6 +1,5 @@
 """The system outside of ROS: it sends orders to a topic, and reads those that come back."""
 
-import logging
 import threading
 import time
 from collections import deque
@@ -19,6 +18,7 @@ from confluent_kafka import (
 )
 
 from ros2_kafka_bridge.demo.tally import Arrival
+from ros2_kafka_bridge.logs import client_log
 from ros2_kafka_bridge.testing.orders import Order, decode, encode, orders
 
 SEED: Final = 1
@@ -27,6 +27,7 @@ _BATCH: Final = 500
 _WAIT_S: Final = 0.05
 _FLUSH_S: Final = 10.0
 _REQUEST_S: Final = 5.0
+PARTITIONS_S: Final = 15.0
 # A sender that was held up catches up this much and no more: a burst that the rate does not say
 # would be blamed on those who carry it.
 _BURST_S: Final = 0.01
@@ -56,7 +57,7 @@ class Sender:
         self._client: Producer | None = None
 
     def __enter__(self) -> Self:
-        self._client = Producer(self._properties, logger=_silent())
+        self._client = Producer(self._properties, logger=client_log(__name__))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -141,12 +142,18 @@ class Receiver:
         self.started_s = 0.0  # when the first order was sent: arrivals count from here
         self.probed = threading.Event()
         self.failure = ''
+        self.deleted = 0  # records that were gone before they were read
         self._topic = topic
         self._ending = threading.Event()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name='receiver', daemon=True)
-        group = {'group.id': f'{topic}.demo', 'enable.auto.commit': False}
-        self._properties = {**properties, **group}
+        self._next: dict[int, int] = {}  # offsets, by partition
+        own = {
+            'group.id': f'{topic}.demo',
+            'enable.auto.commit': False,
+            'auto.offset.reset': 'earliest',
+        }
+        self._properties = {**properties, **own}
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -166,7 +173,7 @@ class Receiver:
         return self._thread.is_alive()
 
     def _run(self) -> None:
-        with closing(Consumer(self._properties, logger=_silent())) as consumer:
+        with closing(Consumer(self._properties, logger=client_log(__name__))) as consumer:
             try:
                 partitions = self._assign(consumer)
                 while not self._ending.is_set() and not self._closing.is_set():
@@ -178,10 +185,21 @@ class Receiver:
                 self.failure = f'reading {self._topic}: {error.args[0].str()}'
 
     def _assign(self, consumer: Consumer) -> list[int]:
-        found = consumer.list_topics(self._topic, timeout=_REQUEST_S)
-        partitions = list(found.topics[self._topic].partitions)
+        partitions = self._partitions(consumer)
         consumer.assign([TopicPartition(self._topic, p, OFFSET_BEGINNING) for p in partitions])
         return partitions
+
+    def _partitions(self, consumer: Consumer) -> list[int]:
+        """Ask until they are there: each broker of a cluster hears of a new topic in its time."""
+        deadline_s = time.monotonic() + PARTITIONS_S
+        while not self._closing.is_set():
+            found = consumer.list_topics(self._topic, timeout=_REQUEST_S).topics[self._topic]
+            if found.partitions:
+                return list(found.partitions)
+            if time.monotonic() > deadline_s:
+                raise KafkaException(found.error or KafkaError(KafkaError.LEADER_NOT_AVAILABLE))
+            self._closing.wait(_WAIT_S)
+        return []
 
     def _read(self, consumer: Consumer) -> None:
         first = consumer.poll(_WAIT_S)
@@ -192,7 +210,13 @@ class Receiver:
         for record in records:
             value = record.value()
             if record.error() is None and value is not None:
+                self._count_gap(record.partition() or 0, record.offset() or 0)
                 self._note(decode(value), now_ns, now_s)
+
+    def _count_gap(self, partition: int, offset: int) -> None:
+        # There are no gaps of another kind: a demonstration's topic holds no transactions.
+        self.deleted += max(0, offset - self._next.get(partition, 0))
+        self._next[partition] = offset + 1
 
     def _note(self, order: Order, now_ns: int, now_s: float) -> None:
         if order.order_id == PROBE:
@@ -210,10 +234,3 @@ def _end(consumer: Consumer, topic: str, partition: int) -> int:
 def _reached(consumer: Consumer, topic: str, ends: Mapping[int, int]) -> bool:
     here = consumer.position([TopicPartition(topic, partition) for partition in ends])
     return all(max(0, place.offset) >= ends[place.partition] for place in here)
-
-
-def _silent() -> logging.Logger:
-    # What keeps the clients waiting shows in the table; their lines would break it.
-    logger = logging.getLogger(f'{__name__}.librdkafka')
-    logger.setLevel(logging.CRITICAL)
-    return logger

@@ -11,6 +11,7 @@ from ros2_kafka_bridge.demo.contestants import Contestant, Ends
 from ros2_kafka_bridge.demo.table import Look
 from ros2_kafka_bridge.demo.tally import Tally
 from ros2_kafka_bridge.demo.traffic import Receiver, Sender
+from ros2_kafka_bridge.metrics import Snapshot
 from ros2_kafka_bridge.stop import Stop
 
 START_S: Final = 60.0
@@ -157,6 +158,7 @@ class Trip:
             ros_to_kafka=self._confirmed('ros_to_kafka'),
             consumed=self._tally.consumed,
             lost=self._tally.lost(produced) if final else self._tally.overdue(now_s),
+            deleted=self._deleted(),
             duplicated=self._tally.duplicated,
             latency=self._tally.latency(),
             rates=self._tally.rates(None if final else now_s),
@@ -179,13 +181,20 @@ class Trip:
     def _holds(self) -> bool:
         """Whether a process says that it holds messages, or has not read all that there is."""
         snapshots = [one for child in self._children for one in child.snapshots.values()]
-        return any(one.get('in_flight') or one.get('lag') for one in snapshots)
+        return any(one.in_flight or one.lag for one in snapshots)
 
     def _confirmed(self, route: str) -> int | None:
-        for child in self._children:
-            if route in child.snapshots:
-                return max(0, int(child.snapshots[route]['confirmed']) - 1)  # but for the probe
-        return None
+        snapshot = self._snapshot(route)
+        return None if snapshot is None else max(0, snapshot.confirmed - 1)  # but for the probe
+
+    def _deleted(self) -> int:
+        """Orders that the broker had deleted before a contestant or the receiver read them."""
+        snapshot = self._snapshot('kafka_to_ros')
+        return self._receiver.deleted + (snapshot.lost_upstream if snapshot else 0)
+
+    def _snapshot(self, route: str) -> Snapshot | None:
+        found = (c.snapshots[route] for c in self._children if route in c.snapshots)
+        return next(found, None)
 
     def _until(self, done: Callable[[], bool], limit_s: float = math.inf) -> bool:
         """Wait until something is so, and show the orders meanwhile; tells whether it is."""

@@ -5,7 +5,10 @@ from collections.abc import Mapping
 from types import MappingProxyType, TracebackType
 from typing import Final, Self
 
-from confluent_kafka import Producer
+from confluent_kafka import KafkaException, Producer
+
+from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.logs import client_log
 
 ANSWER_S: Final = 5.0
 
@@ -46,11 +49,24 @@ class EmbeddedBroker:
         return self._bootstrap_servers
 
     def __enter__(self) -> Self:
+        """Start the cluster.
+
+        Raises:
+            TransportError: It does not come up.
+        """
         self._host = Producer(
             {'bootstrap.servers': 'embedded', 'test.mock.num.brokers': self._brokers},
-            logger=_quiet_logger(),
+            # librdkafka announces each mock cluster as a notice; its warnings still show.
+            logger=client_log(__name__, logging.WARNING),
         )
-        brokers = self._host.list_topics(timeout=ANSWER_S).brokers.values()
+        try:
+            brokers = self._host.list_topics(timeout=ANSWER_S).brokers.values()
+        except KafkaException as error:
+            self._close()
+            raise TransportError(
+                f'the embedded broker does not answer: {error.args[0].str()}; '
+                'is this machine very busy, may it open sockets on 127.0.0.1?'
+            ) from error
         self._bootstrap_servers = ','.join(f'{broker.host}:{broker.port}' for broker in brokers)
         return self
 
@@ -60,14 +76,10 @@ class EmbeddedBroker:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._close()
+
+    def _close(self) -> None:
         assert self._host is not None
         self._host.close()
         self._host = None
         self._bootstrap_servers = ''
-
-
-def _quiet_logger() -> logging.Logger:
-    # librdkafka announces each mock cluster as a notice; its warnings still show.
-    logger = logging.getLogger(__name__)
-    logger.setLevel(logging.WARNING)
-    return logger

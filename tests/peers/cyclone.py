@@ -1,0 +1,58 @@
+"""A participant of the second DDS vendor, with a topic of std_msgs/String."""
+
+import os
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import IdlStruct, annotations
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+# As ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST does for a ROS node.
+THIS_MACHINE = """
+    <General>
+      <Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>
+      <AllowMulticast>false</AllowMulticast>
+    </General>
+    <Discovery>
+      <ParticipantIndex>auto</ParticipantIndex>
+      <MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
+      <Peers><Peer address="127.0.0.1"/></Peers>
+    </Discovery>"""
+
+
+@dataclass
+@annotations.final
+class String_(IdlStruct, typename='std_msgs::msg::dds_::String_'):  # noqa: N801
+    """What ROS calls std_msgs/msg/String."""
+
+    data: str
+
+
+class Joined(NamedTuple):
+    """What a reader or a writer is made with.
+
+    Args:
+        domain: Kept, because its settings go with it.
+    """
+
+    domain: Domain
+    participant: DomainParticipant
+    topic: Topic[String_]
+    qos: Qos
+
+
+def join(ros_topic: str) -> Joined:
+    """Join the domain of ROS_DOMAIN_ID, reliable, volatile, KEEP_ALL."""
+    qos = Qos(
+        Policy.Reliability.Reliable(duration(seconds=10)),
+        Policy.History.KeepAll,
+        Policy.Durability.Volatile,
+    )
+    number = int(os.environ['ROS_DOMAIN_ID'])
+    domain = Domain(number, THIS_MACHINE)
+    participant = DomainParticipant(number)
+    topic = Topic(participant, f'rt{ros_topic}', String_, qos=qos)
+    return Joined(domain, participant, topic, qos)
