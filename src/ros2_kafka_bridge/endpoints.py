@@ -158,6 +158,10 @@ class RecordSink(Protocol[Token]):
         """Wait up to `timeout_s` for delivery reports and return them."""
         ...
 
+    def hurry(self) -> None:
+        """Send at once what the client holds back to make a larger batch; may take a moment."""
+        ...
+
     def close(self) -> Iterable[Token]:
         """Give up what is not delivered; return the tokens that were delivered meanwhile."""
         ...

@@ -115,6 +115,7 @@ class KafkaToRos:
             self._blocked_since_s = None
             self._nap_s = _SHORTEST_NAP_S
             self._poll(_BUSY_S if self._window else _IDLE_S)
+            obstacle = self._publish_pending(readers)
         else:
             self._wait(obstacle)
         self._settle()

@@ -33,7 +33,9 @@ SNAPSHOT_S = 1.0
 _IDLE_S = 0.1
 _BUSY_S = 0.005
 _FULL_S = 0.02
-# After a few messages a short rest lets the next ones gather: a wake-up costs as much as ten.
+# A wake-up costs as much as ten messages, a request as much as a hundred. Where messages come
+# often, a short rest lets the next ones gather; where they come seldom, none waits for another.
+_OFTEN_PER_S = 2000.0
 _SMALL_BATCH = 50
 _GATHER_S = 0.001
 _ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small messages count too
@@ -106,6 +108,7 @@ class RosToKafka:
         self._alone: Entry | None = None
         self._failed: tuple[int, str] | None = None  # number and reason, where on_error is stop
         self._number = 0
+        self._taken_at_s = 0.0
         self._tick_at_s = 0.0
 
     def run(self, stop: Stop) -> None:
@@ -125,10 +128,19 @@ class RosToKafka:
         if room > 0:
             taken = self._take(room, _BUSY_S if self._window else _IDLE_S)
             self._produce_pending()
-            if 0 < taken < _SMALL_BATCH:
-                time.sleep(_GATHER_S)
+            self._send(taken)
         self._confirm(0.0 if room > 0 else _FULL_S)
         self._tick()
+
+    def _send(self, taken: int) -> None:
+        """Send what was taken, at once where messages come seldom."""
+        now_s = time.monotonic()
+        if 0 < taken < _SMALL_BATCH:
+            if taken > _OFTEN_PER_S * (now_s - self._taken_at_s):
+                time.sleep(_GATHER_S)
+            else:
+                self._sink.hurry()
+        self._taken_at_s = now_s
 
     # 1. ROS -> entries
 
@@ -291,11 +303,15 @@ class RosToKafka:
             self._confirm(_BUSY_S if self._window else 0.0)
             if empty and not self._window:
                 break
-        if self._window or not empty:
-            rest = '' if empty else ', and what was not taken yet'
+        if not empty and (room := self._room()) > 0:  # is there anything to give up?
+            self._take(room, 0.0)
+            empty = self._source.exhausted
+        held = len(self._window)
+        given_up = [f'{held} messages that Kafka has not confirmed'] * bool(held)
+        given_up += ['what was not taken yet'] * (not empty)
+        if given_up:
             raise RouteError(
-                f'gave up {len(self._window)} messages that Kafka has not confirmed{rest}: they '
-                'are lost unless their publisher is TRANSIENT_LOCAL',
+                f'gave up {" and ".join(given_up)}: lost unless the publisher is TRANSIENT_LOCAL',
                 final=True,
             )
 

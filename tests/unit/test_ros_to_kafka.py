@@ -89,6 +89,23 @@ def test_messages_arrive_once_in_order_with_key_and_headers() -> None:
     assert house.count('confirmed') == 2
 
 
+def test_a_message_that_comes_alone_is_sent_at_once() -> None:
+    house = House()
+    house.give(b'a')
+    house.steps(1)
+    assert house.sink.hurried == 1
+    house.steps(3)  # nothing more has come
+    assert house.sink.hurried == 1
+
+
+def test_messages_that_come_in_heaps_may_linger_for_one_another() -> None:
+    house = House()
+    house.give(*(b'%d' % number for number in range(200)))
+    house.steps()
+    assert house.count('confirmed') == 200
+    assert house.sink.hurried == 0
+
+
 def test_a_full_window_stops_the_taking() -> None:
     house = House(max_in_flight=3)
     house.sink.answering = False

@@ -12,8 +12,10 @@ from ros2_kafka_bridge.endpoints import Outgoing, Reports, Token
 from ros2_kafka_bridge.errors import BridgeError, RecordTooLargeError
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.health import ClientHealth, check_files
+from ros2_kafka_bridge.kafka.properties import LINGER_MS
 
 _LARGEST_BYTES = 1_000_000  # librdkafka's default
+_HURRY_S = 0.001  # nothing is hurried by a flush that is over before the client's thread wakes
 
 
 class KafkaSink(Generic[Token]):
@@ -35,6 +37,7 @@ class KafkaSink(Generic[Token]):
         self._where = where
         self._about = Client('WRITE', properties)
         self._health = ClientHealth(where, log, self._about)
+        self._may_hurry = self._properties.get('linger.ms') == LINGER_MS
         self._producer: Producer | None = None
         self._confirmed: list[Token] = []
         self._failed: list[tuple[Token, BridgeError]] = []
@@ -89,6 +92,12 @@ class KafkaSink(Generic[Token]):
         if not reports.confirmed and not reports.failed:
             self._health.raise_failure()
         return reports
+
+    def hurry(self) -> None:
+        """Send at once what lingers, unless the user has said how long it may."""
+        if self._may_hurry:
+            with self._translated():
+                self._client.flush(_HURRY_S)
 
     def close(self) -> Iterable[Token]:
         """Give up what is not delivered; return the tokens that were delivered meanwhile."""

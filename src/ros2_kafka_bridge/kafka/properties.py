@@ -12,6 +12,12 @@ if TYPE_CHECKING:
 
 PropertyValue = str | int | float | bool
 
+LINGER_MS = 0.5
+"""How long a record waits for others, where the user does not say: half of what a request takes.
+
+Less makes so many small requests that a full producer is a quarter slower.
+"""
+
 
 def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
@@ -204,7 +210,7 @@ def producer_properties(
         'acks': 'all',
         'enable.idempotence': 'false' if has_weak_acks(users) else 'true',
         'message.timeout.ms': 0,
-        'linger.ms': 5,
+        'linger.ms': LINGER_MS,
         'reconnect.backoff.max.ms': 1000,
     }
     return _merged(own, users)

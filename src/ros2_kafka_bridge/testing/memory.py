@@ -121,6 +121,7 @@ class MemoryRecordSink(Generic[Token]):
     answering: bool = True
     away: str = ''
     is_open: bool = False
+    hurried: int = 0
     records: list[Outgoing] = field(default_factory=list)
     _in_flight: list[tuple[Token, Outgoing]] = field(default_factory=list)
 
@@ -154,6 +155,10 @@ class MemoryRecordSink(Generic[Token]):
                 confirmed.append(token)
         self._in_flight.clear()
         return Reports(confirmed, failed)
+
+    def hurry(self) -> None:
+        """Count how often it was asked; nothing lingers here."""
+        self.hurried += 1
 
     def close(self) -> Iterable[Token]:
         """Give up what is in flight."""
