@@ -20,11 +20,11 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 export ROS2_KAFKA_BRIDGE_KAFKA_JARS ?= $(CURDIR)/.kafka/jars
 
-.PHONY: help setup demo test check lint format types locked kafka bench docs lock java
+.PHONY: help setup demo test check lint format types locked kafka bench experiment docs lock java
 .DEFAULT_GOAL := help
 
 help: ## what there is to make
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(READY) ## .venv with the locked dependencies and this project
 
@@ -61,6 +61,9 @@ kafka: java $(READY) ## a real one-node Kafka in the foreground (PORT=9092)
 
 bench: java $(READY) ## drain a topic through both directions, three contestants side by side
 	$(BIN)/python -m benchmarks.drain $(A)
+
+experiment: java $(READY) ## the paper's experiment, repeated and widened: half an hour, a report
+	$(BIN)/python -m benchmarks.experiment $(A)
 
 docs: $(READY) ## the tables in docs, from the code
 	$(BIN)/python tools/make_docs.py $(A)

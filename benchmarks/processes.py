@@ -95,12 +95,7 @@ class Process:
             ProcessError: It does not run any more.
         """
         self.check()
-        place = Path('/proc', str(self._running.pid))
-        # The name of the command, in parentheses, can hold spaces; numbers follow it.
-        fields = (place / 'stat').read_text().rpartition(')')[2].split()
-        ticks = int(fields[11]) + int(fields[12])
-        status = dict(line.split(':', 1) for line in (place / 'status').read_text().splitlines())
-        return Usage(ticks * _TICK_S, int(status['RssAnon'].split()[0]) / 1024)
+        return usage(self._running.pid)
 
     @property
     def _running(self) -> 'subprocess.Popen[bytes]':
@@ -113,3 +108,23 @@ class Process:
     def _error(self, what: str) -> ProcessError:
         lines = self._output().splitlines()[-_TAIL_LINES:]
         return ProcessError('\n    '.join([f'{self._name} {what}', *lines]))
+
+
+def usage(pid: int) -> Usage:
+    """Look at what a process has used so far.
+
+    Raises:
+        ProcessLookupError: It has ended.
+    """
+    place = Path('/proc', str(pid))
+    try:
+        # The name of the command, in parentheses, can hold spaces; numbers follow it.
+        fields = (place / 'stat').read_text().rpartition(')')[2].split()
+        lines = (place / 'status').read_text().splitlines()
+    except FileNotFoundError as error:
+        raise ProcessLookupError(f'process {pid} has ended') from error
+    status = dict(line.split(':', 1) for line in lines)
+    if 'RssAnon' not in status:
+        raise ProcessLookupError(f'process {pid} has ended')
+    ticks = int(fields[11]) + int(fields[12])
+    return Usage(ticks * _TICK_S, int(status['RssAnon'].split()[0]) / 1024)

@@ -65,7 +65,11 @@ def drain(bootstrap_servers: str, workers: int, values: Sequence[bytes]) -> Resu
         fill(bootstrap_servers, source, values)
         file = Path(place, 'bridge.yaml')
         text = BRIDGE_FILE.format(
-            bootstrap_servers=bootstrap_servers, source=source, sink=sink, ros_topic=f'/w_{mark}'
+            bootstrap_servers=bootstrap_servers,
+            source=source,
+            sink=sink,
+            qos='',
+            ros_topic=f'/w_{mark}',
         )
         file.write_text(f'workers: {workers}\n{text}', encoding='utf-8')
         command = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(file)]

@@ -1,4 +1,4 @@
-"""Who takes part in the drain, and how each is started.
+"""Who takes part in the benchmarks, and how each is started.
 
 All get the same ends: `Ends` names the broker, the two Kafka topics and the ROS topic between
 them. Everyone is two processes, one for each direction.
@@ -19,10 +19,10 @@ kafka:
 routes:
   - name: kafka_to_ros
     from: {{kafka: {source}, start: earliest}}
-    to: {{ros: {ros_topic}, type: std_msgs/msg/String}}
+    to: {{ros: {ros_topic}, type: std_msgs/msg/String{qos}}}
     format: text
   - name: ros_to_kafka
-    from: {{ros: {ros_topic}, type: std_msgs/msg/String}}
+    from: {{ros: {ros_topic}, type: std_msgs/msg/String{qos}}}
     to: {{kafka: {sink}}}
     format: text
 """
@@ -61,11 +61,41 @@ class Contestant(NamedTuple):
     commands: Callable[[Ends], Commands]
 
 
-def _bridge(ends: Ends) -> Commands:
-    file = ends.place / 'bridge.yaml'
-    file.write_text(BRIDGE_FILE.format(**ends._asdict()), encoding='utf-8')
-    run = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(file), '--routes']
-    return Commands([*run, 'kafka_to_ros'], [*run, 'ros_to_kafka'], 'subscribes to')
+def bridge(depth: int | None = None) -> Contestant:
+    """This bridge, with default settings or with KEEP_LAST at both ends."""
+    qos = '' if depth is None else f', qos: {{history: keep_last, depth: {depth}}}'
+
+    def commands(ends: Ends) -> Commands:
+        file = ends.place / 'bridge.yaml'
+        file.write_text(BRIDGE_FILE.format(**ends._asdict(), qos=qos), encoding='utf-8')
+        run = [sys.executable, '-m', 'ros2_kafka_bridge.worker', str(file), '--routes']
+        return Commands([*run, 'kafka_to_ros'], [*run, 'ros_to_kafka'], 'subscribes to')
+
+    words = 'default settings' if depth is None else f'KEEP_LAST {depth}'
+    return Contestant(f'this bridge, {words}', commands)
+
+
+def paper(depth: int, *of_ros_kafka: str) -> Contestant:
+    """The two published algorithms; more options are those of its ros-kafka node."""
+    module = 'ros2_kafka_bridge.demo.paper'
+    options = ['--depth', str(depth)]
+    return Contestant(
+        f'the two published algorithms, depth {depth}',
+        _both(
+            ['-m', f'{module}_kafka_ros', *options],
+            ['-m', f'{module}_ros_kafka', *options, *of_ros_kafka],
+        ),
+    )
+
+
+def bare(*of_ros_kafka: str) -> Contestant:
+    """Loops that move bytes and confirm nothing: the limit."""
+    return Contestant(
+        'loops that confirm nothing',
+        _both(
+            [str(_HERE / 'bare_kafka_ros.py')], [str(_HERE / 'bare_ros_kafka.py'), *of_ros_kafka]
+        ),
+    )
 
 
 def _both(kafka_ros: list[str], ros_kafka: list[str]) -> Callable[[Ends], Commands]:
@@ -78,14 +108,6 @@ def _both(kafka_ros: list[str], ros_kafka: list[str]) -> Callable[[Ends], Comman
     return commands
 
 
-_PAPER: Final = 'ros2_kafka_bridge.demo.paper'
-_paper = _both(['-m', f'{_PAPER}_kafka_ros'], ['-m', f'{_PAPER}_ros_kafka'])
-_bare = _both([str(_HERE / 'bare_kafka_ros.py')], [str(_HERE / 'bare_ros_kafka.py')])
-
 CONTESTANTS: Final[Mapping[str, Contestant]] = MappingProxyType(
-    {
-        'paper': Contestant('the two published algorithms, depth 10', _paper),
-        'bridge': Contestant('this bridge, default settings', _bridge),
-        'bare': Contestant('loops that confirm and count nothing', _bare),
-    }
+    {'paper': paper(10), 'bridge': bridge(), 'bare': bare()}
 )

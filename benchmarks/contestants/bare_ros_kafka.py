@@ -1,10 +1,11 @@
 """The limit, ROS -> Kafka: take and produce bytes, and nothing else.
 
 The same key, the same seven headers, acks=all and an idempotent producer; but no delivery
-report, no window, no counter, no watch on gaps or on the graph. The DDS settings are the
-bridge's own.
+report, no window, one number that counts, no watch on gaps or on the graph. The DDS settings are
+the bridge's own.
 """
 
+import signal
 import struct
 import sys
 from collections.abc import Iterator, Mapping
@@ -15,6 +16,8 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from std_msgs.msg import String
 
 from ros2_kafka_bridge.config.settings import QoS
+from ros2_kafka_bridge.demo.paper import Arguments, arguments
+from ros2_kafka_bridge.demo.snapshots import Count
 from ros2_kafka_bridge.ros.node import open_node
 from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.ros.qos import profile
@@ -26,17 +29,28 @@ WAIT_NS = 100_000_000
 
 
 def main() -> None:
-    """Move messages until killed."""
-    bootstrap_servers, kafka_topic, ros_topic = sys.argv[1:]
-    with open_node('bare_ros_kafka', None, Endpoints({}, {ros_topic: CACHE})) as node:
+    """Move messages until told to end."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    given = arguments(__doc__)
+    count = Count('ros_to_kafka', given.snapshots)
+    with open_node('bare_ros_kafka', None, Endpoints({}, {given.ros_topic: CACHE})) as node:
         subscription = node.handle.create_subscription(
-            String, ros_topic, lambda _: None, profile(QoS()), raw=True
+            String, given.ros_topic, lambda _: None, profile(QoS()), raw=True
         )
+        count.start()
         print('subscribed', flush=True)
         producer = Producer(
-            {'bootstrap.servers': bootstrap_servers, 'acks': 'all', 'enable.idempotence': True}
+            {
+                'bootstrap.servers': given.bootstrap_servers,
+                'acks': 'all',
+                'enable.idempotence': True,
+                **given.properties,
+            }
         )
-        move(taken(node.context, subscription), producer, kafka_topic, ros_topic)
+        try:
+            move(taken(node.context, subscription), producer, given, count)
+        finally:
+            count.tell()
 
 
 def taken(context: Any, subscription: Any) -> Iterator[list[tuple[bytes, Mapping[str, Any]]]]:
@@ -57,9 +71,10 @@ def taken(context: Any, subscription: Any) -> Iterator[list[tuple[bytes, Mapping
             waiter.wait(WAIT_NS)
 
 
-def move(batches: Iterator[Any], producer: Producer, kafka_topic: str, ros_topic: str) -> None:
+def move(batches: Iterator[Any], producer: Producer, given: Arguments, count: Count) -> None:
     """Produce each message; while the producer's queue is full, wait for room."""
     produce, poll = producer.produce, producer.poll
+    kafka_topic, ros_topic = given.kafka_topic, given.ros_topic
     key = ros_topic.encode()
     length = struct.Struct('<I').unpack_from
     same: list[tuple[str, str | bytes | None]] = []
@@ -77,6 +92,7 @@ def move(batches: Iterator[Any], producer: Producer, kafka_topic: str, ros_topic
                 else:
                     break
         poll(0)
+        count.confirmed += len(batch)
 
 
 def headers(ros_topic: str, gid: bytes) -> list[tuple[str, str | bytes | None]]:

@@ -1,0 +1,344 @@
+"""One cell: the five parts are started, orders flow, what came is counted."""
+
+import multiprocessing
+import signal
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from datetime import UTC, datetime
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.contestants import Contestant, Ends, bare, bridge, paper
+from benchmarks.experiment.grid import orders_of
+from benchmarks.experiment.results import (
+    SHARES,
+    Cell,
+    Counts,
+    Hops,
+    Latency,
+    Result,
+    Usage,
+)
+from benchmarks.experiment.traffic import PROBE, Received, Sending, Sent, consume, produce
+from benchmarks.processes import ProcessError, usage
+from benchmarks.topics import topics
+from ros2_kafka_bridge.demo.children import Child
+from ros2_kafka_bridge.demo.contestants import Program
+
+# The queue of a recording holds whatever comes; the paper's nodes are otherwise as printed.
+_NO_LIMIT: Final = 1_000_000
+_START_S: Final = 60.0
+_SEND_MORE_S: Final = 120.0
+_QUIET_S: Final = 2.0
+_QUIET_HOLDING_S: Final = 30.0
+_END_S: Final = 20.0
+_READ_S: Final = 120.0
+_LOOK_S: Final = 0.1
+
+Array = npt.NDArray[np.int64]
+
+
+class Place(NamedTuple):
+    """Where and with what a cell is measured.
+
+    Args:
+        broker: Process id of the broker, None where it is not ours.
+        domain: ROS domain.
+        files: A directory for the logs of the cell.
+        recordings: A directory for what recordings write.
+    """
+
+    bootstrap_servers: str
+    broker: int | None
+    domain: int
+    files: Path
+    recordings: Path
+
+
+def recording_file(recordings: Path, cell: Cell) -> Path:
+    """Where a recording is kept."""
+    return recordings / f'{cell.load.name}.times'
+
+
+def measure(cell: Cell, place: Place, seed: int, most: int) -> Result:
+    """Measure a cell.
+
+    Raises:
+        ProcessError: A part ended, or nothing came through.
+    """
+    mark = uuid.uuid4().hex[:8]
+    stem = f'experiment-{cell.contestant}-{mark}'
+    place.files.mkdir(parents=True, exist_ok=True)
+    ends = Ends(
+        place.bootstrap_servers, f'{stem}.orders', f'/orders_{mark}', f'{stem}.returned',
+        place.files,
+    )  # fmt: skip
+    at = datetime.now(UTC).isoformat(timespec='seconds')
+    total = orders_of(cell.load, cell.seconds, most)
+    sending = Sending(ends.source, cell.load.rate, cell.load.burst, total, seed)
+    with topics(ends.bootstrap_servers, [ends.source, ends.sink]):
+        run = _Run(_contestant(cell, place), ends, sending, place)
+        with ExitStack() as stack:
+            try:
+                run.start(stack)
+                run.send()
+                run.end()
+            except EOFError as error:
+                raise ProcessError('the producer or the consumer has ended') from error
+    return _result(cell, at, run)
+
+
+def _contestant(cell: Cell, place: Place) -> Contestant:
+    match cell.contestant:
+        case 'paper':
+            return paper(cell.depth or 0)
+        case 'recording':
+            place.recordings.mkdir(parents=True, exist_ok=True)
+            return paper(_NO_LIMIT, '--record', str(recording_file(place.recordings, cell)))
+        case 'bare':
+            return bare('-Xlinger.ms=0')
+        case _:
+            return bridge(cell.depth)
+
+
+class _Run:
+    """The parts of a cell while they run."""
+
+    def __init__(self, contestant: Contestant, ends: Ends, sending: Sending, place: Place) -> None:
+        commands = contestant.commands(ends)
+        environ = {
+            'ROS_DOMAIN_ID': str(place.domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        }
+        self.problems: list[str] = []
+        self.sent = Sent(0, 0.0)
+        self.received = Received([], [], [], [], 0)
+        self._what = contestant.what
+        self._ends = ends
+        self._sending = sending
+        self._ros_kafka = Child(
+            Program('ros-kafka', commands.ros_to_kafka), ends.place / 'ros-kafka.log', environ
+        )
+        self._kafka_ros = Child(
+            Program('kafka-ros', commands.kafka_to_ros), ends.place / 'kafka-ros.log', environ
+        )
+        self._producer: Connection
+        self._consumer: Connection
+        self._broker = place.broker
+        self._come = 0
+        self.watched: dict[str, _Watched] = {}
+
+    def start(self, stack: ExitStack) -> None:
+        """Start all parts, and wait until an order that does not count has come through."""
+        for child in (self._ros_kafka, self._kafka_ros):
+            stack.enter_context(child)
+        servers = self._ends.bootstrap_servers
+        self._consumer = stack.enter_context(_part(consume, servers, self._ends.sink))
+        self._producer = stack.enter_context(_part(produce, servers, self._sending))
+        self._wait(self._producer.poll, _START_S, 'the producer is not ready')
+        self._producer.recv()
+        self._wait(lambda: self._come > 0, _START_S, 'not one order came through')
+        pids = {'kafka_ros': self._kafka_ros.pid, 'ros_kafka': self._ros_kafka.pid}
+        if self._broker is not None:
+            pids['broker'] = self._broker
+        self.watched = {name: _Watched(pid) for name, pid in pids.items()}
+
+    def send(self) -> None:
+        """Let the producer send, and wait until all have come, or nothing comes any more."""
+        self._producer.send('go')
+        sending_s = self._sending.total / self._sending.rate if self._sending.rate else 0.0
+        self._wait(self._producer.poll, sending_s + _SEND_MORE_S, 'the producer does not end')
+        self.sent = self._producer.recv()
+        before, moved_s = self._moved(), time.monotonic()
+        while self._come - 1 < self.sent.taken:
+            self._look()
+            if (now := self._moved()) != before:
+                before, moved_s = now, time.monotonic()
+            quiet_s = _QUIET_HOLDING_S if self._holds() else _QUIET_S
+            if time.monotonic() - moved_s > quiet_s:
+                break
+
+    def end(self) -> None:
+        """End the bridges in order, and count what is in the topic."""
+        children = (self._kafka_ros, self._ros_kafka)
+        for watched in self.watched.values():
+            watched.look()
+        for child in children:
+            child.ask_to_end()
+        deadline_s = time.monotonic() + _END_S
+        while any(child.runs for child in children):
+            if time.monotonic() > deadline_s:
+                self.problems.append(f'still running {_END_S:.0f} s after SIGTERM')
+                break
+            time.sleep(_LOOK_S)
+        self._consumer.send('end')
+        deadline_s = time.monotonic() + _READ_S
+        answer: Any = None
+        while not isinstance(answer, Received):
+            if not self._consumer.poll(max(0.0, deadline_s - time.monotonic())):
+                raise ProcessError(f'{self._ends.sink} could not be read to its end')
+            answer = self._consumer.recv()
+        self.received = answer
+
+    def counted(self, child: str) -> int:
+        """How many orders a bridge says that it has moved, without the probe."""
+        children = {'kafka_to_ros': self._kafka_ros, 'ros_to_kafka': self._ros_kafka}
+        told = children[child].snapshots.get(child)
+        return max(0, told.confirmed - 1) if told else 0
+
+    def _wait(self, done: Callable[[], object], limit_s: float, what: str) -> None:
+        deadline_s = time.monotonic() + limit_s
+        while not done():
+            self._look()
+            if time.monotonic() > deadline_s:
+                raise ProcessError(f'{self._what}: {what} within {limit_s:.0f} s')
+
+    def _look(self) -> None:
+        """Look at all parts, and rest a little."""
+        for child in (self._kafka_ros, self._ros_kafka):
+            if not child.runs:
+                raise ProcessError(child.story())
+        while self._consumer.poll():
+            self._come = self._consumer.recv()
+        for watched in self.watched.values():
+            watched.look()
+        time.sleep(_LOOK_S)
+
+    def _moved(self) -> tuple[int, int, int]:
+        return self._come, self.counted('kafka_to_ros'), self.counted('ros_to_kafka')
+
+    def _holds(self) -> bool:
+        """Whether a bridge says that it holds messages, or has not read all that there is."""
+        told = [*self._kafka_ros.snapshots.values(), *self._ros_kafka.snapshots.values()]
+        return any(one.in_flight or one.lag for one in told)
+
+
+class _Watched:
+    """A process, and what was seen of it since its first look."""
+
+    def __init__(self, pid: int) -> None:
+        self._pid = pid
+        self._first = usage(pid)
+        self._start_s = time.monotonic()
+        self._last = self._first
+        self._seconds: list[float] = [0.0]
+        self._memory_mib: list[float] = [self._first.anon_mib]
+
+    def look(self) -> None:
+        """Note what it uses now."""
+        self._last = usage(self._pid)
+        self._seconds.append(round(time.monotonic() - self._start_s, 2))
+        self._memory_mib.append(round(self._last.anon_mib, 2))
+
+    def usage(self) -> Usage:
+        """Sum up."""
+        return Usage(
+            before_mib=self._first.anon_mib,
+            peak_mib=max(self._memory_mib),
+            cpu_s=self._last.cpu_s - self._first.cpu_s,
+            seconds=self._seconds,
+            memory_mib=self._memory_mib,
+        )
+
+
+@contextmanager
+def _part(run: Callable[..., None], *arguments: object) -> Iterator[Connection]:
+    """Run a function in a process of its own; yields the connection to it."""
+    spawn = multiprocessing.get_context('spawn')
+    here, there = spawn.Pipe()
+    process = spawn.Process(target=run, args=(there, *arguments), daemon=True)
+    # Ctrl-C is for this process, which ends the part; it ignores one as soon as it can.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    process.start()
+    signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+    there.close()
+    try:
+        yield here
+    finally:
+        process.kill()
+        process.join()
+        here.close()
+
+
+# What came
+
+
+def _result(cell: Cell, at: str, run: _Run) -> Result:
+    received = run.received
+    order_ids = np.asarray(received.order_ids, np.int64)
+    sent_ns = np.asarray(received.sent_ns, np.int64)
+    come_ns = np.asarray(received.come_ns, np.int64)
+    real = order_ids != PROBE
+    first = np.zeros(len(order_ids), bool)
+    first[np.unique(order_ids, return_index=True)[1]] = True
+    latency_ms = (come_ns - sent_ns)[real & first] / 1e6
+    used = {name: watched.usage() for name, watched in run.watched.items()}
+    come_s = come_ns[real] / 1e9
+    return Result(
+        cell=cell,
+        at=at,
+        counts=Counts(
+            producer=run.sent.taken,
+            kafka_ros=run.counted('kafka_to_ros'),
+            ros_kafka=run.counted('ros_to_kafka'),
+            consumer=int((real & first).sum()),
+            duplicated=int((real & ~first).sum()),
+            out_of_order=out_of_order(order_ids[real]),
+        ),
+        sent_per_s=run.sent.taken / max(run.sent.seconds, 1e-3),
+        delivered_per_s=len(come_s) / max(float(np.ptp(come_s)), 1e-3) if len(come_s) else 0.0,
+        latency=_latency(latency_ms) if len(latency_ms) else None,
+        kafka_ros=used['kafka_ros'],
+        ros_kafka=used['ros_kafka'],
+        broker=used.get('broker', Usage(0.0, 0.0, 0.0)),
+        hops=_hops(received),
+        problems=run.problems,
+    )
+
+
+def out_of_order(order_ids: Array) -> int:
+    """Orders that came after one with a higher number."""
+    if not len(order_ids):
+        return 0
+    highest_before = np.maximum.accumulate(order_ids)[:-1]
+    return int((order_ids[1:] < highest_before).sum())
+
+
+def _latency(latency_ms: npt.NDArray[np.float64]) -> Latency:
+    # Nearest rank: each is the latency of an order that there was.
+    at = np.quantile(latency_ms, (0.5, 0.95, 0.99, 0.999), method='inverted_cdf').tolist()
+    curve = np.quantile(latency_ms, SHARES, method='inverted_cdf').tolist()
+    return Latency(
+        fastest=float(latency_ms.min()),
+        median=at[0],
+        p95=at[1],
+        p99=at[2],
+        p999=at[3],
+        slowest=float(latency_ms.max()),
+        curve=[round(ms, 4) for ms in curve],
+    )
+
+
+def _hops(received: Received) -> Hops | None:
+    """Part the way of those orders whose records tell the ROS time."""
+    if not received.sample:
+        return None
+    sample = np.asarray(received.sample, np.int64)
+    places, appended_ns, source_ns = sample[:, 0], sample[:, 1], sample[:, 2]
+    sent_ns = np.asarray(received.sent_ns, np.int64)[places] + received.wall_ns
+    come_ns = np.asarray(received.come_ns, np.int64)[places] + received.wall_ns
+    appended_ns = appended_ns + 500_000  # it is cut to whole milliseconds
+    return Hops(
+        *(
+            float(np.median(later - earlier)) / 1e6
+            for earlier, later in (
+                (sent_ns, source_ns), (source_ns, appended_ns), (appended_ns, come_ns),
+            )
+        )
+    )  # fmt: skip

@@ -1,0 +1,44 @@
+"""What `ros2-kafka-bridge depth` expects of a recording, beside what was measured."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from benchmarks.experiment.cell import recording_file
+from benchmarks.experiment.results import Prediction, Result
+from ros2_kafka_bridge import depth
+from ros2_kafka_bridge.depth.recording import read_recording
+
+
+def predictions(found: Sequence[Result], recordings: Path) -> Sequence[Prediction]:
+    """Predict the loss of each of the paper's cells whose load was recorded."""
+    recorded = [result for result in found if result.cell.contestant == 'recording']
+    papers = [result for result in found if result.cell.contestant == 'paper']
+    return [
+        prediction
+        for recording in recorded
+        for prediction in _of_load(
+            recording_file(recordings, recording.cell),
+            [result for result in papers if result.cell.load == recording.cell.load],
+        )
+    ]
+
+
+def _of_load(recording: Path, papers: Sequence[Result]) -> Iterator[Prediction]:
+    measured = {
+        result.cell.depth: 1 - result.counts.ros_kafka / max(1, result.counts.kafka_ros)
+        for result in papers
+        if result.cell.depth is not None
+    }
+    if not measured or not recording.exists():
+        return
+    arrivals_ns, service_ns, _ = read_recording(recording)
+    for predicted in depth.predict(arrivals_ns, service_ns, list(measured)):
+        yield Prediction(
+            load=papers[0].cell.load,
+            depth=predicted.depth,
+            loss=predicted.loss,
+            low=predicted.low,
+            high=predicted.high,
+            seen=predicted.seen,
+            measured=max(0.0, measured[predicted.depth]),
+        )

@@ -1,0 +1,139 @@
+"""The command `depth` with files: what it shows, draws and refuses."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+
+def run(*arguments: str | Path, place: Path | None = None) -> tuple[int, str, str]:
+    """Run the command to its end; status, standard output, standard error."""
+    done = subprocess.run(
+        [sys.executable, '-m', 'ros2_kafka_bridge', 'depth', *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        cwd=place,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.fixture(scope='module')
+def arrivals(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Twenty thousand random arrivals, a thousand a second."""
+    times = np.cumsum(np.random.default_rng(1).exponential(1e6, 20_000)).astype(np.int64)
+    file = tmp_path_factory.mktemp('depth') / 'arrivals'
+    file.write_text('\n'.join(map(str, times)))
+    return file
+
+
+def test_it_names_a_depth_and_the_loss_at_the_usual_ones(arrivals: Path) -> None:
+    status, out, err = run('--arrivals', arrivals, '--service', '0.8ms', '--loss', '1e-4')
+    assert (status, err) == (0, '')
+    lines = [' '.join(line.split()) for line in out.splitlines()]
+    assert '20,000 messages in 19.9 s, 1,002.5 a second; the reader is busy 80.2%' in lines[0]
+    assert lines[0].endswith('; at most 20 waited at once')
+    assert lines[1] == 'Loss by depth (wanted: 0.0001)'
+    shown = [line.split()[0] for line in lines[3:] if line[0].isdigit()]
+    assert {'10', '100', '200'} <= set(shown)
+    recommended = lines[-1].removeprefix('Recommended: KEEP_LAST, depth ')
+    assert 17 <= int(recommended) <= 60  # M/D/1 with four fifths busy needs 17
+    assert any(line.startswith(recommended) and 'recommended:' in line for line in lines)
+
+
+def test_programs_get_the_same_as_json(arrivals: Path) -> None:
+    status, out, _ = run(
+        '--arrivals', arrivals, '--service', '800us', '--loss', '1e-4', '--depth', '7', '--json'
+    )
+    found = json.loads(out)
+    assert status == 0
+    assert found['load']['messages'] == 20_000
+    assert found['load']['utilisation'] == pytest.approx(0.8, rel=0.03)
+    depths = [one['depth'] for one in found['predictions']]
+    assert depths == sorted({7, found['recommended'], found['estimated']})
+    first = found['predictions'][0]
+    assert first['low'] <= first['loss'] <= first['high']
+
+
+@pytest.mark.parametrize(('suffix', 'begins'), [('png', b'\x89PNG'), ('svg', b'<?xml')])
+def test_it_draws(arrivals: Path, tmp_path: Path, suffix: str, begins: bytes) -> None:
+    picture = tmp_path / f'depth.{suffix}'
+    status, out, err = run('--arrivals', arrivals, '--service', '0.8ms', '--plot', picture)
+    assert (status, err) == (0, '')
+    assert out.endswith(f'drawn: {picture}\n')
+    assert picture.read_bytes().startswith(begins)
+
+
+def test_a_reader_that_is_too_slow_is_told_and_exits_with_1(arrivals: Path) -> None:
+    status, out, _ = run('--arrivals', arrivals, '--service', '2ms')
+    assert status == 1
+    assert 'no depth helps' in out
+    assert out.endswith('No depth can be recommended.\n')
+
+
+def test_everything_that_is_missing_is_said_at_once() -> None:
+    status, out, err = run('--loss', '-1', '--depth', '0')
+    assert (status, out) == (2, '')
+    assert err.splitlines() == [
+        'arrivals: one of --kafka, --ros, --arrivals, --recording is needed, not none',
+        (
+            'service times: --service (as 0.8ms) or --service-file is needed: how long your '
+            'reader takes for a message; to measure it, wrap the callback of the subscription '
+            'with ros2_kafka_bridge.depth.ServiceTimes (docs/depth.md)'
+        ),
+        '--loss: -1 is not above 0 and below 1',
+        '--depth: a depth is 1 or more',
+    ]
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'said'),
+    [
+        (['--arrivals', 'a', '--ros', '/a', '--service', '1ms'], 'not --ros and --arrivals'),
+        (['--recording', 'a', '--service', '1ms'], '--service and --recording each say them'),
+        (['--arrivals', 'one', '--service', 'soon'], "'soon' is not a time with its unit"),
+        (['--arrivals', 'one', '--service', '1.2.3ms'], "'1.2.3ms' is not a time"),
+        (['--arrivals', 'one', '--service', '1ms'], '1 message of one moment, of which no depth'),
+        (['--arrivals', 'same', '--service', '1ms'], '3 messages of one moment'),
+        (['--arrivals', 'unsorted', '--service', '1ms'], 'sort the file'),
+        (['--arrivals', 'gone', '--service', '1ms'], 'gone: No such file'),
+        (['--kafka', 'a', '--service', '1ms', '-X', 'acks'], '-X acks: is not of the form'),
+        (['--kafka', 'a', '--service', '1ms', '-X', 'group.id=a'], '-X group.id: '),
+        (['--kafka', 'a', '--service', '1ms', '-X', 'no.such=1'], 'knows no such property'),
+        (
+            ['--arrivals', 'two', '--service', '1ms', '--plot', 'a.docx'],
+            'ends in .png, .svg, .pdf',
+        ),
+        (
+            ['--arrivals', 'two', '--service', '1ms', '--plot', 'no/a.png'],
+            'there is no directory no',
+        ),
+    ],
+)
+def test_a_mistake_is_a_sentence(tmp_path: Path, arguments: list[str], said: str) -> None:
+    (tmp_path / 'one').write_text('1\n')
+    (tmp_path / 'same').write_text('1\n1\n1\n')
+    (tmp_path / 'two').write_text('1000000\n9000000\n')
+    (tmp_path / 'unsorted').write_text('2\n1\n')
+    status, _, err = run(*arguments, place=tmp_path)
+    assert status == 2
+    assert said in err
+    assert 'Traceback' not in err
+
+
+@pytest.mark.parametrize('library', ['scipy', 'matplotlib'])
+def test_without_the_extra_a_sentence_says_how_to_get_it(arrivals: Path, library: str) -> None:
+    program = (
+        f'import sys; sys.modules[{library!r}] = None;'
+        'from ros2_kafka_bridge.cli import main; main()'
+    )
+    arguments = ['depth', '--arrivals', str(arrivals), '--service', '1ms', '--plot', 'never.png']
+    done = subprocess.run(
+        [sys.executable, '-c', program, *arguments], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr == f"depth needs {library}: pip install 'ros2-kafka-bridge[depth]'\n"

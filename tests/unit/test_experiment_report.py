@@ -1,0 +1,482 @@
+"""The report of the experiment: what a reader finds in it, and that its numbers are the data's."""
+
+import csv
+import math
+import random
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from html.parser import HTMLParser
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from benchmarks.experiment.report import write_report
+from benchmarks.experiment.report.__main__ import main
+from benchmarks.experiment.report.found import find
+from benchmarks.experiment.report.goals import goals, headline
+from benchmarks.experiment.report.numbers import digits, percent
+from benchmarks.experiment.report.paper import PUBLISHED, RATES, SECONDS
+from benchmarks.experiment.report.sections import how_good
+from benchmarks.experiment.results import (
+    SHARES,
+    Cell,
+    Counts,
+    Experiment,
+    Hops,
+    Latency,
+    Load,
+    Prediction,
+    Result,
+    Setting,
+    Usage,
+    read,
+    write,
+)
+
+ROOT = Path(__file__).parents[2]
+GOLDEN = Path(__file__).with_name('golden') / 'experiment'
+PLOTS = ('loss', 'latency', 'memory', 'throughput', 'predicted')
+LOADS = (
+    Load('9.6', '9.6 orders/s', 9.645, of_paper=True),
+    Load('86', '86 orders/s', 86.0, of_paper=True),
+    Load('160', '160 orders/s', 160.0, of_paper=True),
+    Load('1000', '1,000 orders/s', 1000.0),
+    Load('5000', '5,000 orders/s', 5000.0),
+    Load('20000', '20,000 orders/s', 20_000.0),
+    Load('max', 'as fast as possible', 0.0),
+    Load('bursts', '10,000 at once every 10 s', 1000.0, 10_000),
+)
+DEPTHS = {'paper': (10, 100, 200), 'keep_last': (10, 100, 200)}
+SETTING = Setting(
+    'python -m benchmarks.experiment --seconds 20',
+    '2026-01-31T12:00:00+00:00',
+    20.0,
+    {'cores': 2, 'cpu': 'Example CPU @ 2.50GHz', 'memory_gib': 7.8},
+    {'python': '3.11.2', 'confluent-kafka': '2.12.0', 'kafka': '4.1.0'},
+    'local',
+    1,
+)
+
+
+# An experiment as it could have been
+
+
+def whole() -> Experiment:
+    """All 72 cells, with numbers of the right size."""
+    chance = random.Random(7)  # noqa: S311 (numbers to look at)
+    results = [
+        measured(Cell(name, depth, load, 20.0), chance)
+        for load in LOADS
+        for name in ('paper', 'bridge', 'keep_last', 'bare', 'recording')
+        for depth in DEPTHS.get(name, (None,))
+    ]
+    return Experiment(SETTING, results, predictions(results, chance))
+
+
+def measured(cell: Cell, chance: random.Random) -> Result:
+    load = cell.load
+    total = round(load.rate * cell.seconds) if load.rate else 100_000
+    loss = 0.0
+    if cell.depth is not None:
+        fast = {'max': 25_000.0, 'bursts': 22_000.0}.get(load.name, load.rate)
+        loss = 0.7 / (1 + (cell.depth * 90 / fast) ** 1.6) * chance.uniform(0.8, 1.2)
+        loss = loss if loss > 0.002 or load.rate < 50 else 0.0
+        loss = 0.0 if load.rate and load.rate < 50 else loss
+    lost = round(total * loss)
+    counts = Counts(total, total, total - lost, total - lost, 0, 0)
+    limit = {'paper': 9000.0, 'bare': 24_000.0}.get(cell.contestant, 18_000.0)
+    sent = min(load.rate or 31_000.0, 31_000.0)
+    came = min(sent, limit) * (1 - loss)
+    return Result(
+        cell,
+        '2026-01-31T12:00:00+00:00',
+        counts,
+        sent,
+        came,
+        latency(cell, chance, queued=sent > limit or load.burst > 1),
+        usage(cell, chance, 42.0),
+        usage(cell, chance, 40.5),
+        Usage(310.0, 420.0, 0.0004 * total + 1.5),
+        Hops(0.61, 0.74, 0.32) if cell.contestant == 'bridge' else None,
+    )
+
+
+def latency(cell: Cell, chance: random.Random, *, queued: bool) -> Latency:
+    median = {'paper': 3.4, 'bare': 1.55, 'bridge': 1.7}.get(cell.contestant, 1.75)
+    median *= chance.uniform(0.97, 1.03) * (220 if queued else 1)
+    stretch = 0.35 + 0.03 * math.log10(max(cell.load.rate, 10))
+
+    def at(share: float) -> float:
+        nines = -math.log10(max(1 - share, 1e-5))
+        if share < 0.5:
+            return median * (0.55 + 0.9 * share)
+        return median * 10 ** (stretch * (nines - math.log10(2)))
+
+    curve = [round(at(share), 3) for share in SHARES]
+    return Latency(curve[0], at(0.5), at(0.95), at(0.99), at(0.999), curve[-1], curve)
+
+
+def usage(cell: Cell, chance: random.Random, base: float) -> Usage:
+    start = base + (3.0 if cell.contestant == 'bridge' else 0.0)
+    growth = 24.0 if cell.load.name in {'max', '20000', 'bursts'} else 4.0
+    seconds = [i / 2 for i in range(41)]
+    memory = [
+        start + growth * (1 - math.exp(-second / 3)) + chance.uniform(0, 0.5) for second in seconds
+    ]
+    per_order = {'paper': 90e-6, 'bare': 25e-6}.get(cell.contestant, 35e-6)
+    total = cell.load.rate * cell.seconds or 100_000
+    return Usage(start, max(memory), 0.2 + per_order * total, seconds, memory)
+
+
+def predictions(results: Sequence[Result], chance: random.Random) -> Sequence[Prediction]:
+    return [predicted(result, chance) for result in results if result.cell.contestant == 'paper']
+
+
+def predicted(result: Result, chance: random.Random) -> Prediction:
+    loss = result.counts.loss
+    guess = loss * chance.uniform(0.8, 1.25)
+    return Prediction(
+        result.cell.load, result.cell.depth or 0, guess, guess * 0.85, guess * 1.18,
+        seen=guess > 0, measured=loss,
+    )  # fmt: skip
+
+
+# Small ones, to the digit
+
+
+def small() -> Experiment:
+    """The experiment that is stored beside the golden files."""
+    return read(GOLDEN / 'experiment.json')
+
+
+def changed(name: str, load: str, change: Callable[[Result], Result]) -> Experiment:
+    """The small experiment, but for one cell."""
+    experiment = small()
+    is_it = [
+        one.cell.contestant == name and one.cell.load.name == load for one in experiment.results
+    ]
+    assert any(is_it)
+    results = [
+        change(one) if hit else one for one, hit in zip(experiment.results, is_it, strict=True)
+    ]
+    return msgspec.structs.replace(experiment, results=results)
+
+
+def without(name: str, load: str) -> Experiment:
+    experiment = small()
+    kept = [
+        one for one in experiment.results
+        if (one.cell.contestant, one.cell.load.name) != (name, load)
+    ]  # fmt: skip
+    assert len(kept) < len(experiment.results)
+    return msgspec.structs.replace(experiment, results=kept)
+
+
+def verdicts(experiment: Experiment) -> list[str]:
+    return [goal.verdict for goal in goals(find(experiment))]
+
+
+def counted(**counts: int) -> Callable[[Result], Result]:
+    return lambda one: msgspec.structs.replace(
+        one, counts=msgspec.structs.replace(one.counts, **counts)
+    )
+
+
+def timed(**quantiles: float) -> Callable[[Result], Result]:
+    def change(one: Result) -> Result:
+        assert one.latency is not None
+        quick = msgspec.structs.replace(one.latency, **quantiles)
+        return msgspec.structs.replace(one, latency=quick)
+
+    return change
+
+
+def unheard(one: Result) -> Result:
+    counts = msgspec.structs.replace(one.counts, consumer=0)
+    return msgspec.structs.replace(one, counts=counts, latency=None)
+
+
+@pytest.fixture(scope='module')
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the whole report is."""
+    return write_report(whole(), tmp_path_factory.mktemp('report')).parent
+
+
+# The files
+
+
+@pytest.mark.parametrize('name', ['report.md', 'cells.csv'])
+def test_the_tables_are_those_of_the_golden_files(tmp_path: Path, name: str) -> None:
+    write_report(small(), tmp_path)
+    assert (tmp_path / name).read_text() == (GOLDEN / name).read_text()
+
+
+def test_each_cell_has_a_line_and_each_column_a_name_in_the_csv(place: Path) -> None:
+    experiment = whole()
+    with (place / 'cells.csv').open(newline='') as file:
+        lines = list(csv.DictReader(file))
+    assert len(lines) == len(experiment.results) == 72
+    assert [int(line['lost_orders']) for line in lines] == [
+        one.counts.lost for one in experiment.results
+    ]
+    assert all(None not in line and None not in line.values() for line in lines)
+
+
+def test_the_same_numbers_give_the_same_files(place: Path, tmp_path: Path) -> None:
+    write_report(whole(), tmp_path)
+    one, two = (
+        {file.name: file.read_bytes() for file in folder.rglob('*.*')}
+        for folder in (place, tmp_path)
+    )
+    assert one == two
+    assert len(one) == 3 + len(PLOTS)
+
+
+class _Page(HTMLParser):
+    """What a page loads, its identifiers, and its words."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.loaded: list[str] = []
+        self.ids: list[str] = []
+        self.tags: set[str] = set()
+        self.words: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        for name, value in attrs:
+            if name in {'src', 'href', 'xlink:href', 'srcset', 'data', 'action'}:
+                self.loaded.append(value or '')
+            if name == 'id':
+                self.ids.append(value or '')
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+
+def test_the_page_needs_nothing_but_itself(place: Path) -> None:
+    text = (place / 'report.html').read_text()
+    page = _Page(text)
+    assert page.loaded
+    assert all(link.startswith('#') for link in page.loaded)
+    assert {link[1:] for link in page.loaded} <= set(page.ids)
+    assert len(page.ids) == len(set(page.ids))
+    assert not page.tags & {'script', 'link', 'img', 'iframe', 'object'}
+    assert not re.search(r'@import|url\((?!#)', text)
+    assert '<?xml' not in text
+
+
+def test_words_of_others_cannot_become_markup(tmp_path: Path) -> None:
+    def change(one: Result) -> Result:
+        return msgspec.structs.replace(one, problems=['<script>x</script> a | b\nc'])
+
+    page = write_report(changed('bridge', '86', change), tmp_path)
+    assert 'script' not in _Page(page.read_text()).tags
+    assert (
+        '- 86-bridge: &lt;script>x&lt;/script> a \\| b c\n' in (tmp_path / 'report.md').read_text()
+    )
+
+
+@pytest.mark.parametrize('name', PLOTS)
+def test_each_plot_has_its_lines_and_words_in_both_pages(place: Path, name: str) -> None:
+    page = _Page((place / 'report.html').read_text())
+    svg = (place / 'plots' / f'{name}.svg').read_text()
+    lines = {
+        'loss': [f'{who}-{depth}' for who in ('paper', 'bridge', 'bare') for depth in (10, 200)],
+        'latency': ['paper-160', 'bridge-160', 'bare-5000', 'published-slowest-9.6'],
+        'memory': ['paper-kafka_ros-160', 'bridge-ros_kafka-max'],
+        'throughput': ['paper', 'bridge', 'keep_last', 'bare', 'all-of-it'],
+        'predicted': ['depth-10', 'depth-100', 'depth-200', 'identity-10'],
+    }[name]
+    assert {f'{name}-{line}' for line in lines} <= set(page.ids)
+    assert all(f'id="{name}-{line}"' in svg for line in lines)
+    words = 'depth 100' if name == 'predicted' else "the paper's bridge"
+    assert words in svg
+    assert f'](plots/{name}.svg)' in (place / 'report.md').read_text()
+
+
+# The goals and the headline
+
+
+def test_all_goals_are_met_by_an_experiment_that_meets_them() -> None:
+    assert verdicts(small()) == ['PASS'] * 5
+
+
+@pytest.mark.parametrize(
+    ('goal', 'load', 'change', 'why'),
+    [
+        (0, '1000', counted(consumer=19_999), '1,000 orders/s: 1 of 20,000 lost'),
+        (1, '86', counted(duplicated=3), '86 orders/s: 3 of 1,720 repeated'),
+        (2, '9.6', counted(out_of_order=2), '9.6 orders/s: 2 of 193 out of order'),
+        (3, '160', timed(median=2.501), '160 orders/s: 2.501 ms'),
+        (4, '86', timed(p99=3.61), '86 orders/s: 1.203 (3.61 ms against 3 ms)'),
+    ],
+)
+def test_a_goal_that_is_missed_fails_and_names_the_cell(
+    goal: int, load: str, change: Callable[[Result], Result], why: str
+) -> None:
+    experiment = changed('bridge', load, change)
+    expected = ['PASS'] * 5
+    expected[goal] = 'FAIL'
+    assert verdicts(experiment) == expected
+    assert goals(find(experiment))[goal].why == why
+
+
+@pytest.mark.parametrize('change', [timed(median=2.5), timed(p99=3.6)])
+def test_a_goal_that_is_just_met_passes(change: Callable[[Result], Result]) -> None:
+    assert verdicts(changed('bridge', '86', change)) == ['PASS'] * 5
+
+
+def test_a_bridge_through_which_nothing_came_fails() -> None:
+    experiment = changed('bridge', '86', unheard)
+    assert verdicts(experiment) == ['FAIL', 'PASS', 'PASS', 'FAIL', 'FAIL']
+    assert 'nothing came' in goals(find(experiment))[3].why
+
+
+def test_a_goal_does_not_pass_while_a_cell_is_missing() -> None:
+    assert verdicts(without('bridge', '86')) == ['NOT MEASURED'] * 5
+    assert verdicts(without('bridge', '1000')) == ['NOT MEASURED'] * 3 + ['PASS'] * 2
+    assert verdicts(without('bare', '86')) == ['PASS'] * 4 + ['NOT MEASURED']
+
+
+def test_a_cell_that_fails_outweighs_one_that_is_missing() -> None:
+    experiment = without('bridge', '86')
+    results = [
+        counted(duplicated=1)(one) if one.cell.key == '160-bridge' else one
+        for one in experiment.results
+    ]
+    assert verdicts(msgspec.structs.replace(experiment, results=results))[1] == 'FAIL'
+
+
+def test_the_headline_says_what_the_data_say() -> None:
+    said = headline(find(small()))
+    assert "the paper's bridge lost 40.0 % of all orders: 8,000 of 20,000" in said
+    assert '(1,000 orders/s, depth 10)' in said
+    assert 'Ours lost 0, duplicated 0 and delivered 0 out of order, of 25,113 orders' in said
+    spoilt = headline(find(changed('bridge', '1000', counted(consumer=19_000))))
+    assert 'Ours lost 1,000,' in spoilt
+
+
+# What is not there
+
+
+@pytest.mark.parametrize('number', range(len(LOADS)))
+def test_a_single_cell_makes_a_report(tmp_path: Path, number: int) -> None:
+    experiment = whole()
+    one = experiment.results[9 * number : 9 * number + 1]
+    write_report(Experiment(SETTING, one), tmp_path)
+    text = (tmp_path / 'report.md').read_text()
+    assert 'not measured' in text
+    assert 'No loss was predicted.' in text
+    assert '| No order is lost | **NOT MEASURED** |' in text
+
+
+def test_no_cell_at_all_makes_a_report(tmp_path: Path) -> None:
+    text = write_report(Experiment(SETTING, []), tmp_path).read_text()
+    assert 'NOT MEASURED' in text
+
+
+def test_cells_of_an_interrupted_run_are_named_as_not_measured(tmp_path: Path) -> None:
+    write_report(without('bridge', '86'), tmp_path)
+    text = (tmp_path / 'report.md').read_text()
+    assert '- ours: 86 orders/s' in text
+    assert re.search(r'86 orders/s \| 51,683 .* not measured', text)
+
+
+def test_a_cell_through_which_nothing_came_makes_a_report(tmp_path: Path) -> None:
+    write_report(changed('paper', '160', unheard), tmp_path)
+    assert '**nothing came**' in (tmp_path / 'report.md').read_text()
+    assert '**100 %**' in (tmp_path / 'report.md').read_text()
+
+
+# Numbers
+
+
+def test_the_papers_losses_are_those_that_it_names_itself() -> None:
+    assert [one.lost for one in PUBLISHED] == [0, 90, 3469, 0, 230, 0]
+    assert all(abs(one.producer / SECONDS / RATES[one.load] - 1) < 0.04 for one in PUBLISHED)
+
+
+@pytest.mark.parametrize(
+    ('value', 'text'),
+    [
+        (0, '0'),
+        (3.0000, '3'),
+        (1.6749, '1.67'),
+        (0.04, '0.04'),
+        (12_345.6, '12,346'),
+        (9.6, '9.6'),
+    ],
+)
+def test_numbers_have_the_digits_that_count(value: float, text: str) -> None:
+    assert digits(value) == text
+
+
+@pytest.mark.parametrize(
+    ('share', 'text'),
+    [
+        (0, '0 %'), (1, '100 %'), (0.5, '50.0 %'), (0.0363, '3.63 %'),
+        (1e-7, '< 0.001 %'), (0.99999, '> 99.9 %'),
+    ],
+)  # fmt: skip
+def test_a_little_lost_is_never_nothing(share: float, text: str) -> None:
+    assert percent(share) == text
+
+
+def test_the_sentence_on_the_predictions_counts_intervals_and_names_the_worst() -> None:
+    good = Prediction(LOADS[2], 10, 0.10, 0.05, 0.15, seen=True, measured=0.12)
+    bad = Prediction(LOADS[3], 100, 0.40, 0.35, 0.45, seen=False, measured=0.20)
+    said = how_good([good, bad])
+    assert '1 of 2 intervals' in said
+    assert '+20.0 percentage points (1,000 orders/s, depth 100:' in said
+
+
+# The command
+
+
+def test_the_report_is_made_anew_from_a_file_or_its_directory(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path, small())
+    assert main([str(tmp_path)]) == 0
+    assert capsys.readouterr().out == f'{tmp_path}/report.html\n'
+    made = (tmp_path / 'report.html').read_text()
+    assert main([str(tmp_path / 'experiment.json'), '--to', str(tmp_path / 'two')]) == 0
+    assert (tmp_path / 'two' / 'report.html').read_text() == made
+
+
+def test_a_file_that_is_no_experiment_is_refused_in_words(tmp_path: Path) -> None:
+    file = tmp_path / 'some.json'
+    file.write_text('{"setting": 1}')
+    done = subprocess.run(
+        [sys.executable, '-m', 'benchmarks.experiment.report', file],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith(f'{file}: is no stored experiment: ')
+    assert 'Traceback' not in done.stderr
+
+
+@pytest.mark.parametrize('content', [b'', b'no json', b'\xff\xfe'])
+def test_a_file_of_anything_is_refused_in_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes
+) -> None:
+    (tmp_path / 'experiment.json').write_bytes(content)
+    assert main([str(tmp_path)]) == 2
+    assert 'is no stored experiment' in capsys.readouterr().err
+
+
+def test_a_place_without_results_is_refused_with_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert 'No such file' in said
+    assert f'--out {tmp_path}' in said
