@@ -4,11 +4,12 @@
 
 Default clients, default QoS (KEEP_LAST) with the depth that is given. It waits for the subscriber
 before it spins, which was not published: else a start before the match would lose whatever it
-publishes until then, and one would measure discovery.
+publishes until then, and one would measure discovery. `--record FILE` notes when it publishes.
 """
 
 import contextlib
 import time
+from array import array
 from typing import Any
 
 import rclpy
@@ -43,18 +44,22 @@ def main() -> None:
     while rclpy.ok() and not publisher.get_subscription_count():
         time.sleep(0.01)
     time.sleep(SETTLE_S)  # the writer knows of the match before the reader does
+    published_ns = array('q')
     with contextlib.suppress(ExternalShutdownException):
-        node.create_timer(PERIOD_S, lambda: publish(consumer, publisher, count))
+        node.create_timer(PERIOD_S, lambda: publish(consumer, publisher, count, published_ns))
         rclpy.spin(node)
     consumer.close()
     count.tell()
+    if given.record is not None:
+        given.record.write_text('\n'.join(map(str, published_ns)), encoding='ascii')
 
 
-def publish(consumer: Consumer, publisher: Any, count: Count) -> None:
+def publish(consumer: Consumer, publisher: Any, count: Count, published_ns: 'array[int]') -> None:
     """Publish every record in the consumer."""
     while (record := consumer.poll(0)) is not None:
         value = record.value()
         if record.error() is None and value is not None:
+            published_ns.append(time.time_ns())
             publisher.publish(String(data=value.decode()))
             count.confirmed += 1
 
