@@ -312,7 +312,7 @@ def test_all_goals_are_met_by_an_experiment_that_meets_them() -> None:
         (0, '1000', counted(consumer=19_999), '1,000 orders/s: 1 of 20,000 lost'),
         (1, '86', counted(duplicated=3), '86 orders/s: 3 of 1,720 repeated'),
         (2, '9.6', counted(out_of_order=2), '9.6 orders/s: 2 of 193 out of order'),
-        (3, '160', timed(median=2.501), '160 orders/s: 2.501 ms'),
+        (3, '160', timed(median=2.501), '160 orders/s: 2.501 ms (bare loops: 1.6 ms)'),
         (4, '86', timed(p99=3.61), '86 orders/s: 1.203 (3.61 ms against 3 ms)'),
     ],
 )

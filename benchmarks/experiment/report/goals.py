@@ -94,8 +94,10 @@ def _median(found: Found, load: Load) -> _Look:
     if result.latency is None:
         return _Look(f'{load.words}: nothing came', 'FAIL')
     median = result.latency.median
+    bare = latency_of(found.one('bare', load.name))
+    beside = f' (bare loops: {digits(bare.median, 4)} ms)' if bare else ''
     return _Look(
-        f'{load.words}: {digits(median, 4)} ms', 'PASS' if median <= MEDIAN_MS else 'FAIL'
+        f'{load.words}: {digits(median, 4)} ms{beside}', 'PASS' if median <= MEDIAN_MS else 'FAIL'
     )
 
 

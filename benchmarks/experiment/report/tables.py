@@ -91,7 +91,7 @@ def paper_latency(found: Found) -> Table:
         Column('Load', is_words=True), Column('Depth'),
         Column('fastest', _PUBLISHED), Column('slowest', _PUBLISHED),
         *(Column(name, group) for group in (_HERE, _OURS_HERE) for name in names),
-        Column('99th', 'Bare loops'), Column('ours / bare', 'Bare loops'),
+        *(Column(name, 'Bare loops') for name in ('median', '99th', 'ours / bare, 99th')),
     ]  # fmt: skip
     rows = [
         (
@@ -139,9 +139,13 @@ def _not(result: Result | None) -> Text:
 def _bare(found: Found, load: Load) -> Sequence[Text]:
     bare = found.one('bare', load.name)
     if bare is None or bare.latency is None:
-        return _not(bare), DASH
+        return _not(bare), DASH, DASH
     ratio = p99_ratio(found, found.at(_OURS, load.name))
-    return Text(even(bare.latency.p99)), DASH if ratio is None else Text(f'{ratio:.2f}')
+    return (
+        Text(even(bare.latency.median)),
+        Text(even(bare.latency.p99)),
+        DASH if ratio is None else Text(f'{ratio:.2f}'),
+    )
 
 
 def paper_memory(found: Found) -> Table:
