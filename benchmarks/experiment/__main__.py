@@ -13,13 +13,16 @@ import argparse
 import math
 import shlex
 import signal
+import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
+import msgspec
 from confluent_kafka import KafkaException
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -120,7 +123,7 @@ def _kafka(options: argparse.Namespace) -> Iterator[Callable[[int], Place]]:
             servers,
             broker,
             options.ros_domains[number % len(options.ros_domains)],
-            logs / str(number),
+            logs,
             recordings,
         )
 
@@ -190,22 +193,38 @@ def _setting(options: argparse.Namespace, arguments: Sequence[str] | None) -> Se
         started=datetime.now(UTC).isoformat(timespec='seconds'),
         seconds=options.seconds,
         machine=machine()._asdict(),
-        versions=versions(is_local_kafka=options.bootstrap_servers is None),
+        versions={
+            **versions(is_local_kafka=options.bootstrap_servers is None),
+            'ros2-kafka-bridge': _commit(),
+        },
         kafka=options.bootstrap_servers or 'local',
         seed=options.seed,
+        most_orders=options.most_orders,
     )
     before = results.setting(options.out)
+    fixed = ('machine', 'versions', 'kafka', 'seed', 'most_orders')
+    other = [name for name in fixed if getattr(before, name, None) != getattr(setting, name)]
+    if before is not None and not other:
+        return msgspec.structs.replace(setting, started=before.started)
     if before is None or options.again:
+        results.forget(options.out)
         results.keep_setting(options.out, setting)
         return setting
-    fixed = ('machine', 'versions', 'kafka', 'seed')
-    other = [name for name in fixed if getattr(before, name) != getattr(setting, name)]
     if other:
         what = ', '.join(other)
         raise ConfigError(
             [f'{options.out}: made with another {what}: give another --out, or --again']
         )
     return setting
+
+
+def _commit() -> str:
+    """The state of this repository; the version of the package where there is no repository."""
+    command = ['git', '-C', str(Path(__file__).parent), 'describe', '--always', '--dirty']
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return version('ros2-kafka-bridge')
 
 
 # The command line

@@ -1,6 +1,7 @@
 """One cell: the five parts are started, orders flow, what came is counted."""
 
 import multiprocessing
+import shutil
 import signal
 import time
 import uuid
@@ -50,14 +51,14 @@ class Place(NamedTuple):
     Args:
         broker: Process id of the broker, None where it is not ours.
         domain: ROS domain.
-        files: A directory for the logs of the cell.
+        logs: A directory for what the parts print, by cell.
         recordings: A directory for what recordings write.
     """
 
     bootstrap_servers: str
     broker: int | None
     domain: int
-    files: Path
+    logs: Path
     recordings: Path
 
 
@@ -74,11 +75,12 @@ def measure(cell: Cell, place: Place, seed: int, most: int) -> Result:
     """
     mark = uuid.uuid4().hex[:8]
     stem = f'experiment-{cell.contestant}-{mark}'
-    place.files.mkdir(parents=True, exist_ok=True)
+    files = place.logs / cell.key
+    shutil.rmtree(files, ignore_errors=True)
+    files.mkdir(parents=True)
     ends = Ends(
-        place.bootstrap_servers, f'{stem}.orders', f'/orders_{mark}', f'{stem}.returned',
-        place.files,
-    )  # fmt: skip
+        place.bootstrap_servers, f'{stem}.orders', f'/orders_{mark}', f'{stem}.returned', files
+    )
     at = datetime.now(UTC).isoformat(timespec='seconds')
     total = orders_of(cell.load, cell.seconds, most)
     sending = Sending(ends.source, cell.load.rate, cell.load.burst, total, seed)
@@ -91,6 +93,8 @@ def measure(cell: Cell, place: Place, seed: int, most: int) -> Result:
                 run.end()
             except EOFError as error:
                 raise ProcessError('the producer or the consumer has ended') from error
+            except ProcessLookupError as error:
+                raise ProcessError(str(error)) from error
     return _result(cell, at, run)
 
 
@@ -165,7 +169,7 @@ class _Run:
                 break
 
     def end(self) -> None:
-        """End the bridges in order, and count what is in the topic."""
+        """End the bridges, which bring what they hold to its end, and count what has come."""
         children = (self._kafka_ros, self._ros_kafka)
         for watched in self.watched.values():
             watched.look()

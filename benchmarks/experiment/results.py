@@ -4,6 +4,7 @@ A directory of results has one file for each cell, so that a run that was interr
 it was, and `experiment.json` with what is true of all of them.
 """
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -201,6 +202,7 @@ class Setting(msgspec.Struct, frozen=True):
         machine: `cpu`, `cores`, `memory_gib`, and what else there is.
         versions: Of the parts, by name.
         kafka: `local` or the bootstrap servers.
+        most_orders: Of a cell, however fast they are sent.
     """
 
     command: str
@@ -210,6 +212,7 @@ class Setting(msgspec.Struct, frozen=True):
     versions: dict[str, str]
     kafka: str
     seed: int
+    most_orders: int = 100_000
 
 
 class Experiment(msgspec.Struct, frozen=True):
@@ -246,6 +249,11 @@ def setting(place: Path) -> Setting | None:
         return msgspec.json.decode((place / SETTING_FILE).read_bytes(), type=Setting)
     except (FileNotFoundError, msgspec.DecodeError):
         return None
+
+
+def forget(place: Path) -> None:
+    """Delete what was measured in a directory."""
+    shutil.rmtree(place / CELLS, ignore_errors=True)
 
 
 def write(place: Path, experiment: Experiment) -> None:

@@ -136,7 +136,7 @@ def test_check_shows_no_secret_and_finds_nothing_to_complain_of(
         status, out, err = bench.command('check', str(config), *options, timeout_s=60)
         assert status == 0, out + err
         assert not [secret for secret in SECRETS if secret in out + err]
-    assert '1 brokers' in out
+    assert '1 broker ' in out
 
 
 @pytest.mark.parametrize(

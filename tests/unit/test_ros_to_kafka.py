@@ -98,12 +98,22 @@ def test_a_message_that_comes_alone_is_sent_at_once() -> None:
     assert house.sink.hurried == 1
 
 
-def test_messages_that_come_in_heaps_may_linger_for_one_another() -> None:
+@pytest.mark.parametrize(('after_s', 'hurried'), [(0.001, 0), (0.1, 1)])
+def test_a_few_messages_linger_for_others_only_where_they_come_often(
+    after_s: float, hurried: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock_s = [100.0]
+    monkeypatch.setattr('ros2_kafka_bridge.ros_to_kafka.time.monotonic', lambda: clock_s[0])
     house = House()
-    house.give(*(b'%d' % number for number in range(200)))
+    house.give(b'first')
+    house.steps(1)
+    before = house.sink.hurried
+    clock_s[0] += after_s
+    house.give(*(b'%d' % number for number in range(20)), first=2)
+    house.steps(1)
+    assert house.sink.hurried - before == hurried
     house.steps()
-    assert house.count('confirmed') == 200
-    assert house.sink.hurried == 0
+    assert house.count('confirmed') == 21
 
 
 def test_a_full_window_stops_the_taking() -> None:

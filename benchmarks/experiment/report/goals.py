@@ -10,6 +10,7 @@ from benchmarks.experiment.results import Latency, Load, Result
 
 MEDIAN_MS: Final = 2.5
 P99_RATIO: Final = 1.2
+_ENOUGH: Final = 1000  # orders, below which the 99th percentile rests on a handful
 
 Verdict = Literal['PASS', 'FAIL', 'NOT MEASURED']
 
@@ -111,6 +112,8 @@ def _against_bare(found: Found, load: Load) -> _Look:
         who = 'ours' if result is None else 'bare loops'
         return _Look(f'{load.words}: {who} not measured', 'NOT MEASURED')
     words = f'{digits(result.latency.p99)} ms against {digits(bare.p99)} ms'
+    if result.counts.consumer < _ENOUGH:
+        words += f'; of only {count(result.counts.consumer)} orders'
     return _Look(
         f'{load.words}: {digits(ratio, 4)} ({words})', 'PASS' if ratio <= P99_RATIO else 'FAIL'
     )

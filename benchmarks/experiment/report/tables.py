@@ -315,7 +315,11 @@ def latencies(found: Found) -> Table:
         (
             'Of the orders that came: what is lost has no latency, so that losing flatters. '
             'Hops are known where the records tell them.'
-        )
+        ),
+        (
+            'Medians of hops do not add up to the median of the whole. The broker stamps whole '
+            'milliseconds: the split between the last two hops is off by up to half of one.'
+        ),
     ]
     return _long(found, 'latencies', 'How long it took', _LATENCY, notes)
 
@@ -391,10 +395,7 @@ def predicted_table(predictions: Sequence[Prediction]) -> Table:
         columns,
         rows,
         notes=[
-            (
-                'Backlog: whether the recording had one as long as the depth; else its tail is '
-                'estimated.'
-            )
+            ('Backlog: seen where the loss is that of the replay; else its tail is estimated.')
         ],
     )
 

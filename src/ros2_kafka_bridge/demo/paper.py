@@ -18,7 +18,8 @@ class Arguments(NamedTuple):
         properties: For its Kafka client, by librdkafka's names.
         depth: Of its KEEP_LAST queue, in messages.
         snapshots: The descriptor of a pipe that gets its counter once a second.
-        record: Where the ros-kafka node writes what `ros2-kafka-bridge depth` reads.
+        record: Where a node writes what `ros2-kafka-bridge depth` reads: the kafka-ros node its
+            arrivals, the ros-kafka node its service times.
     """
 
     bootstrap_servers: str
@@ -43,7 +44,7 @@ def arguments(description: str | None) -> Arguments:
         help='a librdkafka property',
     )  # fmt: skip
     parser.add_argument('--depth', type=int, default=DEPTH, help='default: %(default)s')
-    parser.add_argument('--record', type=Path, metavar='FILE', help='of service times')
+    parser.add_argument('--record', type=Path, metavar='FILE', help='for the depth command')
     parser.add_argument('--snapshots', type=int, metavar='FD', help='a pipe for the counter')
     given = vars(parser.parse_args())
     properties = dict(text.split('=', 1) for text in given.pop('properties'))
