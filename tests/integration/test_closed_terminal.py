@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -21,15 +21,16 @@ COMMAND = (sys.executable, '-m', 'ros2_kafka_bridge')
 class Terminal:
     """A terminal with one program in it, which gets SIGHUP when it is closed."""
 
-    def __init__(self, *arguments: str, environ: dict[str, str]) -> None:
+    def __init__(self, *arguments: str, environ: dict[str, str], log: Path | None) -> None:
         self._master, its_end = pty.openpty()
-        self.program = subprocess.Popen(
-            ['setsid', '--ctty', *COMMAND, *arguments],
-            stdin=its_end,
-            stdout=its_end,
-            stderr=its_end,
-            env=environ,
-        )
+        with nullcontext(its_end) if log is None else log.open('wb') as stderr:
+            self.program = subprocess.Popen(
+                ['setsid', '--ctty', *COMMAND, *arguments],
+                stdin=its_end,
+                stdout=its_end,
+                stderr=stderr,
+                env=environ,
+            )
         os.close(its_end)
         self._shown = b''
 
@@ -54,9 +55,11 @@ class Terminal:
 
 
 @contextmanager
-def terminal(*arguments: str, environ: dict[str, str]) -> Iterator[Terminal]:
-    """Run a program on a terminal."""
-    found = Terminal(*arguments, environ=environ)
+def terminal(
+    *arguments: str, environ: dict[str, str], log: Path | None = None
+) -> Iterator[Terminal]:
+    """Run a program on a terminal; with a log, its errors go there."""
+    found = Terminal(*arguments, environ=environ, log=log)
     try:
         yield found
     finally:
@@ -74,10 +77,11 @@ def test_guarantee_7_a_closed_terminal_is_a_drain(
     bench.create_topic(topic_name)
     bench.create_topic(returned)
     bench.produce(topic_name, list(sent))
-    with terminal('run', str(config), environ=bench.environ) as it:
-        eventually(partial(bench.reaches, returned, 1500), 60, it.shown)
+    log = bench.place / 'stderr.log'
+    with terminal('run', str(config), environ=bench.environ, log=log) as it:
+        eventually(partial(bench.reaches, returned, 1500), 60, log.read_text)
         it.close()
-        assert it.program.wait(40) == 0
+        assert it.program.wait(40) == 0, log.read_text()
     committed = bench.committed('test.to_ros', topic_name)
     assert 0 < committed < COUNT
     assert values(bench.records(returned, committed)) == sent[:committed]

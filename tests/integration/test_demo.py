@@ -95,7 +95,7 @@ def all_equal(result: dict[str, str]) -> bool:
 
 def test_every_order_comes_back_over_the_embedded_broker(place: Path) -> None:
     with demo(place, '--rate', '300', '--seconds', '3') as process:
-        assert process.wait(60) == 0
+        assert process.wait(60) == 0, process.output()
     result = counted(process)['bridge']
     assert result['produced'] == '900'
     assert all_equal(result)
@@ -110,7 +110,7 @@ def test_a_real_broker_is_used_and_left_as_it_was(bench: Bench, place: Path) -> 
     before = leftovers(bench)
     options = ('--bootstrap-servers', bench.bootstrap_servers, '--rate', '300', '--seconds', '2')
     with demo(place, *options) as process:
-        assert process.wait(60) == 0
+        assert process.wait(60) == 0, process.output()
     assert f'a second, Kafka at {bench.bootstrap_servers}' in process.output()
     assert all_equal(counted(process)['bridge'])
     assert leftovers(bench) <= before
@@ -118,7 +118,7 @@ def test_a_real_broker_is_used_and_left_as_it_was(bench: Bench, place: Path) -> 
 
 def test_the_paper_is_shown_beside_the_bridge_which_loses_none(place: Path) -> None:
     with demo(place, '--compare', '--rate', '1000', '--seconds', '2') as process:
-        assert process.wait(90) == 0
+        assert process.wait(90) == 0, process.output()
     results = counted(process)
     assert list(results) == ['paper', 'bridge']
     assert all_equal(results['bridge'])
@@ -154,7 +154,7 @@ def test_a_signal_ends_the_sending_and_all_that_was_sent_is_counted(
     with demo(place, '--bootstrap-servers', bench.bootstrap_servers, '--seconds', '60') as process:
         process.wait_for('this bridge: sending', 60)
         process.send(number)
-        assert process.wait(60) == 0
+        assert process.wait(60) == 0, process.output()
     assert all_equal(counted(process)['bridge'])
     assert 'Traceback' not in process.output()
     assert leftovers(bench) <= before
