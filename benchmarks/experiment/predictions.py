@@ -24,15 +24,14 @@ def predictions(found: Sequence[Result], recordings: Path) -> Sequence[Predictio
 
 
 def _of_load(recording: Path, papers: Sequence[Result]) -> Iterator[Prediction]:
-    measured = {
-        result.cell.depth: 1 - result.counts.ros_kafka / max(1, result.counts.kafka_ros)
-        for result in papers
-        if result.cell.depth is not None
+    counts = {
+        result.cell.depth: result.counts for result in papers if result.cell.depth is not None
     }
-    if not measured or not recording.exists():
+    if not counts or not recording.exists():
         return
-    arrivals_ns, service_ns, _ = read_recording(recording)
-    for predicted in depth.predict(arrivals_ns, service_ns, list(measured)):
+    arrivals_ns, service_ns, wake_ns, _ = read_recording(recording)
+    for predicted in depth.predict(arrivals_ns, service_ns, list(counts), wake_ns=wake_ns):
+        found = counts[predicted.depth]
         yield Prediction(
             load=papers[0].cell.load,
             depth=predicted.depth,
@@ -40,5 +39,6 @@ def _of_load(recording: Path, papers: Sequence[Result]) -> Iterator[Prediction]:
             low=predicted.low,
             high=predicted.high,
             seen=predicted.seen,
-            measured=max(0.0, measured[predicted.depth]),
+            measured=max(0.0, 1 - found.ros_kafka / max(1, found.kafka_ros)),
+            messages=found.kafka_ros,
         )

@@ -183,6 +183,7 @@ class Prediction(msgspec.Struct, frozen=True):
         loss: Predicted share of messages, 0 to 1, between `low` and `high` with 95 %.
         seen: Whether the recording had such a backlog; else the tail is estimated.
         measured: Share lost between the two bridges.
+        messages: Of which it is the share.
     """
 
     load: Load
@@ -192,6 +193,7 @@ class Prediction(msgspec.Struct, frozen=True):
     high: float
     seen: bool
     measured: float
+    messages: int = 0
 
 
 class Setting(msgspec.Struct, frozen=True):

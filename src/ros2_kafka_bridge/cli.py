@@ -209,6 +209,10 @@ def depth(
     service_file: Annotated[
         Path | None, typer.Option(help='Service times: a file of ServiceTimes, or one a line.')
     ] = None,
+    wake: Annotated[
+        str,
+        typer.Option(metavar='TIME', help='How long an idle reader takes to begin, as 0.2ms.'),
+    ] = '',
     loss: Annotated[float, typer.Option(help='Share of messages that may be lost.')] = 1e-6,
     at: Annotated[
         list[int], typer.Option('--depth', help='Show the loss at this depth, too; repeatable.')
@@ -249,6 +253,7 @@ def depth(
         recording=recording,
         service=service,
         service_file=service_file,
+        wake=wake,
         loss=loss,
         depths=at,
         plot=plot,

@@ -177,6 +177,32 @@ def test_service_times_of_another_recording_are_drawn_from() -> None:
     assert found.utilisation == pytest.approx(0.8, rel=0.05)
 
 
+def test_an_idle_reader_that_is_slow_to_wake_up_needs_more_depth() -> None:
+    # Bursts of eight every 10 ms: by the time the reader has woken up, all eight are there.
+    arrivals = np.repeat(np.arange(2000) * 10_000_000, 8) + np.tile(np.arange(8) * 7000, 2000)
+    service = 10_000
+    at_once = choose(arrivals, service, 0.01)
+    woken = choose(arrivals, service, 0.01, wake_ns=200_000)
+    assert at_once.load.peak == 2
+    assert woken.load.peak == 7
+    assert woken.load.wake_seconds == pytest.approx(2e-4)
+    assert woken.load.utilisation == at_once.load.utilisation
+    assert (at_once.recommended, woken.recommended) == (3, 8)
+    [before], [after] = (predict(arrivals, service, [4], wake_ns=wake) for wake in (0, 200_000))
+    assert before.loss < 0.01
+    assert after.loss == pytest.approx(0.5)
+    assert load(arrivals, service, wake_ns=200_000) == woken.load
+
+
+def test_times_to_wake_up_of_another_recording_are_drawn_with_its_service_times() -> None:
+    arrivals, service = random_traffic(0.5)(np.random.default_rng(1), 20_000)
+    # The first half of the other recording was asleep: all of it must be drawn from.
+    wake = np.repeat([0, 2_000_000], 10_000)
+    own = load(arrivals, service, wake_ns=wake)
+    drawn = load(arrivals, service[:19_000], wake_ns=wake)
+    assert own.busy_periods > 1.1 * drawn.busy_periods
+
+
 def test_too_few_peaks_make_no_tail() -> None:
     assert fit(np.array([0] * 1000 + [3] * 19), 1, 50, 5000) is None
 

@@ -8,6 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ros2_kafka_bridge.depth.recorder import HEADER
+
+MS = 1_000_000
+
 
 def run(*arguments: str | Path, place: Path | None = None) -> tuple[int, str, str]:
     """Run the command to its end; status, standard output, standard error."""
@@ -59,6 +63,47 @@ def test_programs_get_the_same_as_json(arrivals: Path) -> None:
     assert first['low'] <= first['loss'] <= first['high']
 
 
+def test_how_long_an_idle_reader_takes_to_begin_is_asked_for_and_shown(arrivals: Path) -> None:
+    given = ['--arrivals', str(arrivals), '--service', '0.5ms', '--loss', '0.01', '--json']
+    status, out, _ = run(*given)
+    assert status == 0
+    at_once = json.loads(out)
+    assert at_once['load']['wake_seconds'] == 0
+    assert 'is taken to begin at once' in ' '.join(at_once['notes'])
+    assert '--wake (as 0.2ms)' in ' '.join(at_once['notes'])
+    status, out, _ = run(*given, '--wake', '10ms')
+    assert status == 0
+    slow = json.loads(out)
+    assert slow['load']['wake_seconds'] == 0.01
+    assert 'begin at once' not in ' '.join(slow['notes'])
+    assert slow['recommended'] > at_once['recommended'] + 5
+    _, shown, _ = run(*given[:-1], '--wake', '10ms')
+    assert 'begins 10 ms after a message that meets it idle' in ' '.join(shown.split())
+
+
+def test_a_recording_tells_how_long_an_idle_reader_takes_and_may_be_overruled(
+    tmp_path: Path,
+) -> None:
+    # Bursts of five, 20 ms apart; it begins 3 ms after the first, and takes 1 ms for each.
+    rows = [
+        (at, max(at + 3 * MS, at - n * 1000 + (3 + n) * MS), at - n * 1000 + (4 + n) * MS)
+        for burst in range(400)
+        for n in range(5)
+        for at in [burst * 20 * MS + n * 1000]
+    ]
+    file = tmp_path / 'times'
+    file.write_text('\n'.join([HEADER, *(f'{a} {s} {e} 0' for a, s, e in rows), '']))
+    given = ['--loss', '0.01', '--depth', '4', '--json']
+    recorded = json.loads(run('--recording', file, *given)[1])
+    assert recorded['load']['wake_seconds'] == 0.003
+    assert recorded['predictions'][0]['loss'] == pytest.approx(0.2)
+    parted = json.loads(run('--arrivals', file, '--service-file', file, *given)[1])
+    assert parted['predictions'] == recorded['predictions']
+    overruled = json.loads(run('--recording', file, '--wake', '0us', *given)[1])
+    assert overruled['load']['wake_seconds'] == 0
+    assert overruled['predictions'][0]['replayed'] == 0
+
+
 @pytest.mark.parametrize(('suffix', 'begins'), [('png', b'\x89PNG'), ('svg', b'<?xml')])
 def test_it_draws(arrivals: Path, tmp_path: Path, suffix: str, begins: bytes) -> None:
     picture = tmp_path / f'depth.{suffix}'
@@ -97,6 +142,7 @@ def test_everything_that_is_missing_is_said_at_once() -> None:
         (['--recording', 'a', '--service', '1ms'], '--service and --recording each say them'),
         (['--arrivals', 'one', '--service', 'soon'], "'soon' is not a time with its unit"),
         (['--arrivals', 'one', '--service', '1.2.3ms'], "'1.2.3ms' is not a time"),
+        (['--arrivals', 'two', '--service', '1ms', '--wake', '3'], "--wake: '3' is not a time"),
         (['--arrivals', 'one', '--service', '1ms'], '1 message of one moment, of which no depth'),
         (['--arrivals', 'same', '--service', '1ms'], '3 messages of one moment'),
         (['--arrivals', 'unsorted', '--service', '1ms'], 'sort the file'),

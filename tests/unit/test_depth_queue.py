@@ -1,6 +1,7 @@
 """The replay of a KEEP_LAST queue: worked by hand, against a slow simulation, against theory."""
 
 from collections import deque
+from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ class Case(NamedTuple):
     depth: int | None
     lost: int
     waiting: list[int]
+    wake: list[int] | int = 0
 
 
 BY_HAND = {
@@ -42,57 +44,88 @@ BY_HAND = {
     ),
     'no depth loses nothing': Case([0, 0, 0, 0], 100, None, 0, [0, 0, 1, 2]),
     'no messages': Case([], 1, 1, 0, []),
+    'no messages, and a slow start': Case([], 1, 1, 0, [], 5),
+    # The first waits from 0 to 6, where it is begun: at 2 and 4 it is not yet gone, at 6 it is.
+    'the message that wakes the reader waits': Case([0, 2, 4, 6], 1, None, 0, [0, 1, 2, 2], 6),
+    # The first waits until 3; 1 pushes it out, 2 that one. Begun at 3, over at 13; 5 waits.
+    'it can be pushed out itself': Case([0, 1, 2, 5], 10, 1, 2, [0, 1, 1, 0], 3),
+    # 0 is begun at 3, over at 5; what waited goes on at once. At 7 all is done.
+    'a busy reader needs not be woken': Case([0, 2, 7, 8], 2, 2, 0, [0, 1, 0, 1], 3),
+    # The first is over at 5: the second meets an idle reader, and is not gone at 6.
+    'a message at the end of a callback wakes the reader': Case(
+        [0, 5, 6], 3, None, 0, [0, 0, 1], 2
+    ),
+    # Woken at 0, 10, 20: 4, 1 and 4 again (0-4, 10-11, 20-24).
+    'times to wake up are those of the messages that wake': Case(
+        [0, 3, 4, 10, 11, 20, 23], 1, 9, 0, [0, 1, 1, 0, 0, 0, 1], [4, 1]
+    ),
 }
 
 
 @pytest.mark.parametrize('case', BY_HAND.values(), ids=BY_HAND.keys())
 def test_worked_by_hand(case: Case) -> None:
     service = np.array(case.service) if isinstance(case.service, list) else case.service
-    found = replay(np.array(case.arrivals, np.int64), service, case.depth)
+    wake = np.array(case.wake) if isinstance(case.wake, list) else case.wake
+    found = replay(np.array(case.arrivals, np.int64), service, case.depth, wake)
     assert found.lost == case.lost
     assert found.waiting.tolist() == case.waiting
     assert found.loss == pytest.approx(case.lost / max(1, len(case.arrivals)))
 
 
-def slowly(
-    arrivals: list[int], service: list[int], depth: int | None
-) -> tuple[set[int], list[int]]:
-    """What a queue that drops its oldest loses: which messages, and what each arrival found."""
+class Slowly(NamedTuple):
+    """Which messages are lost, what each arrival found, and whether it met an idle reader."""
+
+    lost: set[int]
+    found: list[int]
+    idle: list[bool]
+
+
+def slowly(arrivals: list[int], service: list[int], depth: int | None, wake: list[int]) -> Slowly:
+    """A queue that drops its oldest, one step of the clock after the other."""
     waiting: deque[int] = deque()
-    lost: set[int] = set()
-    found = []
-    served, free_at = 0, -1
+    done = Slowly(set(), [], [])
+    coming, services, wakes = deque(enumerate(arrivals)), iter(service), cycle(wake)
+    busy_until, begins_at = 0, 0
 
-    def take_until(now: int) -> None:
-        nonlocal served, free_at
-        while waiting and max(free_at, arrivals[waiting[0]]) <= now:
-            first = waiting.popleft()
-            free_at = max(free_at, arrivals[first]) + service[served]
-            served += 1
+    def take(now: int) -> None:
+        nonlocal busy_until
+        while waiting and now >= max(busy_until, begins_at):
+            waiting.popleft()
+            busy_until = now + next(services)
 
-    for number, now in enumerate(arrivals):
-        take_until(now)
-        found.append(len(waiting))
-        if len(waiting) == depth:
-            lost.add(waiting.popleft())
-        waiting.append(number)
-        take_until(now)
-    return lost, found
+    for now in range((arrivals or [0])[-1] + 1):
+        take(now)
+        while coming and coming[0][1] == now:
+            number, _ = coming.popleft()
+            idle = not waiting and now >= busy_until
+            done.idle.append(idle)
+            done.found.append(len(waiting))
+            if len(waiting) == depth:
+                done.lost.add(waiting.popleft())
+            waiting.append(number)
+            if idle:
+                begins_at = now + next(wakes)
+            take(now)
+    return done
 
 
 TRAFFIC = st.lists(st.tuples(st.integers(0, 6), st.integers(0, 9)), max_size=60)
 
 
-@given(traffic=TRAFFIC, depth=st.one_of(st.none(), st.integers(1, 8)))
+WAKE = st.one_of(st.just([0]), st.lists(st.integers(0, 12), min_size=1, max_size=5))
+
+
+@given(traffic=TRAFFIC, depth=st.one_of(st.none(), st.integers(1, 8)), wake=WAKE)
 def test_it_does_what_a_slow_simulation_does(
-    traffic: list[tuple[int, int]], depth: int | None
+    traffic: list[tuple[int, int]], depth: int | None, wake: list[int]
 ) -> None:
     arrivals = np.cumsum([gap for gap, _ in traffic], dtype=np.int64)
     service = np.array([time for _, time in traffic], np.int64)
-    lost, waiting = slowly(arrivals.tolist(), service.tolist(), depth)
-    found = replay(arrivals, service, depth)
-    assert found.lost == len(lost)
-    assert found.waiting.tolist() == waiting
+    slow = slowly(arrivals.tolist(), service.tolist(), depth, wake)
+    found = replay(arrivals, service, depth, np.array(wake))
+    assert found.lost == len(slow.lost)
+    assert found.waiting.tolist() == slow.found
+    assert found.idle.tolist() == slow.idle
 
 
 @given(gaps=st.lists(st.integers(0, 6), min_size=1, max_size=60), service=st.integers(0, 9))
@@ -102,17 +135,18 @@ def test_a_deeper_queue_loses_no_more(gaps: list[int], service: int) -> None:
     assert losses == sorted(losses, reverse=True)
 
 
-@given(traffic=TRAFFIC)
+@given(traffic=TRAFFIC, wake=WAKE)
 def test_a_queue_as_deep_as_its_highest_peak_loses_nothing(
-    traffic: list[tuple[int, int]],
+    traffic: list[tuple[int, int]], wake: list[int]
 ) -> None:
     arrivals = np.cumsum([gap for gap, _ in traffic], dtype=np.int64)
     service = np.array([time for _, time in traffic], np.int64)
-    endless = replay(arrivals, service, None)
+    times = np.array(wake)
+    endless = replay(arrivals, service, None, times)
     peak = int(endless.waiting.max(initial=0))
     assert endless.lost == 0
-    assert replay(arrivals, service, peak + 1).lost == 0
-    assert not peak or replay(arrivals, service, peak).lost > 0
+    assert replay(arrivals, service, peak + 1, times).lost == 0
+    assert not peak or replay(arrivals, service, peak, times).lost > 0
 
 
 @pytest.mark.parametrize(('load', 'depth'), [(0.5, 1), (0.8, 5), (0.9, 10), (1.2, 3)])
@@ -173,6 +207,14 @@ def test_what_is_no_traffic_is_refused(
     times = np.array(service) if isinstance(service, list) else service
     with pytest.raises(ValueError, match=said):
         replay(np.array(arrivals), times, depth)
+
+
+@pytest.mark.parametrize(
+    ('wake', 'said'), [(-1, 'negative'), ([3, -1], 'negative'), ([], 'one number'), ([[1]], 'row')]
+)
+def test_what_is_no_time_to_wake_up_is_refused(wake: int | list[int], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        replay(np.array([1, 2]), 1, 1, np.array(wake))
 
 
 def test_drawn_service_times_keep_their_runs_and_their_mean() -> None:

@@ -122,6 +122,49 @@ def test_a_reader_that_was_never_busy_shows_no_overhead_and_says_so(tmp_path: Pa
     assert 'no message ever waited' in found.notes[0]
 
 
+def test_messages_that_met_an_idle_reader_tell_how_long_it_takes_to_begin(tmp_path: Path) -> None:
+    # The second waited for the first; the first, the third and the fourth woke the reader.
+    file = recording(tmp_path, (0, 3, 10, 0), (5, 12, 20, 0), (50, 51, 55, 0), (60, 62, 63, 0))
+    found = read_recording(file)
+    assert (found.wake_ns // MS).tolist() == [3, 1, 2]
+    assert np.array_equal(read_service(file).wake_ns, found.wake_ns)
+
+
+@pytest.mark.parametrize(('ahead', 'said'), [(-7, '-6.0 ms'), (3_600_000, '3,600,001.0 ms')])
+def test_a_reader_whose_clock_differs_does_not_tell_it_and_says_so(
+    tmp_path: Path, ahead: int, said: str
+) -> None:
+    # Seconds apart, so that each message meets an idle reader by a clock that is behind.
+    gap = 1000 if ahead < 0 else 10_000_000
+    rows = [(n * gap, n * gap + 1 + ahead, n * gap + 2 + ahead, 0) for n in range(20)]
+    found = read_recording(recording(tmp_path, *rows))
+    assert found.wake_ns.tolist() == [0]
+    [note] = [note for note in found.notes if 'clocks' in note]
+    assert f'began {said} after' in note
+    assert 'say --wake' in note
+
+
+def test_one_delay_that_cannot_be_is_cut_and_the_others_are_believed(tmp_path: Path) -> None:
+    # The first was latched an hour ago; the clock went back by a little once.
+    rows = [(n * 1000, n * 1000 + 2, n * 1000 + 3, 0) for n in range(3600, 3650)]
+    file = recording(
+        tmp_path, (0, 3_599_000, 3_599_001, 0), (*rows[0][:1], 3_599_999, 3_600_001, 0), *rows[1:]
+    )
+    found = read_recording(file)
+    assert (found.wake_ns // MS).tolist() == [100, 0, *[2] * 49]
+    assert not any('clock' in note for note in found.notes)
+
+
+def test_messages_pushed_out_waited_or_woke_the_reader(tmp_path: Path) -> None:
+    # Evenly filled in, the first that the second pushed out came at 2, and waited for the end at
+    # 10, although the one that was taken came at 12. Before the last one at 48 came those of 40
+    # and 44: the first of them woke the reader.
+    file = recording(tmp_path, (0, 0, 10, 0), (12, 14, 16, 5), (36, 37, 38, 0), (48, 49, 50, 2))
+    found = read_recording(file)
+    assert (found.service_ns // MS).tolist() == [14, 6, 5, 5]
+    assert (found.wake_ns // MS).tolist() == [0, 1, 9]
+
+
 def test_messages_that_never_came_are_filled_in_evenly(tmp_path: Path) -> None:
     found = read_recording(recording(tmp_path, (0, 0, 1, 0), (40, 40, 41, 3), (50, 50, 51, 0)))
     assert (found.arrivals_ns // MS).tolist() == [0, 10, 20, 30, 40, 50]
@@ -148,14 +191,15 @@ def test_callbacks_at_the_same_time_are_refused(tmp_path: Path) -> None:
 def test_a_recording_serves_for_arrivals_and_for_service_times(tmp_path: Path) -> None:
     file = recording(tmp_path, (0, 1, 3, 0), (10, 11, 14, 0))
     assert (read_arrivals(file) // MS).tolist() == [0, 10]
-    assert (read_service(file)[0] // MS).tolist() == [2, 3]
+    assert (np.asarray(read_service(file).service_ns) // MS).tolist() == [2, 3]
 
 
 def test_plain_files_may_have_comments_and_blank_lines(tmp_path: Path) -> None:
     file = tmp_path / 'plain'
     file.write_text('# made by hand\n1\n\n2  # here\n2\n')
     assert np.array_equal(read_arrivals(file), [1, 2, 2])
-    assert np.array_equal(read_service(file)[0], [1, 2, 2])
+    assert np.array_equal(read_service(file).service_ns, [1, 2, 2])
+    assert read_service(file).wake_ns == 0
 
 
 @pytest.mark.parametrize(

@@ -65,6 +65,7 @@ class Asked(NamedTuple):
         recording: A file of arrivals and service times.
         service: A service time for all, as `0.8ms`.
         service_file: A file of service times.
+        wake: How long an idle reader takes to begin, as `0.2ms`.
         loss: Share of the messages that may be lost.
         depths: Where the loss is shown, too.
         plot: Where to draw.
@@ -77,6 +78,7 @@ class Asked(NamedTuple):
     recording: Path | None
     service: str
     service_file: Path | None
+    wake: str
     loss: float
     depths: Sequence[int]
     plot: Path | None
@@ -99,7 +101,7 @@ def report(asked: Asked) -> int:
     from ros2_kafka_bridge.commands.depth_sources import measured  # noqa: PLC0415 (heavy)
     from ros2_kafka_bridge.depth.choice import choose  # noqa: PLC0415 (scipy is heavy)
 
-    traffic, service, notes = measured(asked)
+    traffic, reader = measured(asked)
     times = traffic.arrivals_ns
     if not len(times) or times[0] == times[-1]:
         number = f'{count(len(times), "message")}{" of one moment" if len(times) else ""}'
@@ -112,8 +114,9 @@ def report(asked: Asked) -> int:
             ]
         )
     with waiting('Replaying'):
-        choice = choose(traffic.arrivals_ns, service, asked.loss, depths=asked.depths)
-    choice = choice._replace(notes=(*notes, *choice.notes))
+        service, wake = reader.service_ns, reader.wake_ns
+        choice = choose(times, service, asked.loss, depths=asked.depths, wake_ns=wake)
+    choice = choice._replace(notes=(*traffic.notes, *reader.notes, *choice.notes))
     if asked.as_json:
         sys.stdout.write(json.dumps(_as_json(traffic, choice), indent=2) + '\n')
     else:
@@ -121,7 +124,7 @@ def report(asked: Asked) -> int:
     if asked.plot is not None:
         from ros2_kafka_bridge.depth.plot import draw  # noqa: PLC0415 (matplotlib is heavy)
 
-        draw(asked.plot, traffic.where, traffic.arrivals_ns, service, choice)
+        draw(asked.plot, traffic.where, times, service, wake, choice)
         if not asked.as_json:
             show_line(screen(), f'drawn: {asked.plot}')
     return 1 if choice.recommended is None else 0
@@ -196,11 +199,13 @@ def _as_json(traffic: Traffic, choice: Choice) -> dict[str, Any]:
 
 def _show(console: Console, traffic: Traffic, choice: Choice) -> None:
     load = choice.load
+    wake_ms = load.wake_seconds * 1e3
+    wake = f', and begins {wake_ms:.3g} ms after a message that meets it idle' if wake_ms else ''
     show_line(
         console,
         f'{traffic.where}: {load.messages:,} messages in {load.seconds:,.1f} s, {load.rate:,.1f} '
-        f'a second; the reader is busy {load.utilisation:.1%} of the time; at most {load.peak:,} '
-        'waited at once',
+        f'a second; the reader is busy {load.utilisation:.1%} of the time{wake}; at most '
+        f'{load.peak:,} waited at once',
     )
     outside = f'{choice.confidence:.0%} interval'
     title = f'Loss by depth (wanted: {choice.loss:g})'

@@ -12,7 +12,7 @@ from ros2_kafka_bridge.commands.depth import Asked, Kafka, Ros
 from ros2_kafka_bridge.commands.screen import waiting
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.depth.queue import SEED, Times
-from ros2_kafka_bridge.depth.recording import read_arrivals, read_recording, read_service
+from ros2_kafka_bridge.depth.recording import Reader, read_arrivals, read_recording, read_service
 from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.kafka.properties import (
     PropertyValue,
@@ -35,6 +35,10 @@ _KAFKA_TIMES = (
 _BY_GAPS = (
     'by the gaps in their numbers: the publisher is KEEP_LAST or best effort, and its bursts may '
     'be larger than seen'
+)
+_AT_ONCE = (
+    'an idle reader is taken to begin at once; a real one has to wake up, and meanwhile a burst '
+    'fills its queue: say how long with --wake (as 0.2ms), or measure it with ServiceTimes'
 )
 _LOCAL = 'localhost:9092'
 _TYPE_S = 10.0
@@ -59,25 +63,35 @@ class Traffic(NamedTuple):
     notes: tuple[str, ...]
 
 
-def measured(asked: Asked) -> tuple[Traffic, Times | int, tuple[str, ...]]:
-    """Arrivals, service times, and what is to be known of both.
+def measured(asked: Asked) -> tuple[Traffic, Reader]:
+    """Arrivals, and how fast the reader is.
 
     Raises:
         BridgeError: A file is not what it should be, or the topic cannot be read.
     """
     # Files first: a mistake in one is not told after half a minute of listening.
-    service, notes = _service(asked)
+    reader = _reader(asked)
     traffic = _traffic(asked)
+    service = reader.service_ns
     if not isinstance(service, int) and len(service) != len(traffic.arrivals_ns):
-        notes += (
-            f'service times are drawn in blocks from {len(service):,} recorded ones (seed {SEED})',
+        drawn = (
+            f'service times are drawn in blocks from {len(service):,} recorded ones (seed {SEED})'
         )
-    return traffic, service, (*traffic.notes, *notes)
+        reader = reader._replace(notes=(*reader.notes, drawn))
+    return traffic, reader
 
 
-def _service(asked: Asked) -> tuple[Times | int, tuple[str, ...]]:
+def _reader(asked: Asked) -> Reader:
     file = asked.recording or asked.service_file
-    return (_duration_ns(asked.service), ()) if file is None else read_service(file)
+    if file is None:
+        reader = Reader(_duration_ns('--service', asked.service), 0, ())
+    else:
+        reader = read_service(file)
+    if asked.wake:
+        return reader._replace(wake_ns=_duration_ns('--wake', asked.wake))
+    if isinstance(reader.wake_ns, int):
+        return reader._replace(notes=(*reader.notes, _AT_ONCE))
+    return reader
 
 
 def _traffic(asked: Asked) -> Traffic:
@@ -91,14 +105,14 @@ def _traffic(asked: Asked) -> Traffic:
     return Traffic(str(asked.arrivals), read_arrivals(asked.arrivals), ())
 
 
-def _duration_ns(text: str) -> int:
+def _duration_ns(option: str, text: str) -> int:
     found = re.fullmatch(r'\s*([0-9.]+(?:e-?\d+)?)\s*(ns|us|µs|ms|s)\s*', text)
     try:
         if found:
             return round(float(found[1]) * _UNITS_NS[found[2]])
     except ValueError:
         pass
-    raise ConfigError([f'--service: {text!r} is not a time with its unit (0.8ms, 250us, 1s)'])
+    raise ConfigError([f'{option}: {text!r} is not a time with its unit (0.8ms, 250us, 1s)'])
 
 
 def _from_kafka(asked: Kafka) -> Traffic:

@@ -31,6 +31,7 @@ class Load(NamedTuple):
         seconds: From the first to the last.
         rate: Messages per second.
         utilisation: Time of service over time; a queue with 1 or more grows without end.
+        wake_seconds: From a message's arrival to its callback where the reader is idle; median.
         peak: The most messages that waited at once in a queue without an end.
         busy_periods: How often the reader was idle and then busy.
     """
@@ -39,6 +40,7 @@ class Load(NamedTuple):
     seconds: float
     rate: float
     utilisation: float
+    wake_seconds: float
     peak: int
     busy_periods: int
 
@@ -87,16 +89,21 @@ class Choice(NamedTuple):
     notes: tuple[str, ...]
 
 
-def load(arrivals_ns: Times, service_ns: Times | int) -> Load:
+def load(arrivals_ns: Times, service_ns: Times | int, *, wake_ns: Times | int = 0) -> Load:
     """What a recording asks of its reader; the arguments are those of `choose`."""
-    return _Queue(*_fitted(arrivals_ns, service_ns), 0.95).load
+    return _Queue(fitted(arrivals_ns, service_ns, wake_ns), 0.95).load
 
 
 def predict(
-    arrivals_ns: Times, service_ns: Times | int, depths: Sequence[int], confidence: float = 0.95
+    arrivals_ns: Times,
+    service_ns: Times | int,
+    depths: Sequence[int],
+    confidence: float = 0.95,
+    *,
+    wake_ns: Times | int = 0,
 ) -> list[Prediction]:
     """The loss at each of the depths; the arguments are those of `choose`."""
-    queue = _Queue(*_fitted(arrivals_ns, service_ns), confidence)
+    queue = _Queue(fitted(arrivals_ns, service_ns, wake_ns), confidence)
     return [queue.predict(depth) for depth in depths]
 
 
@@ -106,6 +113,8 @@ def choose(
     loss: float,
     confidence: float = 0.95,
     depths: Sequence[int] = USUAL_DEPTHS,
+    *,
+    wake_ns: Times | int = 0,
 ) -> Choice:
     """Find the smallest depth for a wanted loss.
 
@@ -117,6 +126,8 @@ def choose(
         loss: Share of the messages that may be lost, above 0 and below 1.
         confidence: Of the intervals, above 0 and below 1.
         depths: Where the loss is predicted, too.
+        wake_ns: How long an idle reader takes to begin (`queue.replay`). Where service times are
+            drawn from another recording, these are, too.
 
     Raises:
         ValueError: An argument is not of this kind, or all messages are of one moment.
@@ -125,7 +136,7 @@ def choose(
         raise ValueError(f'a loss is above 0 and below 1, not {loss:g}')
     if not 0 < confidence < 1:
         raise ValueError(f'a confidence is above 0 and below 1, not {confidence:g}')
-    queue = _Queue(*_fitted(arrivals_ns, service_ns), confidence)
+    queue = _Queue(fitted(arrivals_ns, service_ns, wake_ns), confidence)
     recommended = queue.smallest(lambda prediction: prediction.high <= loss)
     estimated = queue.smallest(lambda prediction: prediction.loss <= loss)
     shown = {*depths, *(depth for depth in (recommended, estimated) if depth is not None)}
@@ -140,25 +151,31 @@ def choose(
     )
 
 
+class Fitted(NamedTuple):
+    """Arrivals, and service times and times to wake up that fit them."""
+
+    arrivals: Times
+    service: Times
+    wake: Times
+
+
 class _Queue:
     """A recording with what is known of its queue.
 
     Args:
-        arrivals: In order.
-        service: Of each message served.
+        fitted: What was recorded.
         confidence: Of the intervals.
     """
 
-    def __init__(self, arrivals: Times, service: Times, confidence: float) -> None:
-        self._arrivals = arrivals
-        self._service = service
+    def __init__(self, fitted: Fitted, confidence: float) -> None:
+        self._fitted = fitted
         self._confidence = confidence
-        endless = replay(arrivals, service, None)
+        endless = self._replay(None)
         self._period = np.cumsum(endless.idle) - 1  # which busy period each arrival belongs to
         begins = np.flatnonzero(endless.idle)
         self.peaks = np.maximum.reduceat(endless.waiting, begins)
-        self.longest = int(np.diff(np.append(begins, len(arrivals))).max())
-        self.load = _load(arrivals, service, self.peaks)
+        self.longest = int(np.diff(np.append(begins, len(fitted.arrivals))).max())
+        self.load = _load(fitted, self.peaks)
         self.predict = lru_cache(maxsize=None)(self._predict)
         self._threshold = find_threshold(self.peaks)
         self.tail = self._fit() if self.stable else None
@@ -189,8 +206,9 @@ class _Queue:
         lost = self._replay(self._threshold).lost
         return fit(self.peaks, self._threshold, lost, self.load.messages)
 
-    def _replay(self, depth: int) -> Replay:
-        return replay(self._arrivals, self._service, depth)
+    def _replay(self, depth: int | None) -> Replay:
+        arrivals, service, wake = self._fitted
+        return replay(arrivals, service, depth, wake)
 
     def _predict(self, depth: int) -> Prediction:
         # No message can be lost where fewer ever wait.
@@ -240,18 +258,21 @@ def _between_blocks(is_lost: npt.NDArray[np.bool_], confidence: float) -> tuple[
     return max(0.0, mean - half), min(1.0, mean + half)
 
 
-def _fitted(arrivals_ns: Times, service_ns: Times | int) -> tuple[Times, Times]:
+def fitted(arrivals_ns: Times, service_ns: Times | int, wake_ns: Times | int) -> Fitted:
     """Arrivals and as many service times, checked."""
     service = np.asarray(service_ns, np.int64)
+    wake = np.atleast_1d(np.asarray(wake_ns, np.int64))
     if service.ndim and len(service) != len(arrivals_ns):
         service = resample(service, len(arrivals_ns))
+        wake = resample(wake, len(arrivals_ns))
     arrivals, service = checked(arrivals_ns, service)
     if not len(arrivals) or arrivals[0] == arrivals[-1]:
         raise ValueError(f'{count(len(arrivals), "message")} of one moment have no rate')
-    return arrivals, service
+    return Fitted(arrivals, service, wake)
 
 
-def _load(arrivals: Times, service: Times, peaks: Times) -> Load:
+def _load(fitted: Fitted, peaks: Times) -> Load:
+    arrivals, service, wake = fitted
     span_ns = int(arrivals[-1] - arrivals[0])
     work_ns = int(service[:-1].sum())
     return Load(
@@ -259,6 +280,7 @@ def _load(arrivals: Times, service: Times, peaks: Times) -> Load:
         seconds=span_ns / 1e9,
         rate=(len(arrivals) - 1) / span_ns * 1e9,
         utilisation=work_ns / span_ns,
+        wake_seconds=float(np.median(wake)) / 1e9,
         peak=int(peaks.max()),
         busy_periods=len(peaks),
     )

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ros2_kafka_bridge.depth.choice import Choice, Prediction, predict
-from ros2_kafka_bridge.depth.queue import Times, replay, resample
+from ros2_kafka_bridge.depth.choice import Choice, Fitted, Prediction, fitted, predict
+from ros2_kafka_bridge.depth.queue import Times, replay
 from ros2_kafka_bridge.errors import ConfigError
 
 _DEPTHS = 40
@@ -17,19 +17,26 @@ _BLUE, _ORANGE, _GREY = '#1f5fa8', '#d9731a', '#666666'
 
 
 def draw(
-    file: Path, where: str, arrivals_ns: Times, service_ns: Times | int, choice: Choice
+    file: Path,
+    where: str,
+    arrivals_ns: Times,
+    service_ns: Times | int,
+    wake_ns: Times | int,
+    choice: Choice,
 ) -> None:
     """Draw an answer into a file; its suffix says the format (.png, .svg, .pdf).
+
+    What it was chosen by are the arguments of `choose`.
 
     Raises:
         ConfigError: The file cannot be written.
     """
     depths = _depths(choice)
-    predictions = predict(arrivals_ns, service_ns, depths, choice.confidence)
+    predictions = predict(arrivals_ns, service_ns, depths, choice.confidence, wake_ns=wake_ns)
     figure = Figure(figsize=(9, 7.5), layout='constrained')  # without pyplot: no window, no state
     above, below = figure.subplots(2, 1, height_ratios=(3, 2))
     _draw_loss(above, predictions, choice)
-    _draw_queue(below, arrivals_ns, service_ns, choice)
+    _draw_queue(below, fitted(arrivals_ns, service_ns, wake_ns), choice)
     figure.suptitle(f'{where}: which KEEP_LAST depth')
     try:
         figure.savefig(file, dpi=150)
@@ -80,14 +87,12 @@ def _draw_loss(axes: Axes, predictions: list[Prediction], choice: Choice) -> Non
     axes.legend(loc='upper right')
 
 
-def _draw_queue(axes: Axes, arrivals_ns: Times, service_ns: Times | int, choice: Choice) -> None:
-    service = np.asarray(service_ns, np.int64)
-    if service.ndim and len(service) != len(arrivals_ns):
-        service = resample(service, len(arrivals_ns))
-    waiting = replay(arrivals_ns, np.broadcast_to(service, len(arrivals_ns)), None).waiting
+def _draw_queue(axes: Axes, recorded: Fitted, choice: Choice) -> None:
+    arrivals, service, wake = recorded
+    waiting = replay(arrivals, service, None, wake).waiting
     # The highest of each stretch: a picture has fewer points than a recording has peaks.
     begins = np.unique(np.linspace(0, len(waiting), _POINTS, endpoint=False).astype(int))
-    seconds = (arrivals_ns[begins] - arrivals_ns[0]) / 1e9
+    seconds = (arrivals[begins] - arrivals[0]) / 1e9
     axes.plot(seconds, np.maximum.reduceat(waiting, begins), color=_GREY, linewidth=0.8)
     if choice.recommended is not None and choice.recommended <= 5 * max(1, choice.load.peak):
         axes.axhline(choice.recommended, color=_ORANGE)

@@ -5,8 +5,11 @@ begins, and leaves the queue then. One that arrives while `depth` others wait pu
 them out: it is lost. How many wait, and so how many are lost, is the same whether the oldest or
 the newest goes; only which one is lost differs.
 
-Where two things happen in the same nanosecond, a callback ends before a message arrives, and an
-idle reader begins the callback of a message before the next one arrives.
+An idle reader needs time to wake up: the message that wakes it waits until then, as do those that
+come meanwhile.
+
+Where two things happen in the same nanosecond, a callback ends, and one begins, before a message
+arrives.
 """
 
 from typing import NamedTuple
@@ -40,7 +43,9 @@ class Replay(NamedTuple):
     idle: npt.NDArray[np.bool_]
 
 
-def replay(arrivals_ns: Times, service_ns: Times | int, depth: int | None) -> Replay:
+def replay(
+    arrivals_ns: Times, service_ns: Times | int, depth: int | None, wake_ns: Times | int = 0
+) -> Replay:
     """Replay a queue exactly.
 
     Args:
@@ -48,6 +53,9 @@ def replay(arrivals_ns: Times, service_ns: Times | int, depth: int | None) -> Re
         service_ns: How long each callback takes, int64[n] or one number for all. The k-th entry
             is that of the k-th message served, whichever it is.
         depth: Of the KEEP_LAST queue, at least 1; None for a queue without an end.
+        wake_ns: How long an idle reader takes from the arrival of a message to its callback, one
+            number for all or an int64 array of any length. The k-th entry is that of the k-th
+            message that meets an idle reader; after the last one it goes on with the first.
 
     Raises:
         ValueError: The arrivals are not in order, a length or a sign is wrong.
@@ -55,16 +63,20 @@ def replay(arrivals_ns: Times, service_ns: Times | int, depth: int | None) -> Re
     arrivals, service = checked(arrivals_ns, service_ns)
     if depth is not None and depth < 1:
         raise ValueError(f'a depth is 1 or more, not {depth}')
-    if depth is None:
+    wake = _wake(wake_ns, len(arrivals))
+    if depth is None and not wake.any():
         is_lost = np.zeros(len(arrivals), np.bool_)
         starts = _starts(arrivals, service)
     else:
-        is_lost, starts = _served(arrivals, service, depth)
+        # As many places as messages are a queue without an end.
+        places = max(1, len(arrivals)) if depth is None else depth
+        is_lost, starts = _served(arrivals, service, wake, places)
     kept = ~is_lost
     before: Times = np.cumsum(kept) - kept
     waiting = before - np.minimum(np.searchsorted(starts, arrivals, side='right'), before)
     idle = np.zeros(len(arrivals), np.bool_)
-    idle[kept] = starts == arrivals[kept]
+    ends = starts + service[: len(starts)]
+    idle[kept] = np.append(True, arrivals[kept][1:] >= ends[:-1])[: len(starts)]
     lost = int(is_lost.sum())
     return Replay(lost, lost / max(1, len(arrivals)), waiting, is_lost, idle)
 
@@ -107,6 +119,16 @@ def checked(arrivals_ns: Times, service_ns: Times | int) -> tuple[Times, Times]:
     return arrivals, service
 
 
+def _wake(wake_ns: Times | int, count: int) -> Times:
+    """As many times to wake up as there are messages."""
+    wake = np.atleast_1d(np.asarray(wake_ns, np.int64))
+    if wake.ndim != 1 or not len(wake):
+        raise ValueError('times to wake up are one number, or one row of them')
+    if wake.min() < 0:
+        raise ValueError('a time to wake up is negative')
+    return np.resize(wake, count)
+
+
 def _starts(arrivals: Times, service: Times) -> Times:
     """When each callback begins: Lindley's recursion start = max(arrival, end before), summed up.
 
@@ -117,7 +139,9 @@ def _starts(arrivals: Times, service: Times) -> Times:
     return starts
 
 
-def _served(arrivals: Times, service: Times, depth: int) -> tuple[npt.NDArray[np.bool_], Times]:
+def _served(
+    arrivals: Times, service: Times, wake: Times, depth: int
+) -> tuple[npt.NDArray[np.bool_], Times]:
     """Which arrivals cost a message, and when each callback begins.
 
     `depth` messages wait as long as the one `depth` places back has not begun.
@@ -125,15 +149,16 @@ def _served(arrivals: Times, service: Times, depth: int) -> tuple[npt.NDArray[np
     starts = [-1] * depth + [0] * len(arrivals)
     first = int(arrivals[0]) if len(arrivals) else 0
     starts[:depth] = [first] * depth
-    services = service.tolist()
+    services, wakes = service.tolist(), wake.tolist()
     lost = []
-    end, served = first, 0
+    end, served, woken = first, 0, 0
     for number, arrival in enumerate(arrivals.tolist()):
         if starts[served] > arrival:
             lost.append(number)
         else:
-            if arrival > end:  # noqa: PLR1730 (`max` takes twice as long)
-                end = arrival
+            if arrival >= end:
+                end = arrival + wakes[woken]
+                woken += 1
             starts[served + depth] = end
             end += services[served]
             served += 1

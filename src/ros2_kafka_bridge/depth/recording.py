@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ros2_kafka_bridge.depth.queue import Times
 from ros2_kafka_bridge.depth.recorder import HEADER
@@ -18,6 +19,26 @@ _NEVER_WAITED = (
 )
 
 
+_LONGEST_WAKE_NS = 100_000_000
+_MOST_WRONG = 0.05
+_MS = 1e6
+
+
+class Reader(NamedTuple):
+    """How fast a reader is.
+
+    Args:
+        service_ns: How long it is busy with a message: of each one served, or one number.
+        wake_ns: How long it takes to begin with a message that meets it idle: of each such
+            message, or one number.
+        notes: What is to be known of it, a sentence each.
+    """
+
+    service_ns: Times | int
+    wake_ns: Times | int
+    notes: tuple[str, ...]
+
+
 class Recording(NamedTuple):
     """What was recorded of a reader.
 
@@ -25,11 +46,13 @@ class Recording(NamedTuple):
         arrivals_ns: When each message was published, in order; those that never came to the
             callback are filled in.
         service_ns: How long the reader was busy with each message that it served.
+        wake_ns: How long it took to begin with each message that met it idle, one at least.
         notes: What is to be known of it, a sentence each.
     """
 
     arrivals_ns: Times
     service_ns: Times
+    wake_ns: Times
     notes: tuple[str, ...]
 
 
@@ -57,19 +80,19 @@ def read_arrivals(file: Path) -> Times:
     return times
 
 
-def read_service(file: Path) -> tuple[Times, tuple[str, ...]]:
-    """Read service times, of `ServiceTimes` or nanoseconds one a line, and what to know of them.
+def read_service(file: Path) -> Reader:
+    """Read service times, of `ServiceTimes` or nanoseconds one a line.
 
     Raises:
         ConfigError: The file is not there, or not such a file.
     """
     if _is_recording(file):
-        _, service, notes = read_recording(file)
-        return service, notes
+        _, service, wake, notes = read_recording(file)
+        return Reader(service, wake, notes)
     times = _column(file, 'a service time in nanoseconds, one a line')
     if times.min() < 0:
         raise ConfigError([f'{file}: a service time is negative'])
-    return times, ()
+    return Reader(times, 0, ())
 
 
 def read_recording(file: Path) -> Recording:
@@ -85,7 +108,11 @@ def read_recording(file: Path) -> Recording:
     rows = _rows(file)
     arrivals, starts, ends, missed = rows.T
     _check_one_at_a_time(file, starts, ends)
-    service, notes = _service(arrivals, starts, ends)
+    due = _due(arrivals, missed)
+    waited = np.append(False, due[1:] <= ends[:-1])
+    service, notes = _service(starts, ends, waited[1:])
+    wake, doubts = _wake(file, (starts - due)[~waited])
+    notes += doubts
     order = np.argsort(arrivals, kind='stable')
     filled = _filled(arrivals[order], missed[order])
     if lost := int(missed.sum()):
@@ -95,17 +122,28 @@ def read_recording(file: Path) -> Recording:
                 'are filled in evenly: record with KEEP_ALL, or a larger depth'
             ),
         )
-    return Recording(filled, service, notes)
+    return Recording(filled, service, wake, notes)
 
 
-def _service(arrivals: Times, starts: Times, ends: Times) -> tuple[Times, tuple[str, ...]]:
+def _due(arrivals: Times, missed: Times) -> Times:
+    """For each message, when the first one arrived that could have been taken in its place.
+
+    Where a full queue pushed messages out, they are what waited, or woke the reader: the one that
+    was taken may have come long after.
+    """
+    first = arrivals[:-1] + np.diff(arrivals) // (missed[1:] + 1)
+    return np.append(arrivals[:1], np.minimum(first, arrivals[1:]))
+
+
+def _service(
+    starts: Times, ends: Times, waited: npt.NDArray[np.bool_]
+) -> tuple[Times, tuple[str, ...]]:
     """How long the reader was busy with each message.
 
     From start to start where the next message waited already: what the executor does between two
     callbacks keeps the reader busy, too. Else the callback and what is usual between two.
     """
     between = starts[1:] - ends[:-1]
-    waited = arrivals[1:] <= ends[:-1]
     notes: tuple[str, ...] = ()
     usual = 0
     if waited.any():
@@ -114,6 +152,25 @@ def _service(arrivals: Times, starts: Times, ends: Times) -> tuple[Times, tuple[
         notes = (_NEVER_WAITED,)
     overhead = np.append(np.where(waited, between, usual), usual)
     return np.maximum(0, ends - starts + overhead), notes
+
+
+def _wake(file: Path, delays: Times) -> tuple[Times, tuple[str, ...]]:
+    """How long the reader took to begin where it was idle, by the clocks of two machines perhaps.
+
+    A message may have been published long before it was sent (a latched one): no delay counts
+    for more than the longest that is believed.
+    """
+    wrong = (delays < 0) | (delays > _LONGEST_WAKE_NS)
+    if wrong.mean() > _MOST_WRONG:
+        return np.zeros(1, np.int64), (
+            (
+                f'{file}: the callbacks of an idle reader began {np.median(delays) / _MS:,.1f} ms '
+                'after their messages were published (median; negative: before): the clocks of '
+                'publisher and reader differ; the reader is taken to begin at once: say --wake, '
+                'and set the clocks'
+            ),
+        )
+    return delays.clip(0, _LONGEST_WAKE_NS), ()
 
 
 def _filled(arrivals: Times, missed: Times) -> Times:
