@@ -223,3 +223,11 @@ def test_what_cannot_be_asked_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=said):
         wrong()
+
+
+def test_an_overloaded_reader_loses_more_in_the_long_run_than_its_recording_shows() -> None:
+    arrivals = np.arange(2000) * 1_000_000
+    [prediction] = predict(arrivals, 1_200_000, [330])
+    assert prediction.replayed < 0.01
+    assert prediction.loss == pytest.approx(1 - 1 / 1.2, abs=0.01)
+    assert not prediction.seen

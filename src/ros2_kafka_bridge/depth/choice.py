@@ -190,9 +190,9 @@ class _Queue:
         deepest = 1
         while not fits(self.predict(deepest)):
             # Without a tail nothing is known beyond the highest peak.
-            if deepest > DEEPEST or (self.tail is None and deepest > self.load.peak):
+            if deepest == DEEPEST or (self.tail is None and deepest > self.load.peak):
                 return None
-            deepest *= 2
+            deepest = min(2 * deepest, DEEPEST)
         too_small = deepest // 2
         while deepest - too_small > 1:
             middle = (too_small + deepest) // 2
@@ -220,7 +220,8 @@ class _Queue:
             least = 1 - 1 / self.load.utilisation
             low, high = _between_blocks(is_lost, self._confidence)
             loss = max(replayed, least)
-            return Prediction(depth, loss, low, max(high, least), reached, replayed)
+            is_seen = reached and replayed >= least
+            return Prediction(depth, loss, low, max(high, least), is_seen, replayed)
         if self.tail is None or depth <= self.tail.threshold:
             low, high = self._between_periods(
                 np.bincount(self._period, is_lost).astype(np.float64)
