@@ -179,7 +179,8 @@ def test_a_bridge_that_is_killed_is_told_with_its_log_and_what_is_lost(
 ) -> None:
     before = leftovers(bench)
     with demo(place, '--bootstrap-servers', bench.bootstrap_servers, '--seconds', '60') as process:
-        process.wait_for('this bridge: sending', 60)
+        # Some lines, one a second: by then the bridge has told its own counters, once a second.
+        process.wait_for('this bridge: sending', 60, count=4)
         process.send(signal.SIGSTOP)  # it would delete what is read here
         [bridge] = children_in(place)
         os.kill(bridge, signal.SIGKILL)
