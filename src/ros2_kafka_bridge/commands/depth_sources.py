@@ -4,7 +4,6 @@ import logging
 import os
 import re
 import time
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +45,6 @@ _TYPE_S = 10.0
 _FIRST_S = 5.0
 _STEP_S = 0.1
 _BATCH = 500
-_OLD_NS = 1_000_000_000  # no live message is so much later than another of its publisher
 _SAMPLES = 5000
 _UNITS_NS = {'ns': 1.0, 'us': 1e3, 'µs': 1e3, 'ms': 1e6, 's': 1e9}
 
@@ -203,42 +201,15 @@ def _type(node: RosNode, topic: str) -> str:
     return found
 
 
-class Heard(NamedTuple):
-    """A message.
-
-    Args:
-        source_ns: When it was published, by its publisher's clock.
-        came_ns: When it came, by the monotonic clock here.
-    """
-
-    gid: bytes
-    source_ns: int
-    came_ns: int
-
-
 def _listen(source: RosSource, seconds: float) -> list[int]:
     """Source timestamps of what is published meanwhile; the time begins with the first message."""
-    heard: list[Heard] = []
+    since_ns = time.time_ns()
+    times_ns: list[int] = []
     end_s = time.monotonic() + max(_FIRST_S, seconds)
     while (left_s := end_s - time.monotonic()) > 0:
         for message in source.take(_BATCH, min(_STEP_S, left_s)):
-            end_s = end_s if heard else time.monotonic() + seconds
-            heard.append(Heard(message.gid, message.source_time_ns, time.monotonic_ns()))
-    return live(heard)
-
-
-def live(heard: Sequence[Heard]) -> list[int]:
-    """Source timestamps without those of what a latched publisher had said before.
-
-    Such a message is older than others of its publisher when it comes. The clocks of publisher and
-    reader may differ by any time.
-    """
-    youngest_ns: dict[bytes, int] = {}
-    for gid, source_ns, came_ns in heard:
-        age_ns = came_ns - source_ns
-        youngest_ns[gid] = min(age_ns, youngest_ns.get(gid, age_ns))
-    return [
-        source_ns
-        for gid, source_ns, came_ns in heard
-        if came_ns - source_ns <= youngest_ns[gid] + _OLD_NS
-    ]
+            # A latched publisher sends what it had said before.
+            if message.source_time_ns >= since_ns:
+                end_s = end_s if times_ns else time.monotonic() + seconds
+                times_ns.append(message.source_time_ns)
+    return times_ns

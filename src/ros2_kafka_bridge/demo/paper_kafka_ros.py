@@ -45,11 +45,13 @@ def main() -> None:
         time.sleep(0.01)
     time.sleep(SETTLE_S)  # the writer knows of the match before the reader does
     published_ns = None if given.record is None else array('q')
-    with contextlib.suppress(ExternalShutdownException):
-        node.create_timer(PERIOD_S, lambda: publish(consumer, publisher, count, published_ns))
-        rclpy.spin(node)
+    node.create_timer(PERIOD_S, lambda: publish(consumer, publisher, count, published_ns))
+    try:
+        with contextlib.suppress(ExternalShutdownException):
+            rclpy.spin(node)
+    finally:
+        count.tell()  # also where the end met it in the middle of a callback
     consumer.close()
-    count.tell()
     if given.record is not None and published_ns is not None:
         given.record.write_text('\n'.join(map(str, published_ns)), encoding='ascii')
 
