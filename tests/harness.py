@@ -18,6 +18,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 from ruamel.yaml import YAML
 
 from ros2_kafka_bridge.ros.profile import FASTDDS_3, Endpoints, make_profile
+from ros2_kafka_bridge.testing.hosts import Host
 
 PEERS = Path(__file__).parent / 'peers'
 
@@ -103,12 +104,21 @@ def eventually(
 class Bench:
     """What a test works with: a place for files, a broker, a ROS domain."""
 
-    def __init__(self, place: Path, bootstrap_servers: str, domain: int) -> None:
+    def __init__(
+        self, place: Path, bootstrap_servers: str, domain: int, host: Host | None = None
+    ) -> None:
         self.place = place
         self.bootstrap_servers = bootstrap_servers
         self.domain = domain
         self._environ = {'ROS_DOMAIN_ID': str(domain)}
+        self._host = host
         self._count = 0
+
+    def on(self, host: Host) -> 'Bench':
+        """The same, but what it starts runs on that host."""
+        place = self.place / host.name
+        place.mkdir(exist_ok=True)
+        return Bench(place, self.bootstrap_servers, self.domain, host)
 
     @property
     def environ(self) -> dict[str, str]:
@@ -182,9 +192,10 @@ class Bench:
         return self._start(str(PEERS / name), *arguments)
 
     def _start(self, *arguments: str, **environ: str) -> Process:
-        return Process(
-            [sys.executable, *arguments], self._file('log'), {**self._environ, **environ}
-        )
+        command = [sys.executable, *arguments]
+        if self._host is not None:
+            command = self._host.command(*command)
+        return Process(command, self._file('log'), {**self._environ, **environ})
 
     def _file(self, suffix: str) -> Path:
         self._count += 1
@@ -288,7 +299,10 @@ def totals(bridge: Process, route: str = 'to_ros') -> dict[str, int]:
     *_, line = [line for line in bridge.output().split('\n') if f'{route}: stopped: ' in line]
     parts = [part.split(' ', 1) for part in line.partition('stopped: ')[2].split(', ')]
     found = {name: int(count) for count, name in parts}
-    ends = ('confirmed', 'dead-lettered', 'dropped', 'skipped', 'returned', 'given up')
+    ends = (
+        'confirmed', 'dead-lettered', 'dropped', 'skipped', 'returned', 'given up', 'spooled',
+        'lost on a damaged disk',
+    )  # fmt: skip
     assert found['taken'] == sum(found.get(end, 0) for end in ends), line
     return found
 

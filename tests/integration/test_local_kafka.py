@@ -12,8 +12,8 @@ import pytest
 from confluent_kafka import Consumer, Producer, TopicPartition
 
 from ros2_kafka_bridge.errors import ConfigError, TransportError
-from ros2_kafka_bridge.testing import local_kafka
 from ros2_kafka_bridge.testing.kafka_jars import find_jars, install_jars
+from ros2_kafka_bridge.testing.kafka_node import is_free, new_id
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka, free_port
 
 PROGRAM = [sys.executable, '-m', 'ros2_kafka_bridge.testing.local_kafka']
@@ -120,7 +120,7 @@ def test_the_program_runs_a_node_until_it_is_told_to_stop(
         produce(f'127.0.0.1:{port}', topic_name, b'first')
         program.send_signal(stop_signal)
         assert program.wait(20) == 0
-    assert local_kafka._is_free(port)
+    assert is_free(port)
 
 
 def test_the_program_ends_with_status_2_where_the_port_is_busy(kafka: LocalKafka) -> None:
@@ -146,7 +146,7 @@ def test_missing_tools_are_all_named(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 
 
 def test_no_cluster_id_looks_like_an_option() -> None:
-    assert not any(local_kafka._new_id().startswith('-') for _ in range(1_000))
+    assert not any(new_id().startswith('-') for _ in range(1_000))
 
 
 def produce(bootstrap_servers: str, topic: str, value: bytes) -> None:

@@ -51,6 +51,8 @@ def test_a_consumer_gets_no_property_of_a_producer() -> None:
         'queued.max.messages.kbytes': 8192,
         'fetch.queue.backoff.ms': 10,
         'reconnect.backoff.max.ms': 1000,
+        'socket.timeout.ms': 10000,
+        'socket.connection.setup.timeout.ms': 10000,
         'topic.metadata.refresh.interval.ms': 10000,
     }
 
@@ -67,6 +69,8 @@ def test_a_producer_gets_no_property_of_a_consumer() -> None:
         'message.timeout.ms': 0,
         'linger.ms': 7,
         'reconnect.backoff.max.ms': 1000,
+        'socket.timeout.ms': 10000,
+        'socket.connection.setup.timeout.ms': 10000,
     }
 
 
@@ -76,6 +80,8 @@ def test_any_other_client_gets_what_is_common() -> None:
         'bootstrap.servers',
         'client.id',
         'reconnect.backoff.max.ms',
+        'socket.timeout.ms',
+        'socket.connection.setup.timeout.ms',
         'socket.keepalive.enable',
         'statistics.interval.ms',
     }

@@ -1,0 +1,97 @@
+"""A cluster of three real brokers loses its leader, twice, while numbers cross it both ways.
+
+The second one dies when the first is back and in sync, so that one of three is away at a time.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import groupby
+from pathlib import Path
+
+import pytest
+from harness import Bench, Process, eventually, headers, lines, to_kafka, to_ros, totals, values
+
+from ros2_kafka_bridge.testing.local_cluster import LocalCluster
+
+DOWN = '/down'  # Kafka -> ROS
+UP = '/up'  # ROS -> Kafka
+GROUP = 'test.to_ros'
+RATE = 100.0
+EACH = 1000
+
+
+@pytest.fixture
+def cluster() -> Iterator[LocalCluster]:
+    """Three brokers for one test."""
+    with LocalCluster() as nodes:
+        yield nodes
+
+
+def test_guarantees_1_2_3_a_leader_killed_in_mid_stream_loses_and_doubles_nothing(
+    cluster: LocalCluster, tmp_path: Path, ros_domain: int, unique: Callable[[str], str]
+) -> None:
+    down, up, arrived = unique('down'), unique('up'), tmp_path / 'arrived'
+    bench = Bench(tmp_path, cluster.bootstrap_servers, ros_domain)
+    cluster.create_topic(down)
+    cluster.create_topic(up)
+    config = bench.config([to_ros(down, DOWN), to_kafka(UP, up)])
+    with bench.subscriber(DOWN, arrived), bench.bridge(config) as bridge:
+        bridge.wait_for(f'reads {down}[0]', timeout_s=90)
+
+        def wait_for_up(count: int) -> None:
+            eventually(lambda: bench.reaches(up, count), 90, bridge.output)
+
+        def wait_for(count: int) -> None:
+            eventually(lambda: len(lines(arrived)) >= count, 90, bridge.output)
+            wait_for_up(count)
+
+        for stream, led in enumerate((down, up)):
+            before, after = stream * EACH, (stream + 1) * EACH
+            lost = cluster.leader(led)
+            with published(bench, stream):
+                wait_for_up(before + 1)
+                with produced(bench, down, stream):
+                    wait_for(before + 50)
+                    cluster.kill(lost)
+                    assert len(lines(arrived)) < after, 'it was to be in mid-stream'
+                    wait_for(after)
+            cluster.start(lost)
+            for name in (down, up, '__consumer_offsets'):
+                cluster.wait_until_in_sync(name)
+        assert bridge.end() == 0
+    expected = [f'{stream} {number}' for stream in range(2) for number in range(EACH)]
+    assert lines(arrived) == expected
+    records = bench.records(up, len(expected))
+    assert values(records) == [line.encode() for line in expected]
+    told = [(headers(record)['ros.gid'], int(headers(record)['ros.seq'])) for record in records]
+    for _, publishers in groupby(told, key=lambda one: one[0]):
+        assert [seq for _, seq in publishers] == list(range(1, EACH + 1))
+    for route in ('to_ros', 'to_kafka'):
+        assert totals(bridge, route)['confirmed'] == len(expected)
+    assert totals(bridge).get('published again', 0) == 0
+    assert bench.committed(GROUP, down) == len(expected)
+
+
+def published(bench: Bench, stream: int) -> Process:
+    """Publish the numbers of a stream at a rate."""
+    options = ('--count', str(EACH), '--rate', str(RATE), '--prefix', f'{stream} ')
+    return bench.publisher(UP, *options)
+
+
+@contextmanager
+def produced(bench: Bench, topic: str, stream: int) -> Iterator[None]:
+    """Produce the numbers of a stream at a rate, from a thread."""
+    thread = threading.Thread(target=bench.produce, args=(topic, paced(stream)))
+    thread.start()
+    yield
+    thread.join(60)
+    assert not thread.is_alive()
+
+
+def paced(stream: int) -> Iterator[bytes]:
+    start_s = time.monotonic()
+    for number in range(EACH):
+        time.sleep(max(0.0, start_s + number / RATE - time.monotonic()))
+        yield b'%d %d' % (stream, number)
