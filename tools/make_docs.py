@@ -22,6 +22,7 @@ from ros2_kafka_bridge.config.settings import (
     RosSink,
     RosSource,
     RosToKafkaRoute,
+    SpoolSettings,
 )
 from ros2_kafka_bridge.config.words import Settings
 from ros2_kafka_bridge.errors import ConfigError
@@ -107,6 +108,7 @@ SECTIONS: tuple[tuple[str, type[Settings]], ...] = (
     ('A route from ROS to Kafka', RosToKafkaRoute),
     ('`from: {ros: ...}`', RosSource),
     ('`to: {kafka: ...}`', KafkaSink),
+    ('`spool`', SpoolSettings),
     ('`qos`', QoS),
 )
 
@@ -166,6 +168,8 @@ def _row(model: type[Settings], name: str, schema: dict[str, Any]) -> str:
         default = 'required'
     elif field.default is None or field.default is PydanticUndefined:
         default = ''
+    elif isinstance(field.default, bool):
+        default = f'`{str(field.default).lower()}`'
     else:
         default = f'`{field.default}`'
     return f'| `{name}` | {_type(schema)} | {default} | {field.description} |'
@@ -180,6 +184,7 @@ def _type(schema: dict[str, Any]) -> str:
         'string': 'text',
         'integer': 'whole number',
         'number': 'number',
+        'boolean': '`true`, `false`',
         'array': 'list',
         'object': 'mapping',
     }

@@ -13,7 +13,12 @@ from ros2_kafka_bridge.errors import (
     RecordTooLargeError,
     TransportError,
 )
+from ros2_kafka_bridge.printable import printable
 
+HEADER_LIMIT = 1000
+"""Headers of a record that its dead letter keeps; of one that has more, it keeps none."""
+
+_FIRST = 'dead_letter.error'
 _REASON_CHARS = 1000
 _FIRST_BACKOFF_S = 1.0
 _LONGEST_BACKOFF_S = 30.0
@@ -41,15 +46,28 @@ def from_ros(route: str, ros_topic: str, topic: str) -> Origin:
     return Origin(route, [('dead_letter.source', ros_topic), ('dead_letter.topic', topic)])
 
 
-def explain(record: Outgoing, error: RecordError, origin: Origin) -> Outgoing:
-    """Add to a record why it is a dead letter."""
+def explain(record: Outgoing, error: RecordError, origin: Origin, unread: str = '') -> Outgoing:
+    """Add to a record why it is a dead letter, behind the headers that it has.
+
+    Args:
+        record: As it came.
+        error: Why it can never be delivered.
+        origin: Where it comes from.
+        unread: Why its headers could not be read, empty where they could.
+    """
+    kept = record.headers
+    if len(kept) > HEADER_LIMIT:
+        kept, unread = [], f'{len(kept)}, more than {HEADER_LIMIT}'
+    text = f'{type(error).__name__}: {error}'[:_REASON_CHARS]
     reason: HeaderList = [
-        ('dead_letter.error', f'{type(error).__name__}: {error}'[:_REASON_CHARS]),
+        (_FIRST, printable(text)),
         ('dead_letter.route', origin.route),
         *origin.place,
         ('dead_letter.time_ns', str(time.time_ns())),
     ]
-    return record._replace(headers=[*record.headers, *reason])
+    if unread:
+        reason.append(('dead_letter.headers', f'left out: {unread}'))
+    return record._replace(headers=[*kept, *reason])
 
 
 def without_value(record: Outgoing) -> Outgoing:
@@ -59,8 +77,10 @@ def without_value(record: Outgoing) -> Outgoing:
 
 
 def _bare(record: Outgoing) -> Outgoing:
-    own = [header for header in record.headers if header[0].startswith('dead_letter.')]
-    return record._replace(key=None, headers=own)
+    """Leave out all but the reason; headers that look like it may have come with the record."""
+    names = [name for name, _ in record.headers]
+    begin = len(names) - 1 - names[::-1].index(_FIRST)
+    return record._replace(key=None, headers=record.headers[begin:])
 
 
 class Letter(NamedTuple, Generic[Token]):

@@ -15,16 +15,25 @@ from contextlib import contextmanager
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters, explain, from_kafka
-from ros2_kafka_bridge.endpoints import MessageSink, Outgoing, Readers, Record, RecordSource
+from ros2_kafka_bridge.endpoints import (
+    HeaderList,
+    MessageSink,
+    Outgoing,
+    Readers,
+    Record,
+    RecordSource,
+)
 from ros2_kafka_bridge.errors import RecordError, RouteError
 from ros2_kafka_bridge.formats import Decode
+from ros2_kafka_bridge.kafka.headers import headers_of
 from ros2_kafka_bridge.logs import Occasional
 from ros2_kafka_bridge.metrics import Counters, Outcome
 from ros2_kafka_bridge.pace import Pace, expires
 from ros2_kafka_bridge.stop import Stop
 
 BATCH = 500
-COMMIT_S = 1.0
+COMMIT_S = 0.2  # what a SIGKILL makes come twice; more often would cost requests
+SNAPSHOT_S = 1.0
 SETTLE_S = 0.5
 REVOKE_S = 5.0
 HOLD_AFTER_S = 1.0
@@ -37,12 +46,13 @@ _ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small records count
 
 
 class Entry:
-    """One record on its way."""
+    """One record on its way; it holds nothing of the record that is not counted as its size."""
 
-    __slots__ = ('cdr', 'failure', 'offset', 'outcome', 'partition', 'record', 'size_bytes')
+    timestamp: tuple[int, int]  # only where records age
+
+    __slots__ = ('cdr', 'failure', 'offset', 'outcome', 'partition', 'size_bytes', 'timestamp')
 
     def __init__(self, record: Record) -> None:
-        self.record = record
         self.partition = record.partition() or 0
         self.offset = record.offset() or 0
         self.size_bytes = len(record.value() or b'') + _ENTRY_BYTES
@@ -93,8 +103,10 @@ class KafkaToRos:
         self._ready_at_s: float | None = None
         self._blocked_since_s: float | None = None
         self._nap_s = _SHORTEST_NAP_S
+        self._commit_at_s = 0.0
         self._tick_at_s = 0.0
         self._pace = Pace(route.max_rate)
+        self._ages = route.max_age_s is not None
         self._expired = expires(route.max_age_s)
 
     def run(self, stop: Stop) -> None:
@@ -135,18 +147,22 @@ class KafkaToRos:
         self._positions.setdefault(entry.partition, entry.offset)
         self._window.append(entry)
         self._window_bytes += entry.size_bytes
-        headers = record.headers()
+        headers = headers_of(record)
         if headers and ('bridge.origin', self._origin) in headers:
             entry.outcome = Outcome.SKIPPED
             return
         try:
             entry.cdr = self._decode(record.value())
         except RecordError as error:
-            self._refuse(entry, error)
+            self._refuse(entry, record, headers, error)
         else:
+            if self._ages:
+                entry.timestamp = record.timestamp()
             self._pending.append(entry)
 
-    def _refuse(self, entry: Entry, error: RecordError) -> None:
+    def _refuse(
+        self, entry: Entry, record: Record, headers: HeaderList | None, error: RecordError
+    ) -> None:
         where = f'{self._route.source.kafka}[{entry.partition}]@{entry.offset}'
         if self._route.on_error == 'stop':
             text = f'{where}: {error}; stopped, as on_error says'
@@ -157,12 +173,12 @@ class KafkaToRos:
         if self._route.on_error == 'drop':
             entry.outcome = Outcome.DROPPED
             return
-        record = entry.record
         origin = from_kafka(
             self._route.name, self._route.source.kafka, entry.partition, entry.offset
         )
-        letter = Outgoing('', record.key(), record.value(), record.headers() or [])
-        self._dead_letters.add(explain(letter, error, origin), entry)
+        letter = Outgoing('', record.key(), record.value(), headers or [])
+        unread = '' if headers is not None else 'a name is not UTF-8'
+        self._dead_letters.add(explain(letter, error, origin, unread), entry)
 
     # 2. entries -> ROS
 
@@ -177,7 +193,7 @@ class KafkaToRos:
             entry = pending[0]
             if entry.failure is not None:
                 return 'on_error: stop'
-            if self._expired(entry.record):
+            if self._ages and self._expired(entry.timestamp):
                 entry.outcome = Outcome.DROPPED
             elif not self._pace.go():
                 return 'max_rate'
@@ -277,10 +293,12 @@ class KafkaToRos:
 
     def _tick(self, obstacle: str | None) -> None:
         now_s = time.monotonic()
+        if now_s >= self._commit_at_s:
+            self._commit_at_s = now_s + COMMIT_S
+            self._source.commit(self._positions)
         if now_s < self._tick_at_s:
             return
-        self._tick_at_s = now_s + COMMIT_S
-        self._source.commit(self._positions)
+        self._tick_at_s = now_s + SNAPSHOT_S
         waiting = ''
         if self._blocked_since_s is not None and now_s - self._blocked_since_s > HOLD_AFTER_S:
             waiting = obstacle or ''

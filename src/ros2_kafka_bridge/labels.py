@@ -4,9 +4,13 @@ from collections.abc import Callable
 
 from ros2_kafka_bridge.config.checks import KeyPart, key_parts
 from ros2_kafka_bridge.endpoints import Message
+from ros2_kafka_bridge.errors import EncodeError
 from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.formats.walk import make_reader
 from ros2_kafka_bridge.ros_to_kafka import MakeHeaders, MakeKey
+
+KEY_LIMIT_BYTES = 8192
+"""The longest key that a message's own fields may make."""
 
 
 def make_headers(
@@ -53,6 +57,9 @@ def make_key(template: str | None, topic: str, layout: Layout) -> MakeKey:
         topic: The ROS topic.
         layout: Of the message type.
 
+    Returns:
+        The function. It raises EncodeError for a key that is too long.
+
     Raises:
         ConfigError: The type has no such field.
     """
@@ -62,7 +69,10 @@ def make_key(template: str | None, topic: str, layout: Layout) -> MakeKey:
         return lambda _: constant
 
     def key(message: Message) -> bytes:
-        return ''.join(p if isinstance(p, str) else p(message) for p in parts).encode()
+        made = ''.join(p if isinstance(p, str) else p(message) for p in parts).encode()
+        if len(made) > KEY_LIMIT_BYTES:
+            raise EncodeError(f'a key of {len(made)} bytes: at most {KEY_LIMIT_BYTES}')
+        return made
 
     return key
 

@@ -3,11 +3,13 @@
 import json
 import logging
 import sys
+import textwrap
 import time
 from datetime import UTC, datetime
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from ros2_kafka_bridge.plural import count
+from ros2_kafka_bridge.printable import printable, printable_lines
 
 LogFormat = Literal['text', 'json']
 
@@ -22,10 +24,10 @@ class _JsonFormatter(logging.Formatter):
             'time': datetime.fromtimestamp(record.created, UTC).isoformat(timespec='milliseconds'),
             'level': record.levelname.lower(),
             'route': getattr(record, 'route', None),
-            'message': record.getMessage(),
+            'message': printable(record.getMessage()),
         }
         if record.exc_info:
-            line['traceback'] = self.formatException(record.exc_info)
+            line['traceback'] = printable_lines(self.formatException(record.exc_info))
         return json.dumps({key: value for key, value in line.items() if value is not None})
 
 
@@ -34,6 +36,14 @@ class _TextFormatter(logging.Formatter):
         route = getattr(record, 'route', None)
         record.about = f'{route}: ' if route else ''
         return super().format(record)
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 (logging's name)
+        record.message = printable(record.message)
+        return super().formatMessage(record)
+
+    def formatException(self, ei: Any) -> str:  # noqa: N802 (logging's name)
+        # Behind blanks, no line of it looks like one of the log's own.
+        return textwrap.indent(printable_lines(super().formatException(ei)), '    ')
 
 
 def set_up(log_format: LogFormat) -> None:

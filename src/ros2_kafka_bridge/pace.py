@@ -3,8 +3,6 @@
 import time
 from collections.abc import Callable
 
-from ros2_kafka_bridge.endpoints import Record
-
 _NO_TIMESTAMP = 0
 
 
@@ -35,14 +33,14 @@ class Pace:
         return True
 
 
-def expires(max_age_s: float | None) -> Callable[[Record], bool]:
-    """Make the question whether a record is too old to be published; None never is."""
+def expires(max_age_s: float | None) -> Callable[[tuple[int, int]], bool]:
+    """Make the question whether a record of this timestamp is too old; with None none is."""
     if max_age_s is None:
         return lambda _: False
     limit_ms = max_age_s * 1000
 
-    def expired(record: Record) -> bool:
-        kind, created_ms = record.timestamp()
+    def expired(timestamp: tuple[int, int]) -> bool:
+        kind, created_ms = timestamp
         return kind != _NO_TIMESTAMP and time.time() * 1000 - created_ms > limit_ms
 
     return expired

@@ -12,6 +12,7 @@ import argparse
 import contextlib
 import gc
 import os
+import resource
 import signal
 import stat
 import sys
@@ -33,17 +34,31 @@ if TYPE_CHECKING:
 _PERIOD_S: Final = 1.0
 _LAST_S: Final = 1.0
 _BUSY_S: Final = 0.01
+_OPEN_FILES: Final = 65_536
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a worker to its end; returns the exit status."""
     options = _parse(arguments)
     _before_the_start(supervised=options.worker > 0)
+    allow_open_files()
     try:
         return _run(options)
     except BridgeError as error:  # only the start raises one: a route keeps its own
         print(error, file=sys.stderr)  # noqa: T201 (the words for the user, as from the command line)
         return 2
+
+
+def allow_open_files() -> None:
+    """Raise the limit of open files as far as this user may, as a route needs seven or so.
+
+    Systems begin with a low one, for programs that cannot count further than 1024.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = _OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, _OPEN_FILES)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        with contextlib.suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
 def load_checked(file: Path, text: str | None = None) -> 'Config':

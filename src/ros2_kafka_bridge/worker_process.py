@@ -11,6 +11,8 @@ from ros2_kafka_bridge.backoff import Backoff
 from ros2_kafka_bridge.metrics import Counters, State, from_line
 from ros2_kafka_bridge.shares import Share
 
+_LINE_LIMIT_BYTES = 16 * 1024 * 1024
+
 
 class WorkerProcess:
     """One worker and what is known of it, from one start to the next.
@@ -94,10 +96,16 @@ class WorkerProcess:
         self.pipe = pipe
 
     def hear(self, data: bytes) -> None:
-        """Keep the last snapshots of what the worker has sent."""
-        *whole, self._heard = (self._heard + data).split(b'\n')
+        """Keep the last snapshots of what the worker has sent.
+
+        What is none is left out: whatever a worker does, its supervisor outlives it.
+        """
+        *whole, rest = (self._heard + data).split(b'\n')
+        self._heard = rest if len(rest) <= _LINE_LIMIT_BYTES else b''
         for line in whole[-1:]:
-            self.snapshots |= {snapshot.route: snapshot for snapshot in from_line(line)}
+            with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError):
+                told = {snapshot.route: snapshot for snapshot in from_line(line)}
+                self.snapshots |= {name: told[name] for name in told.keys() & self.snapshots}
 
     def ask(self, times: int) -> None:
         """Ask for a drain, or twice for an end at once."""

@@ -237,13 +237,13 @@ def test_no_bytes_break_a_validator(name: str, head: bytes, body: bytes) -> None
 @pytest.mark.parametrize('name', SAMPLE)
 def test_a_huge_declared_length_is_refused_at_once(name: str) -> None:
     value = serialize_message(random_message(name, 3))
-    started = time.monotonic()
+    started = time.process_time()
     for at in range(4, len(value) - 4, 4):
         for length in (0x7FFFFFFF, 0xFFFFFFFF):
             changed = value[:at] + length.to_bytes(4, 'little') + value[at + 4 :]
             with contextlib.suppress(DecodeError):
                 assert end_of(name)(changed) <= len(changed)
-    assert time.monotonic() - started < 2
+    assert time.process_time() - started < 2
 
 
 def test_many_items_without_bytes_are_refused_before_they_are_walked() -> None:

@@ -5,7 +5,6 @@ import time
 import pytest
 
 from ros2_kafka_bridge.pace import Pace, expires
-from ros2_kafka_bridge.testing.memory import MemoryRecord
 
 
 def test_without_a_rate_every_message_goes_at_once() -> None:
@@ -33,6 +32,7 @@ def test_a_record_older_than_max_age_expires_and_without_a_limit_none(
 ) -> None:
     monkeypatch.setattr(time, 'time', lambda: 1000.0)
     expired = expires(5.0)
-    assert expired(MemoryRecord(b'', 0, time_ms=994_000))
-    assert not expired(MemoryRecord(b'', 0, time_ms=996_000))
-    assert not expires(None)(MemoryRecord(b'', 0, time_ms=0))
+    assert expired((1, 994_000))
+    assert not expired((1, 996_000))
+    assert not expired((0, 0)), 'it has no timestamp'
+    assert not expires(None)((1, 0))

@@ -6,29 +6,27 @@ from typing import Any
 import pytest
 from confluent_kafka import Message
 
+from ros2_kafka_bridge.dedup import place_of
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.properties import refusal
-from ros2_kafka_bridge.kafka.tail import _note
 from ros2_kafka_bridge.wiring import _open
 
 GID = bytes(range(16))
 
 
-def noted(gid: bytes, seq: bytes) -> set[tuple[bytes, int]]:
-    found: set[tuple[bytes, int]] = set()
-    _note(Message(headers=[('ros.gid', gid), ('ros.seq', seq)]), found)
-    return found
+def place(gid: bytes, seq: bytes) -> tuple[bytes, int] | None:
+    return place_of(Message(headers=[('ros.gid', gid), ('ros.seq', seq)]))
 
 
-def test_the_tail_of_a_topic_tells_publisher_and_number() -> None:
-    assert noted(GID.hex().encode(), b'42') == {(GID, 42)}
+def test_a_record_tells_publisher_and_number() -> None:
+    assert place(GID.hex().encode(), b'42') == (GID, 42)
 
 
 @pytest.mark.parametrize(
     ('gid', 'seq'), [(b'\xff\x00', b'1'), (b'xyz', b'1'), (GID.hex().encode(), b'one')]
 )
 def test_headers_that_others_wrote_say_nothing(gid: bytes, seq: bytes) -> None:
-    assert noted(gid, seq) == set()
+    assert place(gid, seq) is None
 
 
 def test_an_end_that_fails_to_open_is_closed() -> None:

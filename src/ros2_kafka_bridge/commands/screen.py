@@ -1,7 +1,7 @@
 """How the commands that look show what they see: tables on a terminal, plain lines elsewhere.
 
 What goes into a pipe or a file is one line for each thing, without colours, never cut short: it
-can be searched.
+can be searched. What others have written, such as names in the ROS graph, commands no terminal.
 """
 
 import sys
@@ -13,6 +13,8 @@ from typing import Literal, NamedTuple
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+
+from ros2_kafka_bridge.printable import printable, printable_lines
 
 _DISCOVERY_S = 4.0  # Fast DDS announces a participant every 3 s: sometimes the first are missed
 
@@ -56,19 +58,19 @@ def show_findings(console: Console, title: str, findings: Sequence[Finding]) -> 
         return
     console.print(title)
     for level, _, text, cure, _ in findings:
-        console.print(f'  {_MARKS[level][0]:4} {text}{cure and f"; {cure}"}')
+        console.print(f'  {_MARKS[level][0]:4} {printable(text)}{printable(cure and f"; {cure}")}')
 
 
 def show_notes(console: Console, notes: Sequence[str]) -> None:
     """Print what belongs to the whole, a line each."""
     word, colour = _MARKS['note']
     for note in notes:
-        console.print(Text.assemble('  ', (word, colour), ' ', note))
+        console.print(Text.assemble('  ', (word, colour), ' ', printable(note)))
 
 
 def show_line(console: Console, text: str, style: str = '') -> None:
     """Print a sentence; on a terminal it is broken between words."""
-    console.print(Text(text, style), soft_wrap=not console.is_terminal)
+    console.print(Text(printable_lines(text), style), soft_wrap=not console.is_terminal)
 
 
 def _findings_table(title: str, findings: Sequence[Finding]) -> Table:
@@ -78,7 +80,7 @@ def _findings_table(title: str, findings: Sequence[Finding]) -> Table:
     table.add_column(overflow='fold', ratio=1)
     for level, thing, text, cure, _ in findings:
         word, colour = _MARKS[level]
-        told = Text.assemble(text, (f'\n-> {cure}', 'bold') if cure else '')
+        told = Text.assemble(printable(text), (f'\n-> {printable(cure)}', 'bold') if cure else '')
         table.add_row(Text(word, colour), thing, told)
     return table
 
@@ -90,6 +92,7 @@ def show_table(
 
     Elsewhere than on a terminal each row is one line, its cells two blanks apart at least.
     """
+    rows = [[[printable(line) for line in cell] for cell in row] for row in rows]
     names = [column.removeprefix('#') for column in columns]
     if console.is_terminal:
         table = _table(title, show_header=True)

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 KAFKA_NAME_LIMIT = 249
 ROS_NAME_LIMIT = 247
+NAME_LIMIT = 255
+KEY_TEMPLATE_LIMIT = 1000
 DEAD_LETTER_SUFFIX = '.dead-letters'
 
 _PLACEHOLDER = re.compile(r'\{([^{}]*)\}')
@@ -40,6 +42,8 @@ def key_parts(template: str) -> tuple[KeyPart, ...]:
     """
     if not template:
         raise ValueError('an empty key: leave it out, and the key is the ROS topic')
+    if len(template) > KEY_TEMPLATE_LIMIT:
+        raise ValueError(f'a key template has at most {KEY_TEMPLATE_LIMIT} characters')
     parts: list[KeyPart] = []
     end = 0
     for match in _PLACEHOLDER.finditer(template):
@@ -77,7 +81,20 @@ def simple_name(name: str) -> str:
     """
     if not re.fullmatch(r'[A-Za-z0-9._-]+', name):
         raise ValueError("a name is made of letters, digits, '.', '_' and '-'")
+    if len(name) > NAME_LIMIT:
+        raise ValueError(f'a name has at most {NAME_LIMIT} characters')
     return name
+
+
+def absolute_path(path: str) -> str:
+    """A path that means the same wherever the bridge is started.
+
+    Raises:
+        ValueError: It is relative, or holds a NUL.
+    """
+    if not path.startswith('/') or '\0' in path:
+        raise ValueError('expected an absolute path, such as /var/lib/ros2-kafka-bridge')
+    return path
 
 
 def kafka_topic(name: str) -> str:

@@ -8,6 +8,7 @@ from pydantic import Field
 from ros2_kafka_bridge.config import checks
 from ros2_kafka_bridge.config.values import (
     Count,
+    Directory,
     Domain,
     KafkaTopic,
     KeyTemplate,
@@ -132,6 +133,32 @@ class KafkaSink(Settings):
         for name in properties if isinstance(properties, Mapping) else ():
             if is_consumers(str(name)):
                 yield Mistake(('properties', str(name)), "a consumer's property: a sink has none")
+
+
+class SpoolSettings(Settings):
+    """Where messages wait on disk while Kafka does not take them."""
+
+    path: Directory = Field(
+        description='Directory, by its absolute path; made where it is missing. Each route has '
+        'its own file there.'
+    )
+    mode: Literal['when_away', 'always'] = Field(
+        'when_away',
+        description='when_away: the disk is used while Kafka is away or does not keep up. '
+        'always: every message is on disk before it goes on, and leaves it once confirmed.',
+    )
+    max_bytes: Count = Field(
+        1024 * 1024 * 1024,
+        description='Bytes of messages in the file, at most; when_full says what happens then.',
+    )
+    max_age_s: Positive | None = Field(
+        None, description='Age at which a message on disk is dropped, in seconds.'
+    )
+    sync: Literal['batch', 'never'] = Field(
+        'batch',
+        description='batch: what is written survives a power loss. never: it survives SIGKILL, '
+        'and the system decides when it reaches the disk.',
+    )
 
 
 class RosSource(Settings):

@@ -12,11 +12,19 @@ from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.config.tree import Finding, Tree, YamlError, read_yaml
 from ros2_kafka_bridge.config.words import mistakes_in
 from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.plural import count
+from ros2_kafka_bridge.printable import printable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ros2_kafka_bridge.config.values import CheckKafka, CheckType
+
+
+TOLD_LIMIT = 100
+"""Mistakes that are told; a file that has more is probably no configuration."""
+
+LINE_LIMIT_CHARS = 2000
 
 
 def load(
@@ -95,7 +103,13 @@ def _told(findings: list[Finding], tree: Tree, file_name: str) -> list[str]:
     lined = [(finding.line or tree.line_of(finding.path), finding) for finding in findings]
     ordered = sorted(lined, key=lambda entry: entry[0])
     lines = [f'{file_name}:{line}: {_field(f.path)}{f.text}' for line, f in ordered]
-    return list(dict.fromkeys(lines))
+    told = [_short(printable(line)) for line in dict.fromkeys(lines)]
+    more = count(len(told) - TOLD_LIMIT, 'more mistake')
+    return [*told[:TOLD_LIMIT], f'{file_name}: and {more}'] if len(told) > TOLD_LIMIT else told
+
+
+def _short(line: str) -> str:
+    return line if len(line) <= LINE_LIMIT_CHARS else f'{line[:LINE_LIMIT_CHARS]}...'
 
 
 def _field(path: tuple[str | int, ...]) -> str:

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 SIZE_LIMIT_BYTES = 1024 * 1024
+EXPANDED_LIMIT_CHARS = 16 * 1024 * 1024
+"""Characters that the references of one configuration stand for, all together."""
 
 _REFERENCE = re.compile(r'\$(\$(?=\{)|\{([A-Za-z_][A-Za-z0-9_]*)\}|\{file:([^{}]+)\}|\{)')
 
@@ -73,6 +75,7 @@ class _Reader:
         self._environ = environ
         self._directory = directory
         self._texts: dict[str, str | UnreadableError] = {}
+        self._room_chars = EXPANDED_LIMIT_CHARS
 
     def expanded(self, value: Any, path: tuple[str | int, ...]) -> Any:
         if isinstance(value, dict):
@@ -91,15 +94,25 @@ class _Reader:
             wrong = '${ without a name and }: a variable is ${NAME}, a file ${file:PATH}'
             self.findings.append(Finding(path, wrong))
         elif variable is not None and variable in self._environ:
-            return self._environ[variable]
+            return self._within_room(self._environ[variable], path)
         elif variable is not None:
             self.findings.append(Finding(path, f'the environment has no variable {variable}'))
         else:
             text = self._text(file)
             if isinstance(text, str):
-                return text
+                return self._within_room(text, path)
             self.findings.append(Finding(path, f'the file {self._directory / file}: {text}'))
         return match[0]
+
+    def _within_room(self, text: str, path: tuple[str | int, ...]) -> str:
+        """The text, or nothing once all of them together are too long: one may come often."""
+        room_chars, self._room_chars = self._room_chars, self._room_chars - len(text)
+        if len(text) <= room_chars:
+            return text
+        if room_chars >= 0:
+            much = f'what ${{...}} stands for has more than {EXPANDED_LIMIT_CHARS} characters'
+            self.findings.append(Finding(path, f'{much} in this file, all together'))
+        return ''
 
     def _text(self, file: str) -> str | UnreadableError:
         if file not in self._texts:

@@ -13,6 +13,7 @@ from ros2_kafka_bridge.config.endpoints import (
     RosSettings,
     RosSink,
     RosSource,
+    SpoolSettings,
 )
 from ros2_kafka_bridge.config.values import (
     CheckKafka,
@@ -48,6 +49,7 @@ __all__ = [
     'RosSource',
     'RosToKafkaRoute',
     'Route',
+    'SpoolSettings',
     'masked',
     'warnings',
 ]
@@ -128,6 +130,15 @@ class RosToKafkaRoute(Route):
     sink: KafkaSink = Field(alias='to', description='Kafka topic to write.')
     max_in_flight: Count = Field(
         2000, description='Records produced and not yet confirmed, at most.'
+    )
+    spool: SpoolSettings | None = Field(
+        None, description='Where messages wait on disk while Kafka does not take them.'
+    )
+
+    exclusive: bool = Field(
+        False,  # noqa: FBT003 (its default)
+        description='Several bridges run this file, and one at a time runs this route: another '
+        'takes over when it dies.',
     )
 
     @property

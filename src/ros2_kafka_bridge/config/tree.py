@@ -109,9 +109,7 @@ class _Reader:
 
     def value(self, node: Node, path: Path) -> Any:
         """The value of a node; an alias is read again each time, which the limit bounds."""
-        self._count += 1
-        if self._count > VALUE_LIMIT:
-            raise _refusal(node, f'more than {VALUE_LIMIT} values, aliases counted each time')
+        self._count_value(node)
         if len(path) > DEPTH_LIMIT:
             raise _refusal(node, 'nested too deeply for a configuration')
         self.tree.lines.setdefault(path, node.start_mark.line + 1)
@@ -121,6 +119,11 @@ class _Reader:
             return [self.value(item, (*path, place)) for place, item in enumerate(node.value)]
         return self._scalar(node)
 
+    def _count_value(self, node: Node) -> None:
+        self._count += 1
+        if self._count > VALUE_LIMIT:
+            raise _refusal(node, f'more than {VALUE_LIMIT} values, aliases counted each time')
+
     def _mapping(self, node: MappingNode, path: Path) -> dict[str, Any]:
         values: dict[str, Any] = {}
         for key, item in node.value:
@@ -128,6 +131,7 @@ class _Reader:
                 raise _refusal(key, 'a list or mapping as the name of a field')
             name, line = str(key.value), key.start_mark.line + 1
             if name in values:
+                self._count_value(key)
                 first = self.tree.lines[(*path, name)]
                 text = f'is there twice, first on line {first}'
                 self.tree.findings.append(Finding((*path, name), text, line))

@@ -19,6 +19,10 @@ _NEVER_WAITED = (
 )
 
 
+SIZE_LIMIT_BYTES = 256 * 1024 * 1024
+"""Of a file of times: some ten million of them, which take some gigabytes to look at."""
+
+_SHOWN_CHARS = 40
 _LONGEST_WAKE_NS = 100_000_000
 _MOST_WRONG = 0.05
 _MS = 1e6
@@ -200,7 +204,7 @@ def _check_one_at_a_time(file: Path, starts: Times, ends: Times) -> None:
 
 def _is_recording(file: Path) -> bool:
     with _told(file, 'text'), file.open(encoding='utf-8') as lines:
-        return lines.readline().rstrip('\n') == HEADER
+        return lines.readline(len(HEADER) + 1).rstrip('\n') == HEADER
 
 
 def _rows(file: Path) -> Times:
@@ -219,14 +223,16 @@ def _column(file: Path, what: str) -> Times:
     times = list(_numbers(file, what))
     if not times:
         raise ConfigError([f'{file}: is empty: it needs {what}'])
-    return np.array(times, np.int64)
+    with _told(file, what):
+        return np.array(times, np.int64)
 
 
 def _numbers(file: Path, what: str) -> Iterator[int]:
     for number, line in enumerate(_read(file).splitlines(), 1):
         text = line.partition('#')[0].strip()
         if text:
-            yield _parsed(text, int, f'{file}:{number}: {text!r} is not {what}')
+            shown = ascii(text[:_SHOWN_CHARS]) + '...' * (len(text) > _SHOWN_CHARS)
+            yield _parsed(text, int, f'{file}:{number}: {shown} is not {what}')
 
 
 def _parsed(text: str, parse: Callable[[str], int], problem: str) -> int:
@@ -237,8 +243,11 @@ def _parsed(text: str, parse: Callable[[str], int], problem: str) -> int:
 
 
 def _read(file: Path) -> str:
-    with _told(file, 'text'):
-        return file.read_text(encoding='utf-8')
+    with _told(file, 'text'), file.open(encoding='utf-8') as content:
+        text = content.read(SIZE_LIMIT_BYTES)
+        if content.read(1):
+            raise ConfigError([f'{file}: larger than {SIZE_LIMIT_BYTES} bytes: use a part of it'])
+        return text
 
 
 @contextmanager

@@ -61,7 +61,8 @@ def _decode(value: bytes | None) -> bytes:
 
 def _encode(message: bytes) -> bytes:
     if len(message) < 9 or message[0] or message[1] > 1:
-        raise EncodeError(f'not the bytes of a String: {message[:8].hex(" ")}')
+        found = message[:4].hex(' ') or 'nothing'
+        raise EncodeError(f'not the bytes of a String: {len(message)} bytes, from {found} on')
     (length,) = (_LENGTH_LITTLE if message[1] else _LENGTH_BIG)(message, 4)
     nul = 7 + length
     text = message[8:nul]

@@ -189,7 +189,8 @@ class KafkaSource:
         if self._consumer is not None:
             self._closing = True
             # A member with a name stays in the group when it closes, but not when it unsubscribes.
-            self._consumer.unsubscribe()
+            with contextlib.suppress(KafkaException):  # fatal for the client, and known
+                self._consumer.unsubscribe()
             deadline_s = time.monotonic() + _LEAVE_S
             while self._consumer.assignment() and time.monotonic() < deadline_s:
                 with contextlib.suppress(KafkaException):

@@ -25,6 +25,11 @@ class Cure(NamedTuple):
 # some that mend themselves one that does not.
 CURES: Final = (
     Cure(
+        '_FAIL _TRANSPORT',
+        r'Too many open files',
+        'raise the limit of open files of the bridge (ulimit -Hn, LimitNOFILE of systemd)',
+    ),
+    Cure(
         '_SSL _TRANSPORT',
         r'expired \(broker\)',
         'renew the certificate of the broker',
@@ -87,6 +92,15 @@ CURES: Final = (
         'does it run, are bootstrap.servers and security.protocol right?',
     ),
     Cure('_RESOLVE', '', 'check bootstrap.servers'),
+    # Nothing behind it in its partition can be read: said as a failure, or nobody would know.
+    Cure(
+        '_BAD_COMPRESSION',
+        '',
+        'if this batch unpacks to more than receive.message.max.bytes (100 MB by default), set '
+        'that higher; else set the offset of the group behind it',
+        RouteError,
+    ),
+    Cure('_BAD_MSG', '', 'set the offset of the group behind what cannot be read', RouteError),
     Cure('TOPIC_AUTHORIZATION_FAILED', '', 'give this user {right} on the topic (ACL)'),
     Cure(
         'GROUP_AUTHORIZATION_FAILED',

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.printable import printable
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.profile import (
     FASTDDS_2,
@@ -106,7 +107,7 @@ class RosNode:
             publishers = [peer for peer in self.publishers(name) if peer.node != own]
             subscribers = [peer for peer in self.subscribers(name) if peer.node != own]
             if types := sorted({peer.message_type for peer in publishers + subscribers}):
-                found.append(Topic(name, types, publishers, subscribers))
+                found.append(Topic(printable(name), types, publishers, subscribers))
         return found
 
 
@@ -222,9 +223,10 @@ def _dialect() -> Dialect:
 
 def _peer(info: Any) -> Peer:
     type_hash = getattr(info, 'topic_type_hash', None)
+    # Whoever reaches the DDS network chooses these names; they are shown, logged and written.
     return Peer.of_qos(
-        node=f'{info.node_namespace.rstrip("/")}/{info.node_name}',
-        message_type=info.topic_type,
+        node=printable(f'{info.node_namespace.rstrip("/")}/{info.node_name}'),
+        message_type=printable(info.topic_type),
         gid=bytes(info.endpoint_gid)[:16],
         type_hash='' if type_hash is None else str(type_hash),
         qos=info.qos_profile,

@@ -6,6 +6,7 @@ from typing import Any
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.endpoints import Readers
+from ros2_kafka_bridge.logs import Occasional
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.qos import mismatch, profile, waits
@@ -47,8 +48,8 @@ class RosSink:
         self._message_type = message_type
         self._qos = qos
         self._room = room
-        self._log = log
-        self._told: set[tuple[str, str]] = set()
+        self._occasional = Occasional(log)
+        self._told: set[tuple[str, str]] = set()  # of those in the graph
         self._graph_at_s = 0.0
         self._waits = waits(qos)
         self._publisher: Any = None
@@ -135,7 +136,10 @@ class RosSink:
         return max(self._acknowledged, self._published - self._room)
 
     def _look_at_graph(self) -> None:
-        for peer in self._node.subscribers(self._topic):
+        peers = self._node.subscribers(self._topic)
+        here = {peer.node for peer in peers}
+        self._told = {(node, what) for node, what in self._told if node in here}
+        for peer in peers:
             if not peer.named:
                 continue
             if peer.message_type != self._message_type.name:
@@ -150,4 +154,4 @@ class RosSink:
     def _tell(self, node: str, what: str) -> None:
         if (node, what) not in self._told:
             self._told.add((node, what))
-            self._log.warning('%s: %s %s', self._topic, node, what)
+            self._occasional.warning(f'{self._topic}: {node} {what}')

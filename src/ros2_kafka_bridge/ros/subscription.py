@@ -146,7 +146,8 @@ class RosSource:
         self._waiter: Any = None
         self._take: Any = None
         self._graph_at_s = 0.0
-        self._strangers: set[tuple[str, str]] = set()
+        self._strangers: set[tuple[str, str]] = set()  # of those in the graph
+        self._occasional = Occasional(log)
 
     @property
     def lost_upstream(self) -> int:
@@ -291,24 +292,24 @@ class RosSource:
                 continue
             reason = mismatch(peer.qos, profile(self._qos, *self._offer(peer)))
             if reason:
-                self._log.error(
-                    '%s on %s does not match the qos of this route, leave it out to follow the '
-                    'publishers: %s',
-                    peer.node, self._topic, reason,
-                )  # fmt: skip
+                self._occasional.error(
+                    f'{peer.node} on {self._topic} does not match the qos of this route, leave '
+                    f'it out to follow the publishers: {reason}'
+                )
 
     def _say_other_types(self, peers: list[Peer]) -> None:
+        self._strangers &= {(peer.node, peer.message_type) for peer in peers}
         for peer in peers:
             stranger = (peer.node, peer.message_type)
             if peer.message_type == self._message_type.name or not peer.named:
                 continue
             if stranger not in self._strangers:
                 self._strangers.add(stranger)
-                self._log.error(
-                    '%s publishes %s on %s, this route reads %s: the messages of that node '
-                    'cannot be read; give one of the two another topic',
-                    peer.node, peer.message_type, self._topic, self._message_type.name,
-                )  # fmt: skip
+                self._occasional.error(
+                    f'{peer.node} publishes {peer.message_type} on {self._topic}, this route '
+                    f'reads {self._message_type.name}: the messages of that node cannot be '
+                    'read; give one of the two another topic'
+                )
 
 
 def _told(cdr: bytes, info: Mapping[str, Any]) -> Message:
