@@ -6,6 +6,7 @@ if TYPE_CHECKING:
     from ros2_kafka_bridge.bridge import Bridge
     from ros2_kafka_bridge.config.file import load, loads
     from ros2_kafka_bridge.config.settings import Config
+    from ros2_kafka_bridge.dedup import Deduplicator, without_repeats
     from ros2_kafka_bridge.errors import (
         BridgeError,
         ConfigError,
@@ -26,6 +27,7 @@ __all__ = [
     'Config',
     'ConfigError',
     'DecodeError',
+    'Deduplicator',
     'EncodeError',
     'RecordError',
     'RecordTooLargeError',
@@ -35,11 +37,18 @@ __all__ = [
     '__version__',
     'load',
     'loads',
+    'without_repeats',
 ]
 
-_HOMES = {'Bridge': 'bridge', 'Config': 'config.settings', 'Snapshot': 'metrics'} | dict.fromkeys(
-    ('load', 'loads'), 'config.file'
-)
+_HOMES = {
+    'Bridge': 'bridge',
+    'Config': 'config.settings',
+    'Deduplicator': 'dedup',
+    'Snapshot': 'metrics',
+    'load': 'config.file',
+    'loads': 'config.file',
+    'without_repeats': 'dedup',
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -7,19 +7,27 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 
-from ros2_kafka_bridge.backoff import Backoff
-from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, warnings
-from ros2_kafka_bridge.errors import BridgeError, RouteError
-from ros2_kafka_bridge.logs import Repeated, route_log
+from ros2_kafka_bridge.config.settings import (
+    Config,
+    KafkaToRosRoute,
+    RosToKafkaRoute,
+    warnings,
+)
+from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.kafka.lock import GroupLock
+from ros2_kafka_bridge.lane import Lane
+from ros2_kafka_bridge.logs import route_log
 from ros2_kafka_bridge.memory import give_back
-from ros2_kafka_bridge.metrics import Counters, Snapshot, State
+from ros2_kafka_bridge.metrics import Snapshot
 from ros2_kafka_bridge.plural import count
 from ros2_kafka_bridge.ros.node import RosNode, middleware, open_node, worker_name
 from ros2_kafka_bridge.ros.probe import Abilities, limits, probe, probe_topic
+from ros2_kafka_bridge.ros.successor import Successor
 from ros2_kafka_bridge.status import totals
 from ros2_kafka_bridge.status_log import StatusLog
 from ros2_kafka_bridge.stop import Stop
-from ros2_kafka_bridge.wiring import Direction, Route, Wiring, endpoints_of
+from ros2_kafka_bridge.term import OVERLAP_S, Meanwhile, Term
+from ros2_kafka_bridge.wiring import Route, Wiring, endpoints_of
 
 _CLOSING_S = 10.0
 _AT_ONCE_S = 2.0
@@ -49,7 +57,11 @@ class Bridge:
         # reader here has acknowledged, is still taken.
         self._stop_takers = Stop()
         self._lanes = [
-            _Lane(route, self.stop if isinstance(route, KafkaToRosRoute) else self._stop_takers)
+            Lane(
+                route,
+                self.stop if isinstance(route, KafkaToRosRoute) else self._stop_takers,
+                _lock_of(route, self.config),
+            )
             for route in config.routes
             if routes is None or route.name in routes
         ]
@@ -77,7 +89,7 @@ class Bridge:
             for lane in self._lanes:
                 lane.thread = threading.Thread(
                     target=self._keep_running,
-                    args=(lane, wiring, tell),
+                    args=(lane, wiring, node, tell),
                     name=lane.route.name,
                     daemon=True,
                 )
@@ -106,35 +118,104 @@ class Bridge:
 
     # Run
 
-    def _keep_running(self, lane: '_Lane', wiring: Wiring, tell: Callable[[], None]) -> None:
-        """Run one route until a stop, again and again while it fails; in a thread of its own."""
+    def _keep_running(
+        self, lane: Lane, wiring: Wiring, node: RosNode, tell: Callable[[], None]
+    ) -> None:
+        """Run one route until a stop; in a thread of its own."""
         try:
-            with ExitStack() as stack:
-                while error := self._run_once(lane, wiring, stack):
-                    lane.fail(error)
-                    if lane.for_good:
-                        tell()
-                    lane.say_failure()
-                    if lane.final:
-                        break
-                    lane.stop.wait(lane.backoff.wait_s)
+            if lane.lock is None or not isinstance(lane.route, RosToKafkaRoute):
+                self._run_on(lane, wiring, tell, lane.stop)
+            else:
+                successor = Successor(node, lane.route.source.ros)
+                self._take_turns(lane, lane.lock, wiring, successor, tell)
         except BaseException:
             self._crashed = True
             lane.log.critical('a bug of the bridge ended this route', exc_info=True)
             if not self.stop.asked:
                 self.stop.ask()
 
-    def _run_once(self, lane: '_Lane', wiring: Wiring, stack: ExitStack) -> BridgeError | None:
+    def _run_on(self, lane: Lane, wiring: Wiring, tell: Callable[[], None], stop: Stop) -> None:
+        """Run a route until a stop, again and again while it fails."""
+        with ExitStack() as stack:
+            while error := self._run_once(lane, wiring, stack, stop):
+                lane.fail(error, stop)
+                if lane.for_good:
+                    tell()
+                lane.say_failure()
+                if lane.final or lane.is_given_away(stop):
+                    break
+                stop.wait(lane.backoff.wait_s)
+
+    def _run_once(
+        self, lane: Lane, wiring: Wiring, stack: ExitStack, stop: Stop
+    ) -> BridgeError | None:
         """Run one route until it stops or fails; returns why it has failed."""
         lane.begin()
         try:
-            lane.direction = lane.direction or wiring.make(lane.route, lane.log, lane.stop, stack)
+            if lane.direction is None:
+                lane.use(wiring.make(lane.route, lane.log, stop, stack))
             lane.failure = ''
             if lane.direction is not None:
-                lane.direction.run(lane.stop)
+                lane.direction.run(stop)
         except BridgeError as error:
             return error
         return None
+
+    # One bridge at a time
+
+    def _take_turns(
+        self,
+        lane: Lane,
+        lock: GroupLock,
+        wiring: Wiring,
+        successor: Successor,
+        tell: Callable[[], None],
+    ) -> None:
+        """Run a route whenever this bridge is the one to do so.
+
+        Its ROS endpoint is open in such a term only: nobody would take from it in between, and
+        it would hold the publishers back.
+        """
+        with lock:
+            while not lane.final and self._stand_by(lane, lock, wiring):
+                lane.log.info('takes over: this bridge runs the route')
+                term = Term(lane.stop, lock, successor)
+                self._run_on(lane, wiring, tell, term)
+                lane.end_term()
+                if term.over:
+                    lane.log.warning('hands over: another bridge runs this route')
+
+    def _stand_by(self, lane: Lane, lock: GroupLock, wiring: Wiring) -> bool:
+        """Wait until it is the turn of this bridge; False at a stop."""
+        while not lane.stop.asked:
+            lane.begin()
+            try:
+                lock.open()
+                while not lock.held and not lane.stop.asked:
+                    lane.wait_for_turn(lock)
+                    if lane.stands_by:
+                        self._deliver_backlog(lane, lock, wiring)
+            except BridgeError as error:
+                lane.fail(error, lane.stop)
+                lane.say_failure()
+                lock.close()
+                lane.stop.wait(lane.backoff.wait_s)
+            else:
+                lane.begin_term()
+                return lock.held and not lane.stop.asked
+        return False
+
+    def _deliver_backlog(self, lane: Lane, lock: GroupLock, wiring: Wiring) -> None:
+        """Deliver what this bridge had on disk when another took the route over from it."""
+        if lane.has_delivered or not isinstance(lane.route, RosToKafkaRoute):
+            return
+        if (direction := wiring.make_for_backlog(lane.route, lane.log)) is not None:
+            lane.use(direction)
+            try:
+                direction.deliver_backlog(Meanwhile(lane.stop, lock))
+            finally:
+                lane.end_term()
+        lane.has_delivered = True
 
     def _watch(self) -> None:
         status = StatusLog(self.snapshots)
@@ -149,7 +230,8 @@ class Bridge:
         if not self._worker and any(lane.runs for lane in self._lanes):
             self._log.info('stopping: draining; once more stops at once')
         longest_s = max(lane.route.drain_s for lane in self._lanes)
-        deadline_s = time.monotonic() + longest_s + _CLOSING_S
+        overlap_s = OVERLAP_S if any(lane.lock is not None for lane in self._lanes) else 0.0
+        deadline_s = time.monotonic() + longest_s + overlap_s + _CLOSING_S
         self._join([lane for lane in self._lanes if lane.stop is self.stop], deadline_s)
         self._stop_takers.ask()
         self._join(self._lanes, deadline_s)
@@ -160,7 +242,7 @@ class Bridge:
             logging.shutdown()
             os._exit(1)
 
-    def _join(self, lanes: list['_Lane'], deadline_s: float) -> None:
+    def _join(self, lanes: list[Lane], deadline_s: float) -> None:
         while any(lane.runs for lane in lanes) and time.monotonic() < deadline_s:
             if self.stop.at_once:
                 self._stop_takers.ask()
@@ -169,54 +251,10 @@ class Bridge:
             time.sleep(0.02)
 
 
-class _Lane:
-    """One route and what runs it."""
-
-    def __init__(self, route: Route, stop: Stop) -> None:
-        self.route = route
-        self.stop = stop
-        self.thread: threading.Thread | None = None
-        self.log = route_log(route.name)
-        self.direction: Direction | None = None
-        self.failure = ''
-        self.final = False
-        self.for_good = False  # final, and not for the end of a drain
-        self.backoff = Backoff()
-        self._errors = Repeated(self.log)
-        self._began_s = 0.0
-        self._draining = False
-
-    @property
-    def runs(self) -> bool:
-        return self.thread is not None and self.thread.is_alive()
-
-    def begin(self) -> None:
-        self._began_s = time.monotonic()
-        self._draining = self.stop.asked  # a route that failed before still owes a drain
-
-    def fail(self, error: BridgeError) -> None:
-        """Note what has failed, and whether it is tried again."""
-        self.backoff = self.backoff.after(time.monotonic() - self._began_s)
-        for_good = isinstance(error, RouteError) and error.final
-        self.for_good = for_good and not self.stop.asked
-        self.failure = str(error)
-        self.final = self._draining or for_good
-
-    def say_failure(self) -> None:
-        text = f'failed: {self.failure}'
-        if self.final or self.stop.asked:
-            self.log.error('%s', text)
-        else:
-            self._errors.error(text, f'; tried again in {self.backoff.wait_s:.0f} s')
-
-    def snapshot(self) -> Snapshot:
-        if self.direction is None:
-            last = Counters(self.route.name).snapshot(0)
-        else:
-            last = self.direction.snapshot
-        if self.failure:
-            return last._replace(state=State.FAILED, reason=self.failure, final=self.for_good)
-        return last
+def _lock_of(route: Route, config: Config) -> GroupLock | None:
+    if not isinstance(route, RosToKafkaRoute) or not route.exclusive:
+        return None
+    return GroupLock(config.kafka, config.name, route.name, route_log(route.name))
 
 
 def _of_worker(config: Config, worker: int) -> Config:

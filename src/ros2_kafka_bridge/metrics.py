@@ -15,6 +15,7 @@ class Outcome(StrEnum):
     DROPPED = 'dropped'
     SKIPPED = 'skipped'
     RETURNED = 'returned'
+    LOST = 'lost'  # on a damaged disk
 
 
 class State(StrEnum):
@@ -30,10 +31,11 @@ class State(StrEnum):
 class Snapshot(NamedTuple):
     """The counters of one route at one moment, made by the route's own thread.
 
-    `taken` equals the five outcomes plus `in_flight`, always. `in_flight` is the length of what
-    the route holds, not a difference. `lag` is in records (Kafka -> ROS only), `lost_upstream`
-    what was lost before the bridge could take it, `repeated` what was published again. `final`
-    says that the route has failed and is not tried again.
+    `taken` equals the six outcomes plus `spooled` plus `in_flight`, always. What an earlier life
+    of the bridge has left on disk counts as taken when it is found. `spooled` waits on disk,
+    `in_flight` is the length of what the route holds, not a difference. `lag` is in records
+    (Kafka -> ROS only), `lost_upstream` what was lost before the bridge could take it, `repeated`
+    what was published again. `final` says that the route has failed and is not tried again.
     """
 
     route: str
@@ -45,6 +47,8 @@ class Snapshot(NamedTuple):
     dropped: int
     skipped: int
     returned: int
+    lost: int
+    spooled: int
     in_flight: int
     lost_upstream: int
     repeated: int
@@ -54,8 +58,8 @@ class Snapshot(NamedTuple):
     @property
     def balanced(self) -> bool:
         """Whether everything taken is accounted for."""
-        ended = self.confirmed + self.dead_lettered + self.dropped + self.skipped + self.returned
-        return self.taken == ended + self.in_flight
+        ended = sum(getattr(self, outcome) for outcome in Outcome)
+        return bool(self.taken == ended + self.spooled + self.in_flight)
 
 
 @dataclass(slots=True)
@@ -83,7 +87,7 @@ class Counters:
         """Note that the route does nothing any more."""
         self.state, self.reason = State.STOPPED, ''
 
-    def snapshot(self, in_flight: int, lag: int | None = None) -> Snapshot:
+    def snapshot(self, in_flight: int, lag: int | None = None, spooled: int = 0) -> Snapshot:
         """Freeze the counters; `in_flight` is the length of what the route holds now."""
         return Snapshot(
             route=self.route,
@@ -95,6 +99,8 @@ class Counters:
             dropped=self.ended[Outcome.DROPPED],
             skipped=self.ended[Outcome.SKIPPED],
             returned=self.ended[Outcome.RETURNED],
+            lost=self.ended[Outcome.LOST],
+            spooled=spooled,
             in_flight=in_flight,
             lost_upstream=self.lost_upstream,
             repeated=self.repeated,

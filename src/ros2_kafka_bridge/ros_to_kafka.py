@@ -2,14 +2,14 @@
 
     take -> encode -> produce -> confirm
 
-Everything taken and not ended is in `window`. An entry waits in `pending` until the producer
-takes it; the delivery report ends it. While the window is full nothing is taken: the reader's
-cache fills, and DDS holds the publisher back.
+Everything taken and not ended is in the window. An entry waits in its `pending` until the
+producer takes it; the delivery report ends it. While the window is full nothing is taken: the
+reader's cache fills, and DDS holds the publisher back. A route with a spool goes on taking: see
+`spooling`.
 """
 
 import logging
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -26,7 +26,10 @@ from ros2_kafka_bridge.errors import (
 from ros2_kafka_bridge.formats import Encode
 from ros2_kafka_bridge.logs import Occasional
 from ros2_kafka_bridge.metrics import Counters, Outcome
+from ros2_kafka_bridge.spool.backlog import Backlog
+from ros2_kafka_bridge.spooling import InKafka, Spooling
 from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.window import Entry, Window
 
 BATCH = 500
 SNAPSHOT_S = 1.0
@@ -38,29 +41,13 @@ _FULL_S = 0.02
 _OFTEN_PER_S = 2000.0
 _SMALL_BATCH = 50
 _GATHER_S = 0.001
-_ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small messages count too
+_LAST_TAKES = 100
 
 MakeKey = Callable[[Message], bytes | None]
 """Message -> key of its record."""
 
 MakeHeaders = Callable[[Message], HeaderList]
 """Message -> headers of its record."""
-
-Seen = Callable[[Message], bool]
-"""Whether a message is in Kafka already, from before a restart."""
-
-
-class Entry:
-    """One message on its way."""
-
-    __slots__ = ('alone', 'dead', 'number', 'record', 'size_bytes')
-
-    def __init__(self, number: int, record: Outgoing) -> None:
-        self.number = number
-        self.record = record
-        self.size_bytes = len(record.value or b'') + _ENTRY_BYTES
-        self.alone = False
-        self.dead = False
 
 
 class RosToKafka:
@@ -69,12 +56,13 @@ class RosToKafka:
     Args:
         route: The settings of the route.
         source: Where the messages come from; opened once, and held while the route has failed.
-        seen: Tells what was produced before a restart.
+        in_kafka: Tells what was produced before a restart.
         sink: Where the records go.
         encode: Makes a record's value from the CDR bytes of a message.
         make_key: Makes a record's key from a message that `encode` accepted.
         make_headers: Makes a record's headers.
         dead_letters: Where messages go that can never be delivered.
+        backlog: What waits on disk.
         log: Where to say what happens.
     """
 
@@ -82,29 +70,31 @@ class RosToKafka:
         self,
         route: RosToKafkaRoute,
         source: MessageSource,
-        seen: Seen,
+        in_kafka: InKafka,
         sink: RecordSink[Entry],
         encode: Encode,
         make_key: MakeKey,
         make_headers: MakeHeaders,
         dead_letters: DeadLetters[Entry],
+        backlog: Backlog,
         log: logging.LoggerAdapter[logging.Logger],
     ) -> None:
         self.counters = Counters(route.name)
         self.snapshot = self.counters.snapshot(0)
         self._route = route
         self._source = source
-        self._seen = seen
+        self._in_kafka = in_kafka
         self._sink = sink
         self._encode = encode
         self._make_key = make_key
         self._make_headers = make_headers
         self._dead_letters = dead_letters
-        self._log = log
         self._occasional = Occasional(log)
-        self._window: dict[int, Entry] = {}
-        self._window_bytes = 0
-        self._pending: deque[Entry] = deque()
+        self._window = Window(route.max_in_flight, route.max_in_flight_bytes)
+        self._spooling = Spooling(
+            route, self._window, self._put_in_line, backlog, in_kafka, self.counters, log
+        )
+        self._producing = 0  # how many the producer has got
         self._alone: Entry | None = None
         self._failed: tuple[int, str] | None = None  # number and reason, where on_error is stop
         self._number = 0
@@ -122,7 +112,19 @@ class RosToKafka:
                 self._step()
             self._drain(stop)
 
+    def deliver_backlog(self, stop: Stop) -> None:
+        """Deliver what an earlier life has left on disk, and take nothing new.
+
+        Raises:
+            RouteError: That is not possible now; it stays on disk.
+        """
+        with self._opened():
+            while not stop.asked and (self._window or self._spooling.waiting):
+                self._step()
+            self._drain(stop)
+
     def _step(self) -> None:
+        self._spooling.step(self._sink.away)
         self._produce_pending()
         room = self._room()
         if room > 0:
@@ -147,22 +149,23 @@ class RosToKafka:
     def _room(self) -> int:
         if self._dead_letters.problem or self._failed is not None:
             return 0
-        if self._route.when_full == 'drop_oldest':
+        if self._spooling.active:
+            return self._spooling.room()
+        if self._route.when_full == 'drop_oldest' and not self._spooling.exists:
             self._drop_oldest()
-            return 0 if self._window_bytes > self._route.max_in_flight_bytes else BATCH
-        if self._window_bytes >= self._route.max_in_flight_bytes:
-            return 0
-        return min(BATCH, self._route.max_in_flight - len(self._window))
+            return 0 if self._window.size_bytes > self._window.max_bytes else BATCH
+        return min(BATCH, self._window.room)
 
     def _take(self, limit: int, timeout_s: float) -> int:
         messages = self._source.take(limit, timeout_s)
         for message in messages:
             self._accept(message)
+        self._spooling.write()
         return len(messages)
 
     def _accept(self, message: Message) -> None:
         self.counters.taken += 1
-        if self._seen(message):
+        if self._in_kafka.contains(message):
             self.counters.end(Outcome.SKIPPED)
             return
         headers = self._make_headers(message)
@@ -171,74 +174,94 @@ class RosToKafka:
             value = self._encode(message.cdr)
             record = Outgoing(topic, self._make_key(message), value, headers)
         except RecordError as error:
-            self._refuse(self._hold(Outgoing(topic, None, message.cdr, headers)), error)
+            entry = self._hold(Outgoing(topic, None, message.cdr, headers), message)
+            if self._is_dead(entry, error):
+                self._queue(entry)
         else:
-            entry = self._hold(record)
-            if self._failed is None:
-                self._pending.append(entry)
+            self._queue(self._hold(record, message))
 
-    def _hold(self, record: Outgoing) -> Entry:
+    def _hold(self, record: Outgoing, message: Message) -> Entry:
         self._number += 1
-        entry = Entry(self._number, record)
-        self._window[entry.number] = entry
-        self._window_bytes += entry.size_bytes
+        entry = Entry(self._number, record, message.gid, message.seq)
+        self._window.put(entry)
         return entry
 
-    def _refuse(self, entry: Entry, error: RecordError) -> None:
+    def _queue(self, entry: Entry) -> None:
+        if self._failed is not None:
+            return
+        if self._spooling.active:
+            self._spooling.add(entry)
+        else:
+            self._put_in_line(entry)
+
+    def _put_in_line(self, entry: Entry) -> None:
+        entry.in_line = True
+        if entry.dead:
+            self._dead_letters.add(entry.record, entry)
+        else:
+            self._window.pending.append(entry)
+
+    def _is_dead(self, entry: Entry, error: RecordError) -> bool:
+        """Do what `on_error` says; tells whether the entry has become a dead letter."""
         where = f'{self._route.source.ros} -> {self._route.sink.kafka}'
         if self._route.on_error == 'stop':
+            entry.refused = True
             self._failed = self._failed or (entry.number, f'{where}: {error}')
-            return
+            return False
         self._occasional.warning(f'{self._route.on_error}: {where}: {error}')
         if self._route.on_error == 'drop':
             self._end(entry, Outcome.DROPPED)
-            return
+            return False
         origin = from_ros(self._route.name, self._route.source.ros, self._route.sink.kafka)
         letter = explain(entry.record, error, origin)
         entry.dead = True
         entry.record = without_value(letter) if isinstance(error, RecordTooLargeError) else letter
-        self._dead_letters.add(entry.record, entry)
+        return True
 
     def _drop_oldest(self) -> None:
-        room_bytes = self._route.max_in_flight_bytes
-        while self._pending and (
-            len(self._pending) > self._route.max_in_flight or self._window_bytes > room_bytes
+        window, pending = self._window, self._window.pending
+        while pending and (
+            len(pending) > window.max_entries or window.size_bytes > window.max_bytes
         ):
-            self._end(self._pending.popleft(), Outcome.DROPPED)
+            self._end(pending.popleft(), Outcome.DROPPED)
 
     # 2. entries -> Kafka
 
     def _produce_pending(self) -> None:
-        pending, produce = self._pending, self._sink.produce
-        if self._alone_in_flight():
+        pending, produce = self._window.pending, self._sink.produce
+        if self._alone is not None:
             return
         while pending:
             entry = pending[0]
-            if entry.alone and len(self._window) > len(pending):
+            if entry.alone and self._producing:
                 return
             try:
                 if not produce(entry.record, entry):
                     return
                 pending.popleft()
+                self._producing += 1
             except RecordTooLargeError as error:
                 pending.popleft()
                 self._refuse(entry, error)
+                continue
             if entry.alone:
                 self._alone = entry
                 return
 
-    def _alone_in_flight(self) -> bool:
-        return self._alone is not None and self._alone.number in self._window
+    def _refuse(self, entry: Entry, error: RecordError) -> None:
+        if self._is_dead(entry, error):
+            self._put_in_line(entry)
 
     # 3. delivery reports -> confirmed
 
     def _confirm(self, timeout_s: float) -> None:
         confirmed, failed = self._sink.poll(timeout_s)
-        window = self._window
         for entry in confirmed:
-            del window[entry.number]
-            self._window_bytes -= entry.size_bytes
+            self._window.remove(entry)
         self.counters.end(Outcome.CONFIRMED, len(confirmed))
+        self._producing -= len(confirmed) + len(failed)
+        if not self._producing:
+            self._alone = None
         if failed:
             self._retry(failed)
         for entry in self._dead_letters.poll():
@@ -247,21 +270,19 @@ class RosToKafka:
             self._fail_after_the_others(*self._failed)
 
     def _fail_after_the_others(self, number: int, reason: str) -> None:
-        if next(iter(self._window)) == number:
+        if min(self._window.entries) == number and not self._spooling.waiting:
+            self._spooling.put_away()
             behind = len(self._window) - 1
             given_up = f', {behind} messages behind it are given up' if behind else ''
             raise RouteError(f'{reason}; stopped, as on_error says{given_up}', final=True)
 
     def _end(self, entry: Entry, outcome: Outcome) -> None:
-        del self._window[entry.number]
-        self._window_bytes -= entry.size_bytes
+        self._window.remove(entry)
         self.counters.end(outcome)
 
     def _retry(self, failed: Sequence[tuple[Entry, BridgeError]]) -> None:
         again = []
         for entry, error in failed:
-            if entry is self._alone:
-                self._alone = None
             if isinstance(error, RecordTooLargeError) and not entry.alone:
                 # A broker that refuses a batch for its size refuses all the records in it.
                 entry.alone = True
@@ -273,22 +294,25 @@ class RosToKafka:
             else:
                 raise error
         again.sort(key=lambda entry: entry.number)
-        self._pending.extendleft(reversed(again))
+        self._window.pending.extendleft(reversed(again))
 
     def _tick(self) -> None:
         now_s = time.monotonic()
         if now_s < self._tick_at_s:
             return
         self._tick_at_s = now_s + SNAPSHOT_S
-        full = self._room() <= 0 or len(self._pending) >= self._route.max_in_flight
+        full = self._room() <= 0 or len(self._window.pending) >= self._window.max_entries
         away = self._sink.away if self._window else ''
         reason = away or ('the window is full: Kafka takes too slowly' if full else '')
-        self._show(reason)
+        self._show(self._spooling.full or reason)
 
     def _show(self, reason: str) -> None:
         self.counters.tell(self._dead_letters.problem, reason)
+        self._take_snapshot()
+
+    def _take_snapshot(self) -> None:
         self.counters.lost_upstream = self._source.lost_upstream
-        self.snapshot = self.counters.snapshot(len(self._window))
+        self.snapshot = self.counters.snapshot(len(self._window), spooled=self._spooling.waiting)
 
     # Failure, end
 
@@ -296,16 +320,14 @@ class RosToKafka:
         deadline_s = time.monotonic() + self._route.drain_s
         empty = False
         while time.monotonic() < deadline_s and not stop.at_once:
-            if not empty and (room := self._room()) > 0:
-                self._take(room, 0.0)
-                empty = self._source.exhausted
+            self._spooling.begin_if_stuck(self._sink.away)
+            empty = empty or self._take_last()
             self._produce_pending()
             self._confirm(_BUSY_S if self._window else 0.0)
-            if empty and not self._window:
+            if empty and (not self._window or (self._sink.away and self._spooling.keep())):
                 break
-        if not empty and (room := self._room()) > 0:  # is there anything to give up?
-            self._take(room, 0.0)
-            empty = self._source.exhausted
+        empty = empty or self._take_rest()
+        self._spooling.put_away()
         held = len(self._window)
         given_up = [f'{held} messages that Kafka has not confirmed'] * bool(held)
         given_up += ['what was not taken yet'] * (not empty)
@@ -315,23 +337,43 @@ class RosToKafka:
                 final=True,
             )
 
+    def _take_last(self) -> bool:
+        """Take once more, if there is room; tells whether nothing is left to take."""
+        self._spooling.write()
+        room = self._room()
+        if room <= 0:
+            return False
+        self._take(room, 0.0)
+        return self._source.exhausted
+
+    def _take_rest(self) -> bool:
+        """Take what is left when time is up, to disk if there is one; tells whether it was all."""
+        if not self._spooling.exists:
+            return self._take_last()
+        if not self._spooling.active:
+            self._spooling.begin('stopping')
+        return any(self._take_last() for _ in range(_LAST_TAKES))
+
     @contextmanager
     def _opened(self) -> Iterator[None]:
-        self._resume()
-        self._sink.open()
+        self._number = max(self._number, self._spooling.open())
         try:
+            self._resume()
+            self._sink.open()
             yield
         finally:
             for entry in (*self._sink.close(), *self._dead_letters.close()):
                 self._end(entry, Outcome.DEAD_LETTERED if entry.dead else Outcome.CONFIRMED)
-            self.counters.lost_upstream = self._source.lost_upstream
-            self.counters.tell_end()
-            self.snapshot = self.counters.snapshot(len(self._window))
+            try:
+                self._spooling.close()
+            finally:
+                self.counters.tell_end()
+                self._take_snapshot()
 
     def _resume(self) -> None:
         """Put what a failed run left back in line, in the order of taking."""
         self._alone = None
-        self._pending = deque(entry for entry in self._window.values() if not entry.dead)
-        for entry in self._window.values():
-            if entry.dead:
-                self._dead_letters.add(entry.record, entry)
+        self._producing = 0
+        self._window.pending.clear()
+        for entry in self._window.ascending():
+            self._spooling.resume(entry)

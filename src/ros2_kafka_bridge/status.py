@@ -29,6 +29,8 @@ def _rare(snapshot: Snapshot) -> str:
         'dropped': snapshot.dropped,
         'skipped': snapshot.skipped,
         'returned': snapshot.returned,
+        'spooled': snapshot.spooled,
+        'lost on a damaged disk': snapshot.lost,
         'published again': snapshot.repeated,
         'lost before the bridge': snapshot.lost_upstream,
     }

@@ -21,9 +21,10 @@ from ros2_kafka_bridge.metrics import Snapshot
 from ros2_kafka_bridge.shares import Share, share_out
 from ros2_kafka_bridge.status_log import StatusLog
 from ros2_kafka_bridge.stop import SIGNALS, Stop, signals_to_heed
+from ros2_kafka_bridge.term import OVERLAP_S
 from ros2_kafka_bridge.worker_process import WorkerProcess
 
-_CLOSING_S: Final = 10.0
+_CLOSING_S: Final = 10.0 + OVERLAP_S
 _AT_ONCE_S: Final = 5.0
 _LOOK_S: Final = 0.1
 _FAILED: Final = 1

@@ -1,8 +1,10 @@
 """How a route is made of its settings: which ends, which format, which labels."""
 
 import logging
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Any
 
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
@@ -13,17 +15,21 @@ from ros2_kafka_bridge.kafka.admin import ensure_topic, topic_limit_bytes
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.properties import consumer_properties, producer_properties
-from ros2_kafka_bridge.kafka.tail import read_tail
+from ros2_kafka_bridge.kafka.tail import Tail
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.labels import make_headers, make_key
+from ros2_kafka_bridge.produced import Produced
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
 from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.ros.publisher import RosSink
-from ros2_kafka_bridge.ros.subscription import Offer, RosSource, wait_for_type
+from ros2_kafka_bridge.ros.subscription import RosSource, wait_for_type
 from ros2_kafka_bridge.ros.types import load_type
-from ros2_kafka_bridge.ros_to_kafka import Entry, RosToKafka
+from ros2_kafka_bridge.ros_to_kafka import RosToKafka
+from ros2_kafka_bridge.spool.backlog import Backlog
+from ros2_kafka_bridge.spool.store import Spool, file_of
 from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.window import Entry
 
 _LARGEST_BATCH_BYTES = 1_000_000
 _LEAST_KBYTES = 1024
@@ -78,6 +84,26 @@ class Wiring:
             return self._kafka_to_ros(route, log, stack)
         return self._ros_to_kafka(route, log, stop, stack)
 
+    def make_for_backlog(self, route: RosToKafkaRoute, log: Log) -> RosToKafka | None:
+        """Make what delivers the spool of a route that another bridge runs; None without one.
+
+        It takes nothing from ROS, where the other one reads.
+        """
+        if route.spool is None or not self._spool_of(route).exists():
+            return None
+        return RosToKafka(
+            route,
+            _Silence(),
+            self._produced(route, log),
+            self._kafka_sink(route, log),
+            _encode_nothing,
+            lambda _: None,
+            lambda _: [],
+            self._dead_letters(route, log),
+            self._backlog(route, log),
+            log,
+        )
+
     def _kafka_to_ros(
         self,
         route: KafkaToRosRoute,
@@ -118,8 +144,7 @@ class Wiring:
         if name is None:
             return None
         message_type = load_type(name)
-        tail_group = f'{self._config.name}.{route.name}.tail'
-        produced = _Produced(self._consumer_properties(tail_group), route.sink.kafka)
+        produced = self._produced(route, log)
         source = RosSource(
             self._node,
             route.source.ros,
@@ -136,18 +161,35 @@ class Wiring:
         headers = make_headers(route.source.ros, name, self._config.name, source.type_hash)
         # Open before Kafka is asked anything: from here on DDS holds the publishers back.
         stack.enter_context(_open(source))
-        properties = self._producer_properties(route)
         return RosToKafka(
             route,
             source,
-            produced.contains,
-            KafkaSink[Entry](properties, f'topic {route.sink.kafka}', log),
+            produced,
+            self._kafka_sink(route, log),
             encode,
             make_value_key,
             headers,
             self._dead_letters(route, log),
+            self._backlog(route, log),
             log,
         )
+
+    def _produced(self, route: RosToKafkaRoute, log: Log) -> Produced:
+        properties = self._consumer_properties(f'{self._config.name}.{route.name}.tail')
+        return Produced(Tail(properties, route.sink.kafka), log)
+
+    def _kafka_sink(self, route: RosToKafkaRoute, log: Log) -> KafkaSink[Entry]:
+        return KafkaSink(self._producer_properties(route), f'topic {route.sink.kafka}', log)
+
+    def _spool_of(self, route: RosToKafkaRoute) -> Path:
+        assert route.spool is not None
+        return file_of(Path(route.spool.path), self._config.name, route.name)
+
+    def _backlog(self, route: RosToKafkaRoute, log: Log) -> Backlog:
+        if route.spool is None:
+            return Backlog(None, None, log)
+        spool = Spool(self._spool_of(route), sync=route.spool.sync == 'batch', log=log)
+        return Backlog(spool, route.spool, log, drops=route.when_full == 'drop_oldest')
 
     def _consumer_properties(self, group: str) -> dict[str, Any]:
         name = self._config.name
@@ -183,23 +225,27 @@ class Wiring:
         )
 
 
-class _Produced:
-    """Which messages are in Kafka already, from before a restart.
+class _Silence:
+    """A `MessageSource` of a topic where nothing is published."""
 
-    Asked only for publishers that send their history again (TRANSIENT_LOCAL).
-    """
+    lost_upstream = 0
+    exhausted = True
 
-    def __init__(self, properties: dict[str, Any], topic: str) -> None:
-        self._properties = properties
-        self._topic = topic
-        self._found: set[tuple[bytes, int]] | None = None
+    def open(self) -> None:
+        """Nothing is subscribed."""
 
-    def look(self, offer: Offer) -> None:
-        if offer.durability == 'transient_local' and self._found is None:
-            self._found = read_tail(self._properties, self._topic)
+    def take(self, limit: int, timeout_s: float) -> Sequence[Message]:
+        """Wait for nothing."""
+        del limit
+        time.sleep(timeout_s)
+        return ()
 
-    def contains(self, message: Message) -> bool:
-        return self._found is not None and (message.gid, message.seq) in self._found
+    def close(self) -> None:
+        """Nothing is subscribed."""
+
+
+def _encode_nothing(_cdr: bytes) -> bytes:
+    raise AssertionError('nothing is taken')
 
 
 def _kbytes(route: Route) -> int:

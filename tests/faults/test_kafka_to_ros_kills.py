@@ -93,6 +93,24 @@ def test_guarantees_1_and_8_a_killed_bridge_loses_nothing_and_repeats_only_uncom
     assert bench.committed(GROUP, topic_name) == count
 
 
+def test_guarantee_8_a_bridge_that_is_killed_at_rest_repeats_nothing(
+    bench: Bench, topic_name: str, arrived: Path
+) -> None:
+    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, numbered(100))
+    with bench.subscriber(ROS_TOPIC, arrived, samples=SAMPLES):
+        with bench.bridge(config) as bridge:
+            wait_for_lines(arrived, 100, bridge)
+            eventually(lambda: bench.committed(GROUP, topic_name) == 100, 10)
+            bridge.kill()
+        bench.produce(topic_name, [b'100'])
+        with bench.bridge(config) as bridge:
+            wait_for_lines(arrived, 101, bridge)
+            assert bridge.end() == 0
+    assert numbers(arrived) == list(range(101))
+
+
 @pytest.mark.parametrize('lease_s', [3.0, None], ids=['lease 3 s', 'default lease'])
 def test_guarantee_1_when_the_only_subscriber_is_killed_the_next_one_gets_what_was_in_flight(
     bench: Bench, topic_name: str, tmp_path: Path, lease_s: float | None

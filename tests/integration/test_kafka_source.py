@@ -4,12 +4,13 @@ import contextlib
 import logging
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
-from confluent_kafka import Producer, TopicPartition
+from confluent_kafka import Consumer, Producer, TopicPartition
 from harness import Bench, eventually
 
+from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.properties import consumer_properties
 
@@ -107,3 +108,41 @@ def test_guarantee_1_what_is_deleted_faster_than_it_is_read_is_counted_once_and_
     assert taken_meanwhile > 1
     said = [record for record in caplog.records if 'were deleted before' in record.getMessage()]
     assert 1 <= len(said) <= 15
+
+
+def poll_until_it_raises(consumer: Consumer, source: KafkaSource) -> None:
+    while True:
+        consumer.poll(0.1)
+        source.poll(500, 0.1)
+
+
+def test_a_source_whose_name_in_the_group_was_taken_closes_and_reads_on_when_opened_again(
+    bench: Bench, topic_name: str, unique: Callable[[str], str]
+) -> None:
+    """As when a broker dies between taking a member in and telling it: the client has given up."""
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, [b'first'])
+    servers = {'bootstrap.servers': bench.bootstrap_servers}
+    properties = consumer_properties(servers, client_id='test', group=unique('group'))
+    properties |= {'group.instance.id': 'one-name'}
+    source = KafkaSource(properties, topic_name, 'earliest', LOG)
+    source.open(Nobody())
+    taken: list[bytes | None] = []
+
+    def read(count: int) -> bool:
+        taken.extend(record.value() for record in source.poll(500, 0.1))
+        return len(taken) >= count
+
+    eventually(lambda: read(1), 30)
+    assert source.commit_now({0: 1}, 20)
+    with contextlib.closing(Consumer(properties)) as usurper:
+        usurper.subscribe([topic_name])
+        with pytest.raises(RouteError, match='fenced by other consumer'):
+            poll_until_it_raises(usurper, source)
+        source.close()
+    bench.produce(topic_name, [b'second'])
+    taken.clear()
+    source.open(Nobody())
+    eventually(lambda: read(1), 60)
+    source.close()
+    assert taken == [b'second']

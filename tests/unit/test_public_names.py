@@ -15,6 +15,7 @@ def test_the_public_names_are_these() -> None:
         'Config',
         'ConfigError',
         'DecodeError',
+        'Deduplicator',
         'EncodeError',
         'RecordError',
         'RecordTooLargeError',
@@ -24,6 +25,7 @@ def test_the_public_names_are_these() -> None:
         '__version__',
         'load',
         'loads',
+        'without_repeats',
     ]
 
 

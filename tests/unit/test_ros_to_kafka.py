@@ -1,7 +1,8 @@
 """The direction ROS -> Kafka, driven step by step with ends in memory."""
 
 import logging
-from typing import Any
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -16,9 +17,13 @@ from ros2_kafka_bridge.errors import (
 )
 from ros2_kafka_bridge.formats import limited
 from ros2_kafka_bridge.metrics import State
-from ros2_kafka_bridge.ros_to_kafka import Entry, RosToKafka
+from ros2_kafka_bridge.ros_to_kafka import RosToKafka
+from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSink
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.window import Entry
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 
@@ -27,6 +32,25 @@ def encode(cdr: bytes) -> bytes:
     if cdr.startswith(b'bad'):
         raise EncodeError('not what it should be')
     return cdr
+
+
+class InKafka:
+    """Kafka holds the messages of these numbers, of whichever publisher."""
+
+    def __init__(self, numbers: frozenset[int]) -> None:
+        self.numbers = set(numbers)
+
+    def contains(self, message: Message) -> bool:
+        return message.seq in self.numbers
+
+    def also(self, numbers: Iterable[tuple[bytes, int]]) -> None:
+        self.numbers |= {seq for _, seq in numbers}
+
+    def look_at_end(self) -> None:
+        pass
+
+    def holds(self, _gid: bytes, _seq: int) -> bool:
+        return False
 
 
 class House:
@@ -49,12 +73,13 @@ class House:
         self.direction = RosToKafka(
             route,
             self.source,
-            lambda message: message.seq in seen,
+            InKafka(seen),
             self.sink,
             limited(encode, route.max_message_bytes),
             lambda _: b'key',
             lambda message: [('ros.seq', str(message.seq))],
             dead,
+            Backlog(None, None, LOG),
             LOG,
         )
         self.sink.open()

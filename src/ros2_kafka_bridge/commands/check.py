@@ -115,6 +115,7 @@ def _route_findings(
             *check_ros.publisher_findings(route, publishers, message_type),
             *check_ros.key_findings(route, message_type),
             *(check_kafka.sink_findings(route, kafka) if asks else ()),
+            *(check_kafka.lock_findings(route, config, kafka) if asks else ()),
         ]
     return [
         *found,

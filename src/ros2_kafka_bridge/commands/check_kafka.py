@@ -8,6 +8,7 @@ from ros2_kafka_bridge.commands.screen import Finding
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.errors import BridgeError, TransportError
 from ros2_kafka_bridge.kafka.broker import Broker, TopicView
+from ros2_kafka_bridge.kafka.lock import lock_group, lock_topic
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
 from ros2_kafka_bridge.kafka.properties import common_properties
 from ros2_kafka_bridge.plural import count
@@ -86,6 +87,27 @@ def sink_findings(route: RosToKafkaRoute, kafka: Cluster) -> Iterator[Finding]:
             'what is there from before a restart'
         )
         yield Finding('note', 'sink', text)
+
+
+def lock_findings(route: RosToKafkaRoute, config: Config, kafka: Cluster) -> Iterator[Finding]:
+    """What bridges that take turns would agree by."""
+    if not route.exclusive:
+        return
+    topic, group = lock_topic(config.name), lock_group(config.name, route.name)
+    view = kafka.broker.topic(topic)
+    if not view.exists:
+        text = f'lock topic {topic} is not there: it is created at the start, if this user may'
+        yield Finding('note', 'lock', text)
+        return
+    if view.partitions != 1:
+        text = f'lock topic {topic} has {view.partitions} partitions, and must have one'
+        yield Finding('bad', 'lock', text, 'delete it, and create it with one')
+        return
+    yield _topic_finding('lock', topic, view, 'READ')
+    try:
+        kafka.broker.committed(group, topic, view.partitions)
+    except BridgeError as error:
+        yield Finding('bad', 'lock', f'group {group}: {error}', 'add the ACL READ on the group')
 
 
 def _missing_sink(topic: str, creates_topics: bool | None) -> Finding:  # noqa: FBT001 (unknown, too)

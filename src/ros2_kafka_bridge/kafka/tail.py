@@ -1,80 +1,171 @@
 """What the end of a topic says of the messages that are in it already."""
 
-import contextlib
 import logging
+import math
 import time
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, Final, NamedTuple
 
 from confluent_kafka import Consumer, KafkaError, KafkaException, Message, TopicPartition
 
+from ros2_kafka_bridge.dedup import Numbers, place_of
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.health import check_files
 
-TAIL_RECORDS = 10_000
-_REQUEST_S = 5.0
-_READ_S = 60.0
+_REQUEST_S: Final = 5.0
+_BATCH: Final = 1000
+_MAX_GAPS: Final = 1_000_000
 
 
-def read_tail(
-    properties: Mapping[str, Any], topic: str, records: int = TAIL_RECORDS
-) -> set[tuple[bytes, int]]:
-    """Read the last `records` records of each partition.
+class _Start(NamedTuple):
+    """Where the reading of a partition has begun.
 
-    Returns:
-        Publisher gid and number (`ros.gid`, `ros.seq`) of each that carries them.
-
-    Raises:
-        TransportError: The broker is away.
-        RouteError: The topic may not be read.
+    Args:
+        offset: Of the first record read.
+        low: Of the first record that the partition holds.
+        time_ns: Of the first record read; infinite where none tells.
     """
-    about = Client('READ', properties)
-    check_files(properties, f'topic {topic}')
-    consumer = Consumer(
-        {**properties, 'enable.partition.eof': True},
-        logger=logging.getLogger(f'{__name__}.librdkafka'),
-    )
-    try:
-        return _read(consumer, topic, records)
-    except KafkaException as error:
-        where = f'topic {topic} cannot be read, to skip what it holds from before a restart'
-        raise translate(error.args[0], where, about) from error
-    finally:
-        consumer.close()
+
+    offset: int
+    low: int
+    time_ns: float
 
 
-def _read(consumer: Consumer, topic: str, records: int) -> set[tuple[bytes, int]]:
-    ends: set[int | None] = set()
-    starts: list[TopicPartition] = []
-    partitions = consumer.list_topics(topic, timeout=_REQUEST_S).topics[topic].partitions
-    for partition in partitions:
-        here = TopicPartition(topic, partition)
-        low, high = consumer.get_watermark_offsets(here, timeout=_REQUEST_S)
-        if high > low:
-            ends.add(partition)
-            starts.append(TopicPartition(topic, partition, max(low, high - records)))
-    consumer.assign(starts)
-    found: set[tuple[bytes, int]] = set()
-    deadline_s = time.monotonic() + _READ_S
-    while ends:
-        for message in consumer.consume(1000, 0.05):
-            error = message.error()
-            if error is None:
-                _note(message, found)
-            elif error.code() == KafkaError._PARTITION_EOF:  # noqa: SLF001 (its public name)
-                ends.discard(message.partition())
-            elif not isinstance(translate(error, f'topic {topic}'), TransportError):
-                raise KafkaException(error)
-        if time.monotonic() > deadline_s:
-            raise TransportError(f'topic {topic}: its end cannot be read')
-    return found
+class Tail:
+    """The last records of a topic, as far as they were read back.
+
+    Args:
+        properties: librdkafka properties of a consumer with its group.
+        topic: The topic.
+    """
+
+    def __init__(self, properties: Mapping[str, Any], topic: str) -> None:
+        self.topic = topic
+        self.records = 0  # read so far
+        self.numbers: dict[bytes, Numbers] = {}  # of each publisher whose records were read
+        # What a broker deletes meanwhile is not missed.
+        own = {'enable.partition.eof': True, 'auto.offset.reset': 'earliest'}
+        self._properties = {**properties, **own}
+        self._about = Client('READ', properties)
+        self._starts: dict[int, _Start] = {}
+        self._lows: dict[int, int] = {}
+
+    @property
+    def complete(self) -> bool:
+        """Whether the topic holds nothing before what was read."""
+        return all(start.offset <= start.low for start in self._starts.values())
+
+    @property
+    def partitions(self) -> int:
+        """How many partitions the topic has."""
+        return len(self._starts)
+
+    @property
+    def since_ns(self) -> float:
+        """All records from that time on were read, by their timestamps, since 1970."""
+        incomplete = (s.time_ns for s in self._starts.values() if s.offset > s.low)
+        return max(incomplete, default=0.0)
+
+    def read(self, records: int, within_s: float) -> None:
+        """Read `records` records of each partition: the last ones, then those before them.
+
+        Raises:
+            TransportError: The broker is away, or that took longer than `within_s`.
+            RouteError: The topic may not be read.
+        """
+        check_files(self._properties, f'topic {self.topic}')
+        deadline_s = time.monotonic() + within_s
+        with self._translated():
+            consumer = Consumer(
+                self._properties, logger=logging.getLogger(f'{__name__}.librdkafka')
+            )
+            try:
+                ranges = self._ranges(consumer, records)
+                reading = self._read(consumer, ranges, deadline_s)
+            finally:
+                consumer.close()
+        self.records += reading.records
+        for partition, offsets in ranges.items():
+            time_ns = reading.times_ns.get(partition, math.inf)
+            self._starts[partition] = _Start(offsets.start, self._lows[partition], time_ns)
+
+    def _ranges(self, consumer: Consumer, records: int) -> dict[int, range]:
+        """The offsets to read in each partition."""
+        ranges = {}
+        for partition in (
+            consumer.list_topics(self.topic, timeout=_REQUEST_S).topics[self.topic].partitions
+        ):
+            here = TopicPartition(self.topic, partition)
+            low, high = consumer.get_watermark_offsets(here, timeout=_REQUEST_S)
+            before = self._starts.get(partition)
+            end = max(low, high if before is None else before.offset)
+            ranges[partition] = range(max(low, end - records), end)
+            self._lows[partition] = low
+        return ranges
+
+    def _read(
+        self, consumer: Consumer, ranges: Mapping[int, range], deadline_s: float
+    ) -> '_Reading':
+        reading = _Reading(ranges, self.numbers)
+        places = [TopicPartition(self.topic, p, ranges[p].start) for p in reading.left]
+        consumer.assign(places)
+        while reading.left:
+            for message in consumer.consume(_BATCH, 0.05):
+                error = message.error()
+                if error is None or error.code() == KafkaError._PARTITION_EOF:  # noqa: SLF001 (its public name)
+                    if reading.note(message):
+                        number = message.partition() or 0
+                        consumer.pause([TopicPartition(self.topic, number)])
+                elif not isinstance(translate(error, f'topic {self.topic}'), TransportError):
+                    raise KafkaException(error)
+            if reading.left and time.monotonic() > deadline_s:
+                raise TransportError(f'topic {self.topic}: its end cannot be read in time')
+        return reading
+
+    @contextmanager
+    def _translated(self) -> Iterator[None]:
+        where = f'topic {self.topic} cannot be read, to skip what it holds from before a restart'
+        try:
+            yield
+        except KafkaException as error:
+            raise translate(error.args[0], where, self._about) from error
 
 
-def _note(message: Message, found: set[tuple[bytes, int]]) -> None:
-    headers = dict(message.headers() or ())
-    gid, seq = headers.get('ros.gid'), headers.get('ros.seq')
-    if isinstance(gid, bytes) and isinstance(seq, bytes):
-        # Anyone may write such headers: what is not ours says nothing.
-        with contextlib.suppress(ValueError):
-            found.add((bytes.fromhex(gid.decode()), int(seq)))
+class _Reading:
+    """Some offsets of each partition, while they are read into `numbers`."""
+
+    def __init__(self, ranges: Mapping[int, range], numbers: dict[bytes, Numbers]) -> None:
+        self.left = {partition for partition, offsets in ranges.items() if offsets}
+        self.records = 0
+        self.times_ns: dict[int, float] = {}  # of the first record in each partition
+        self._ranges = ranges
+        self._numbers = numbers
+
+    def note(self, message: Message) -> bool:
+        """Take in a record, or the end of a partition; tells whether the partition is through."""
+        partition, offset = message.partition() or 0, message.offset() or 0
+        if partition not in self.left:
+            return False
+        if message.error() is None and offset < self._ranges[partition].stop:
+            self._note_record(message, partition)
+        if message.error() is None and offset + 1 < self._ranges[partition].stop:
+            return False
+        self.left.discard(partition)
+        return True
+
+    def _note_record(self, message: Message, partition: int) -> None:
+        self.records += 1
+        if partition not in self.times_ns:
+            self.times_ns[partition] = _time_ns(message)
+        if (place := place_of(message)) is not None:
+            gid, seq = place
+            if (numbers := self._numbers.get(gid)) is None:
+                numbers = self._numbers[gid] = Numbers(_MAX_GAPS)
+            numbers.add(seq)
+
+
+def _time_ns(message: Message) -> float:
+    kind, time_ms = message.timestamp()
+    return time_ms * 1e6 if kind else math.inf

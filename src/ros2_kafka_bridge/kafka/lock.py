@@ -1,0 +1,241 @@
+"""The right to run a route alone, held through a consumer group of Kafka.
+
+Every bridge that may run the route is a member of one group on a topic of one partition. Who has
+the partition runs the route; nothing is ever read from it.
+
+Tried with two and three members, librdkafka 2.x and Apache Kafka 4 (session 6 s, heartbeat 1 s):
+
+- A newcomer takes nothing away: cooperative-sticky leaves the partition where it is, and calls
+  `on_assign` of every member with an empty list, also of the holder.
+- SIGTERM of the holder: another has the partition within 0.1 s. It must unsubscribe first: a
+  member with a name stays in the group when it only closes.
+- SIGKILL or SIGSTOP of the holder: another has it after 6 to 7 s, when the session has ended.
+- SIGCONT after that: `on_lost` at once, `on_assign` with an empty list up to 1 s later. Between
+  the two nobody has said who holds it.
+- Kafka away for less than 6 s: nothing is called back. For longer: `on_lost` of every member
+  after 6 s, though none has lost it to another. Once Kafka answers, a member with a name
+  (`group.instance.id`, made anew in every life) gets its old place within 0.2 s: the holder holds
+  on. Without names, all would wait 6 s more for the members of before the outage to expire, and
+  then any of them would get it.
+"""
+
+import contextlib
+import logging
+import time
+import uuid
+from collections.abc import Mapping
+from typing import Any, Final, Self
+
+from confluent_kafka import Consumer, KafkaException, TopicPartition
+
+from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
+from ros2_kafka_bridge.kafka.admin import ensure_topic
+from ros2_kafka_bridge.kafka.errors import Client, translate
+from ros2_kafka_bridge.kafka.health import Admin, ClientHealth, check_files
+from ros2_kafka_bridge.kafka.properties import (
+    common_properties,
+    consumer_properties,
+)
+from ros2_kafka_bridge.logs import client_log
+
+HEARTBEAT_MS: Final = 1000
+_REQUEST_S: Final = 5.0
+_WANTED_S: Final = 1.5
+_TOPIC_S: Final = 10.0  # until a topic just made is known
+_AGAIN_S: Final = 0.2
+_LEAVE_S: Final = 2.0
+_LOOK_EVERY_S: Final = 2.0
+_LOOK_S: Final = 0.2
+
+
+def lock_topic(bridge: str) -> str:
+    """The topic of all locks of the bridges of a name."""
+    return f'{bridge}.lock'
+
+
+def lock_group(bridge: str, route: str) -> str:
+    """The group whose member with the partition runs the route."""
+    return f'{bridge}.{route}.lock'
+
+
+class GroupLock:
+    """The exclusive right of one bridge to run a route. All calls come from the route's thread.
+
+    Args:
+        kafka: librdkafka properties as the user wrote them.
+        bridge: Name of the bridge: all that share it and the route take turns.
+        route: Name of the route.
+        log: Where to say that Kafka is away.
+    """
+
+    def __init__(
+        self,
+        kafka: Mapping[str, Any],
+        bridge: str,
+        route: str,
+        log: logging.LoggerAdapter[logging.Logger],
+    ) -> None:
+        self.topic = lock_topic(bridge)
+        self.group = lock_group(bridge, route)
+        self.held = False  # as far as is known: see `poll`
+        self.joined = False  # whether the group has told who holds it
+        users = {
+            n: v for n, v in kafka.items() if n not in {'group.protocol', 'group.remote.assignor'}
+        }
+        self._properties = consumer_properties(users, group=self.group, client_id=bridge) | {
+            'group.instance.id': uuid.uuid4().hex,
+            'heartbeat.interval.ms': HEARTBEAT_MS,
+        }
+        self._common = common_properties(kafka, client_id=bridge)
+        self._about = Client('READ', self._properties)
+        self._health = ClientHealth(f'topic {self.topic}', log, self._about)
+        self._consumer: Consumer | None = None
+        self._assigned = False
+        self._look_at_s = 0.0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def away(self) -> str:
+        """Why Kafka does not tell who holds it; empty when all is well."""
+        return self._health.away
+
+    def open(self) -> None:
+        """Join those who want to hold it; nothing where that is done already.
+
+        Raises:
+            RouteError: The topic is not there and cannot be made, or is not as it must be.
+            TransportError: Kafka is away.
+        """
+        if self._consumer is not None:
+            return
+        check_files(self._properties, f'topic {self.topic}')
+        ensure_topic(self._common, self.topic)
+        self._health.on_open()
+        own = {'error_cb': self._health.on_error}
+        try:
+            self._consumer = Consumer(self._properties | own, logger=client_log(__name__))
+            self._check_topic(self._consumer)
+            self._consumer.subscribe(
+                [self.topic],
+                on_assign=self._on_assign,
+                on_revoke=self._on_revoke,
+                on_lost=self._on_lost,
+            )
+        except (KafkaException, BridgeError) as error:
+            self.close()
+            if isinstance(error, KafkaException):
+                raise self._translated(error) from error
+            raise
+
+    def poll(self, timeout_s: float) -> None:
+        """Learn whether it is held; returns after `timeout_s`. A closed one stays as it is.
+
+        Who was the holder when Kafka went away stays the holder for itself, until Kafka says
+        that another is: both can be at work for that time, but a message is never left to nobody.
+
+        Raises:
+            RouteError: The client cannot go on.
+        """
+        if self._consumer is None:
+            return
+        try:
+            message = self._consumer.poll(timeout_s)
+        except KafkaException as error:  # fatal for the client
+            raise self._translated(error) from error
+        if message is not None and (problem := message.error()) is not None:
+            self._health.on_error(problem)
+
+    def check(self) -> None:
+        """Look whether anything keeps this bridge from ever holding it.
+
+        Raises:
+            RouteError: The group or the topic may not be used, or is not there.
+        """
+        self._health.raise_failure()
+        now_s = time.monotonic()
+        if self.away and self._consumer is not None and now_s >= self._look_at_s:
+            self._look_at_s = now_s + _LOOK_EVERY_S
+            with contextlib.suppress(KafkaException):
+                self._consumer.list_topics(self.topic, timeout=_LOOK_S)
+                self._health.on_contact()
+
+    def is_wanted(self) -> bool:
+        """Whether another bridge stands by; False where Kafka does not tell."""
+        try:
+            requests = Admin(self._common, __name__).requests
+            answer = requests.describe_consumer_groups([self.group], request_timeout=_REQUEST_S)[
+                self.group
+            ]
+            return len(answer.result(_WANTED_S + 1).members) > 1
+        except (KafkaException, TimeoutError, BridgeError):
+            return False
+
+    def close(self) -> None:
+        """Leave it to another."""
+        consumer, self._consumer = self._consumer, None
+        self.held = self.joined = self._assigned = False
+        if consumer is None:
+            return
+        # A member with a name stays in the group when it closes, but not when it unsubscribes.
+        consumer.unsubscribe()
+        deadline_s = time.monotonic() + _LEAVE_S
+        while consumer.assignment() and time.monotonic() < deadline_s:
+            with contextlib.suppress(KafkaException):
+                consumer.poll(0.01)
+        consumer.close()
+
+    def _check_topic(self, consumer: Consumer) -> None:
+        deadline_s = time.monotonic() + _TOPIC_S
+        while True:
+            found = consumer.list_topics(self.topic, timeout=_REQUEST_S).topics[self.topic]
+            if found.error is None or time.monotonic() > deadline_s:
+                break
+            problem = translate(found.error, f'topic {self.topic}', self._about)
+            if not isinstance(problem, TransportError) and 'UNKNOWN' not in found.error.name():
+                raise problem
+            time.sleep(_AGAIN_S)
+        if found.error is not None:
+            raise RouteError(
+                f'topic {self.topic}, by which bridges agree on who runs an exclusive route, is '
+                f'not there, and this user may not create it: {self._command}'
+            )
+        if len(found.partitions) != 1:
+            raise RouteError(
+                f'topic {self.topic} has {len(found.partitions)} partitions, and an exclusive '
+                f'route needs it with one: delete the topic, then {self._command}'
+            )
+
+    @property
+    def _command(self) -> str:
+        servers = self._common.get('bootstrap.servers', '...')
+        return (
+            f'kafka-topics.sh --bootstrap-server {servers} --create --topic {self.topic} '
+            '--partitions 1'
+        )
+
+    def _on_assign(self, consumer: Consumer, partitions: list[TopicPartition]) -> None:
+        self._health.on_contact()
+        self.joined = True
+        if partitions:
+            # From an offset that nobody has to look up, and never read.
+            consumer.incremental_assign(
+                [TopicPartition(self.topic, p.partition, 0) for p in partitions]
+            )
+            consumer.pause(partitions)
+            self._assigned = True
+        # An empty list after a loss says that another has it; otherwise that nothing changes.
+        self.held = self._assigned
+
+    def _on_revoke(self, _: Consumer, _partitions: list[TopicPartition]) -> None:
+        self._assigned = self.held = False
+
+    def _on_lost(self, _: Consumer, _partitions: list[TopicPartition]) -> None:
+        self._assigned = False
+
+    def _translated(self, error: KafkaException) -> BridgeError:
+        return translate(error.args[0], f'topic {self.topic}', self._about)

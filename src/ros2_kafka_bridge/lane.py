@@ -1,0 +1,174 @@
+"""One route in a running bridge: what runs it, how it fares, what it has counted."""
+
+import time
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from ros2_kafka_bridge.backoff import Backoff
+from ros2_kafka_bridge.errors import BridgeError, RouteError
+from ros2_kafka_bridge.kafka.lock import GroupLock
+from ros2_kafka_bridge.logs import Repeated, route_log
+from ros2_kafka_bridge.metrics import Counters, Snapshot, State
+from ros2_kafka_bridge.plural import count
+from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.term import Term
+from ros2_kafka_bridge.wiring import Direction, Route
+
+if TYPE_CHECKING:
+    import threading
+
+_LISTEN_S: Final = 0.1
+# A route that fails for so long goes to a bridge that may be able to run it. What it holds in
+# memory is given up for that, so it is given away only to a bridge that stands by.
+_FAILING_S: Final = 30.0
+_STANDS_BY: Final = 'stands by: another bridge runs this route'
+_JOINS: Final = 'asks Kafka which bridge runs this route'
+
+
+class Lane:
+    """One route and what runs it.
+
+    Args:
+        route: Its settings.
+        stop: Asks it to drain.
+        lock: Its exclusive right; None where no other bridge runs it.
+    """
+
+    def __init__(self, route: Route, stop: Stop, lock: GroupLock | None) -> None:
+        self.route = route
+        self.stop = stop
+        self.lock = lock
+        self.thread: threading.Thread | None = None
+        self.log = route_log(route.name)
+        self.failure = ''
+        self.waits = ''  # for its turn
+        self.has_delivered = False  # what this bridge had on disk, while another runs the route
+        self.final = False
+        self.for_good = False  # final, and not for the end of a drain
+        self.backoff = Backoff()
+        self._errors = Repeated(self.log)
+        self._began_s = 0.0
+        self._failing_since_s: float | None = None
+        self._confirmed = 0  # at the last failure
+        self._draining = False
+        # One attribute, so that others see both at one moment.
+        self._work = _Work(Counters(route.name).snapshot(0), None)
+
+    @property
+    def runs(self) -> bool:
+        """Whether its thread has not ended."""
+        return self.thread is not None and self.thread.is_alive()
+
+    @property
+    def direction(self) -> Direction | None:
+        """What runs the route now, or is to be run again."""
+        return self._work.direction
+
+    def use(self, direction: Direction | None) -> None:
+        """Note what runs the route from now on."""
+        self._work = _Work(_without_spooled(self._work.before), direction)
+
+    @property
+    def stands_by(self) -> bool:
+        """Whether another bridge runs the route."""
+        return self.waits == _STANDS_BY
+
+    def begin_term(self) -> None:
+        """Forget what was waited for, and what kept this bridge from its turn."""
+        self.waits = ''
+        self.has_delivered = False
+        self._failing_since_s = None
+
+    def end_term(self) -> None:
+        """Forget what has run the route, but for what it has counted."""
+        self._work = _Work(self._total(), None)
+
+    def begin(self) -> None:
+        """Note that a run begins."""
+        self._began_s = time.monotonic()
+        self._draining = self.stop.asked  # a route that failed before still owes a drain
+
+    def fail(self, error: BridgeError, stop: Stop) -> None:
+        """Note what has failed, and whether it is tried again."""
+        now_s = time.monotonic()
+        self.backoff = self.backoff.after(now_s - self._began_s)
+        confirmed = self._total().confirmed
+        # Not by the time of a run: an unknown topic is noticed after half a minute of nothing.
+        if self._failing_since_s is None or confirmed > self._confirmed:
+            self._failing_since_s = now_s
+        self._confirmed = confirmed
+        handed_over = isinstance(stop, Term) and stop.over and not self.stop.asked
+        for_good = isinstance(error, RouteError) and error.final and not handed_over
+        self.for_good = for_good and not self.stop.asked
+        self.failure = str(error)
+        self.final = self._draining or for_good
+
+    def say_failure(self) -> None:
+        """Log why the last run has failed."""
+        text = f'failed: {self.failure}'
+        if self.final or self.stop.asked:
+            self.log.error('%s', text)
+        else:
+            self._errors.error(text, f'; tried again in {self.backoff.wait_s:.0f} s')
+
+    def is_given_away(self, stop: Stop) -> bool:
+        """Whether a failed route is left to another bridge, for this one has tried for long."""
+        if not isinstance(stop, Term) or self.lock is None or self._failing_since_s is None:
+            return False
+        if stop.over:
+            return True
+        tried_s = time.monotonic() - self._failing_since_s
+        if tried_s < _FAILING_S or self.stop.asked or not self.lock.is_wanted():
+            return False
+        held = 0 if self.direction is None else self.direction.snapshot.in_flight
+        given_up = f', {count(held, "message")} given up' if held else ''
+        self.log.warning(
+            'has failed for %.0f s: left to a bridge that stands by%s', tried_s, given_up
+        )
+        self.lock.close()
+        return True
+
+    def wait_for_turn(self, lock: GroupLock) -> None:
+        """Listen whether it has come, for a moment."""
+        joined = lock.joined  # a first answer without the lock may be followed at once by another
+        lock.poll(_LISTEN_S)
+        lock.check()
+        if lock.held:
+            return
+        before, self.waits = self.waits, lock.away or (_STANDS_BY if joined else _JOINS)
+        if self.waits == _STANDS_BY != before:
+            self.log.info('%s', _STANDS_BY)
+        if joined:
+            self.failure = ''
+
+    def snapshot(self) -> Snapshot:
+        """The counters of the route, at one moment of its own."""
+        total = self._total()
+        if self.failure:
+            return total._replace(state=State.FAILED, reason=self.failure, final=self.for_good)
+        if self.waits:
+            return total._replace(state=State.WAITING, reason=self.waits)
+        return total
+
+    def _total(self) -> Snapshot:
+        before, direction = self._work
+        return before if direction is None else _sum(before, direction.snapshot)
+
+
+class _Work(NamedTuple):
+    """What a route has counted in its former terms, and what counts now."""
+
+    before: Snapshot
+    direction: Direction | None
+
+
+_SUMMED = [name for name, kind in Snapshot.__annotations__.items() if kind is int]
+
+
+def _sum(before: Snapshot, now: Snapshot) -> Snapshot:
+    sums = {name: getattr(before, name) + getattr(now, name) for name in _SUMMED}
+    return now._replace(**sums)
+
+
+def _without_spooled(before: Snapshot) -> Snapshot:
+    """Leave out what waits on disk: the next to open the file counts it as taken again."""
+    return before._replace(taken=before.taken - before.spooled, spooled=0)

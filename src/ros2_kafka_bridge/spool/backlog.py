@@ -1,0 +1,250 @@
+"""What of a route waits on disk: when messages go there, and which of them are back in memory.
+
+The rows on disk are of three kinds, in this order: those whose messages have ended and are not
+deleted yet, those that are in the window of the route, and those that wait. New messages go
+behind all of them, so that the order of taking holds.
+"""
+
+import contextlib
+import logging
+import time
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from ros2_kafka_bridge.config.settings import SpoolSettings
+from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.plural import count as counted
+from ros2_kafka_bridge.spool.store import Row, Spool
+
+BATCH: Final = 500
+_AGAIN_S: Final = 1.0
+_RELEASE_S: Final = 0.2
+_LOOK_S: Final = 1.0
+
+
+class Backlog:
+    """The disk side of one route from ROS; a route without a spool has one that is never used.
+
+    Args:
+        spool: The file, not open yet; None for a route without one.
+        settings: What the route says of it.
+        drops: Whether a full spool makes room by dropping the oldest (`when_full: drop_oldest`).
+        log: Where to say what happens.
+    """
+
+    def __init__(
+        self,
+        spool: Spool | None,
+        settings: SpoolSettings | None,
+        log: logging.LoggerAdapter[logging.Logger],
+        *,
+        drops: bool = False,
+    ) -> None:
+        self.waiting = 0  # rows on disk that are not in the window
+        self.former = 0  # number of the last row of an earlier life
+        self.problem = ''  # why nothing can be written just now
+        self.active = False  # whether new messages go to disk
+        self._spool = spool
+        self._settings = settings
+        self._drops = drops
+        self._log = log
+        self._opened = False
+        self._loaded = 0  # number of the last row that is, or was, in the window
+        self._since_s = 0.0
+        self._again_at_s = 0.0
+        self._release_at_s = 0.0
+        self._look_at_s = 0.0
+
+    @property
+    def exists(self) -> bool:
+        """Whether the route has a spool."""
+        return self._spool is not None
+
+    @property
+    def last(self) -> int:
+        """Number of the newest row."""
+        return self._spool.last if self._spool is not None else 0
+
+    def open(self) -> tuple[int, int]:
+        """Open the file.
+
+        Returns:
+            How many messages of an earlier life it holds, 0 where this life has opened it
+            before, and how many cannot be read.
+
+        Raises:
+            RouteError: It cannot be used.
+        """
+        if self._spool is None:
+            return 0, 0
+        self._spool.open()
+        lost = self._spool.take_lost()
+        if self._opened:
+            lost = min(lost, self.waiting)
+            self.waiting -= lost
+            return 0, lost
+        self._opened = True
+        self.waiting, self.former = self._spool.count, self._spool.last
+        self.active = self._always or self.waiting > 0
+        if self.waiting:
+            self._since_s = time.monotonic()
+            self._log.info('the spool holds %s from before', counted(self.waiting, 'message'))
+        return self.waiting + lost, lost
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._spool is not None:
+            self._spool.close()
+
+    def numbers(self) -> set[tuple[bytes, int]]:
+        """Publisher and number of each message on disk."""
+        return self._spool.numbers() if self._spool is not None else set()
+
+    # When messages go to disk
+
+    def begin(self, reason: str) -> None:
+        """Let new messages go to disk from now on."""
+        self.active = True
+        self._since_s = time.monotonic()
+        self._log.warning('new messages go to the spool: %s', reason)
+
+    def end_if_empty(self) -> None:
+        """Let new messages go past the disk again, if none waits there."""
+        if self.active and not self._always and not self.waiting:
+            self.active = False
+            if self._since_s:
+                took_s = time.monotonic() - self._since_s
+                self._log.info('the spool is empty again, after %.0f s', took_s)
+
+    @property
+    def _always(self) -> bool:
+        return self._settings is not None and self._settings.mode == 'always'
+
+    @property
+    def full(self) -> str:
+        """Why no more messages fit on the disk; empty where some do."""
+        if self.problem:
+            return self.problem
+        if self._spool is None or self._settings is None:
+            return ''
+        if self._excess_bytes < 0:
+            return ''
+        return f'the spool is full (max_bytes: {self._settings.max_bytes})'
+
+    @property
+    def _excess_bytes(self) -> int:
+        """By how much the spool is full; negative while there is room."""
+        assert self._spool is not None
+        assert self._settings is not None
+        return self._spool.size_bytes - self._settings.max_bytes
+
+    # Rows
+
+    def write(self, rows: Sequence[Row]) -> bool:
+        """Write rows behind the others; False where that is not possible now, as `problem` says.
+
+        Raises:
+            RouteError: It will not be possible, and somebody has to mend it.
+        """
+        now_s = time.monotonic()
+        if self._spool is None or now_s < self._again_at_s:
+            return False
+        try:
+            self._spool.append(rows)
+        except TransportError as error:
+            if not self.problem:
+                self._log.error('%s; tried again until it can be', error)
+            self.problem = str(error)
+            self._again_at_s = now_s + _AGAIN_S
+            return False
+        if self.problem:
+            self._log.info('the spool can be written again')
+        self.problem = ''
+        self.waiting += len(rows)
+        return True
+
+    def hold(self, rows: Sequence[Row]) -> None:
+        """Note that rows just written are in the window, too."""
+        if rows:
+            self.waiting -= len(rows)
+            self._loaded = rows[-1].number
+
+    def load(self, limit: int, limit_bytes: int) -> tuple[list[Row], int]:
+        """Read the next rows into the window.
+
+        Returns:
+            The rows, and how many were found to be unreadable.
+        """
+        if self._spool is None or not self.waiting or limit <= 0 or limit_bytes <= 0:
+            return [], 0
+        rows = self._spool.read(self._loaded, min(limit, BATCH), limit_bytes)
+        lost = self._spool.take_lost()
+        if rows:
+            self._loaded = rows[-1].number
+        else:
+            lost = self.waiting  # the end was reached, and it should not have been
+        lost = min(lost, self.waiting - len(rows))
+        self.waiting -= len(rows) + lost
+        return rows, lost
+
+    def release(self, window: Iterable[int]) -> None:
+        """Delete what has ended, now and then; `window` are the numbers of what has not."""
+        now_s = time.monotonic()
+        if self._spool is None or not self._spool.count:
+            return
+        if now_s >= self._release_at_s or self._excess_bytes >= 0:
+            self._release_at_s = now_s + _RELEASE_S
+            self._delete(min(window, default=self._loaded + 1))
+
+    def _delete(self, before: int) -> None:
+        assert self._spool is not None
+        try:
+            self._spool.release(min(before, self._loaded + 1))
+        except TransportError as error:
+            self._log.warning('%s; what has been delivered is still in the spool', error)
+            self._release_at_s = time.monotonic() + _AGAIN_S
+
+    def put_away(self, held: Sequence[int]) -> None:
+        """Let what is in the window wait on disk again, at the end of a life.
+
+        Args:
+            held: Numbers of the messages in the window that are on disk, ascending.
+        """
+        if self._spool is None:
+            return
+        self._delete(held[0] if held else self._loaded + 1)
+        if held:
+            with contextlib.suppress(TransportError):  # said already; some are sent again
+                self._spool.discard_between(held[0], self._loaded, keep=frozenset(held))
+            self._loaded = held[0] - 1
+            self.waiting += len(held)
+        self.active = self.active or self.waiting > 0
+
+    # Making room
+
+    def drop(self) -> int:
+        """Drop what is too old, and, if the route asks for it, the oldest of what is too much.
+
+        Returns:
+            How many rows were dropped.
+        """
+        if self._spool is None or self._settings is None or not self.waiting:
+            return 0
+        try:
+            dropped = self._drop_old(self._settings.max_age_s)
+            if self._drops and (excess_bytes := self._excess_bytes) >= 0:
+                some_bytes = excess_bytes + self._settings.max_bytes // 20 + 1
+                dropped += self._spool.drop_oldest(self._loaded, some_bytes)
+        except TransportError as error:  # a full disk has no room for the deleting, either
+            self.problem = self.problem or str(error)
+            return 0
+        self.waiting -= dropped
+        return dropped
+
+    def _drop_old(self, max_age_s: float | None) -> int:
+        now_s = time.monotonic()
+        if max_age_s is None or now_s < self._look_at_s:
+            return 0
+        self._look_at_s = now_s + _LOOK_S
+        assert self._spool is not None
+        return self._spool.drop_older(self._loaded, time.time_ns() - int(max_age_s * 1e9))

@@ -1,0 +1,120 @@
+"""Who has a spool open: a lock on a file beside it, which also holds a copy of the ledger."""
+
+import fcntl
+import os
+import stat
+import time
+from pathlib import Path
+from typing import Final
+
+from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.spool.ledger import LEDGER_BYTES, Ledger, newest
+
+_PID_BYTES: Final = 16
+_PATIENCE_S: Final = 1.0  # a bridge that is just ending has it a moment longer
+_LOCK_WORDS: Final = 6
+_LOCKS: Final = Path('/proc/locks')
+
+
+def lock_of(path: Path) -> Path:
+    """The lock file of a spool."""
+    return path.with_name(f'{path.name}.lock')
+
+
+class Lock:
+    """An exclusive lock on the file beside a spool; the kernel lets go of it with the process."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file = -1
+
+    def take(self) -> None:
+        """Lock.
+
+        Raises:
+            RouteError: Another process has it, or the file cannot be written.
+        """
+        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+        try:
+            self._file = os.open(self._path, flags, 0o600)
+        except OSError as error:
+            raise RouteError(
+                f'{self._path} cannot be written: {error.strerror}: let the user of the bridge '
+                'write there, or set spool.path to another directory'
+            ) from error
+        try:
+            self._wait()
+            os.pwrite(self._file, str(os.getpid()).encode().ljust(_PID_BYTES), 0)
+        except OSError as error:
+            self.release()
+            raise RouteError(f'{self._path} cannot be locked: {error.strerror}') from error
+        except RouteError:
+            self.release()
+            raise
+
+    def _wait(self) -> None:
+        deadline_s = time.monotonic() + _PATIENCE_S
+        while True:
+            try:
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                if time.monotonic() < deadline_s:
+                    time.sleep(0.02)
+                    continue
+                pid = _pid(os.pread(self._file, _PID_BYTES, 0))
+                raise RouteError(
+                    f'another process uses this spool (pid {pid or "unknown"}): {self._path}: '
+                    'stop it, or give one of the bridges another name or spool.path'
+                ) from error
+            return
+
+    def ledger(self) -> Ledger | None:
+        """The copy that was kept last, None where there is none."""
+        return newest(os.pread(self._file, LEDGER_BYTES, _PID_BYTES))
+
+    def keep(self, ledger: Ledger) -> None:
+        """Keep a copy; costs a write into the system's memory, never one to the disk."""
+        os.pwrite(self._file, ledger.pack(), _PID_BYTES)
+
+    def release(self) -> None:
+        """Unlock; the file stays."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+
+def copy_in(path: Path) -> Ledger | None:
+    """The copy of the ledger in a lock file, None where there is none. Changes nothing."""
+    try:
+        return newest(path.read_bytes()[_PID_BYTES : _PID_BYTES + LEDGER_BYTES])
+    except OSError:
+        return None
+
+
+def holder(path: Path) -> int:
+    """Process that has a spool open, by its lock file; 0 where none has. Changes nothing."""
+    try:
+        found = path.stat()
+        pid = _pid(path.read_bytes()[:_PID_BYTES])
+    except OSError:
+        return 0
+    if not stat.S_ISREG(found.st_mode):
+        return 0
+    device = f'{os.major(found.st_dev):02x}:{os.minor(found.st_dev):02x}'
+    try:
+        lines = _LOCKS.read_text().splitlines()
+    except OSError:  # not told here: a process of that number is the best guess
+        return pid if pid and Path(f'/proc/{pid}').exists() else 0
+    for words in map(str.split, lines):
+        if len(words) < _LOCK_WORDS or words[1] != 'FLOCK':
+            continue
+        owner, (on, _, file) = int(words[4]), words[5].rpartition(':')
+        # A layered file system tells another device there than here.
+        if file == str(found.st_ino) and (on == device or owner == pid):
+            return owner or pid
+    return 0
+
+
+def _pid(data: bytes) -> int:
+    word = data.split(b'\0')[0].strip()
+    return int(word) if word.isdigit() else 0

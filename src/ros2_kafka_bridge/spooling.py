@@ -1,0 +1,318 @@
+"""The way over the disk: out of the window while Kafka does not take, back in order when it does.
+
+window -> [written] -> backlog -> [loaded] -> window
+"""
+
+import logging
+import time
+from collections.abc import Callable, Iterable
+from enum import Enum
+from typing import Final, Protocol
+
+from ros2_kafka_bridge.config.settings import RosToKafkaRoute
+from ros2_kafka_bridge.endpoints import Message
+from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.logs import Occasional
+from ros2_kafka_bridge.metrics import Counters, Outcome
+from ros2_kafka_bridge.plural import count as counted
+from ros2_kafka_bridge.spool.backlog import BATCH, Backlog
+from ros2_kafka_bridge.window import Entry, Window, from_row
+
+_PATIENCE_S: Final = 1.0  # with a full window, before new messages go to disk
+
+
+class InKafka(Protocol):
+    """What is in Kafka already, from before a restart (`produced.Produced`)."""
+
+    def contains(self, message: Message) -> bool:
+        """Whether a message that a publisher may send again is there."""
+        ...
+
+    def also(self, numbers: Iterable[tuple[bytes, int]]) -> None:
+        """Count further messages, by publisher and number, as being there."""
+
+    def look_at_end(self) -> None:
+        """Read the end of the topic, for `holds`.
+
+        Raises:
+            TransportError: The broker is away.
+            RouteError: The topic may not be read.
+        """
+
+    def holds(self, gid: bytes, seq: int) -> bool:
+        """Whether a message is in the part of the topic that was read."""
+        ...
+
+
+class _Former(Enum):
+    """What is known of the messages that an earlier life has left on disk."""
+
+    UNKNOWN = 'some may be in Kafka'
+    ASKED = 'the first one is on its way'
+    NONE = 'those in Kafka are known, or there are none'
+
+
+class Spooling:
+    """Moves the entries of a route to disk and back; idle in a route without a spool.
+
+    Args:
+        route: The settings of the route.
+        window: Where its entries are.
+        put_in_line: Lets an entry go on to Kafka.
+        backlog: What waits on disk.
+        in_kafka: Tells what was produced before a restart.
+        counters: Of the route.
+        log: Where to say what happens.
+    """
+
+    def __init__(
+        self,
+        route: RosToKafkaRoute,
+        window: Window,
+        put_in_line: Callable[[Entry], None],
+        backlog: Backlog,
+        in_kafka: InKafka,
+        counters: Counters,
+        log: logging.LoggerAdapter[logging.Logger],
+    ) -> None:
+        self._drops = route.when_full == 'drop_oldest'
+        self._window = window
+        self._put_in_line = put_in_line
+        self._backlog = backlog
+        self._in_kafka = in_kafka
+        self._counters = counters
+        self._log = log
+        self._occasional = Occasional(log)
+        self._unwritten: list[Entry] = []  # to be on disk before anything else becomes of them
+        self._former = _Former.NONE
+        self._full_since_s: float | None = None
+
+    @property
+    def exists(self) -> bool:
+        """Whether the route has a spool."""
+        return self._backlog.exists
+
+    @property
+    def active(self) -> bool:
+        """Whether new messages go to disk."""
+        return self._backlog.active
+
+    @property
+    def waiting(self) -> int:
+        """How many messages are on disk and not in the window."""
+        return self._backlog.waiting
+
+    @property
+    def full(self) -> str:
+        """Why the disk takes no more; empty where it does."""
+        return self._backlog.full
+
+    # A life
+
+    def open(self) -> int:
+        """Open the spool; returns the highest number that is in use there."""
+        found, lost = self._backlog.open()
+        self._counters.taken += found
+        self._lose(lost)
+        if found:
+            self._in_kafka.also(self._backlog.numbers())
+            self._former = _Former.UNKNOWN
+        self._unwritten = []
+        return self._backlog.last
+
+    def close(self) -> None:
+        """Leave on disk what only this process holds, and close the spool."""
+        try:
+            self._put_away()
+        finally:
+            self._backlog.close()
+
+    def put_away(self) -> None:
+        """Leave on disk what is in flight, for good: the next life of the bridge sends it."""
+        self._put_away()
+        if self.waiting:
+            text = counted(self.waiting, 'message')
+            self._log.info('%s in the spool: sent at the next start', text)
+
+    def _put_away(self) -> None:
+        self._keep()
+        held = [entry for entry in self._window.ascending() if entry.on_disk]
+        self._backlog.put_away([entry.number for entry in held])
+        for entry in held:
+            self._window.remove(entry)
+
+    # When messages go to disk
+
+    def step(self, away: str) -> None:
+        """Look whether messages have to go to disk, or can come back."""
+        if not self.exists:
+            return
+        self.begin_if_stuck(away)
+        self._backlog.release(self._window.entries)
+        if self.active:
+            self.write()
+            self._load()
+            self._drop()
+            if not self._unwritten and not self._stuck(away):
+                self._backlog.end_if_empty()
+
+    def begin_if_stuck(self, away: str) -> None:
+        """Let new messages go to disk, where Kafka is away or does not keep up."""
+        if self.exists and not self.active and (reason := self._stuck(away)):
+            self.begin(reason)
+
+    def _stuck(self, away: str) -> str:
+        """Why messages should not wait for Kafka in memory; empty while they may."""
+        if away and len(self._window):
+            return away
+        now_s = time.monotonic()
+        if self._window.room:
+            self._full_since_s = None
+        elif self._full_since_s is None:
+            self._full_since_s = now_s
+        elif now_s - self._full_since_s > _PATIENCE_S:
+            return 'the window is full: Kafka takes too slowly'
+        return ''
+
+    def begin(self, reason: str) -> None:
+        """Write down also what is in flight: while Kafka is away, a crash would lose it."""
+        self._backlog.begin(reason)
+        self._leave_the_line()
+        self._unwritten = self._only_in_memory()
+        self.write()
+
+    def _leave_the_line(self) -> None:
+        """Let wait on disk what the producer has not got, if it is behind all that it has."""
+        pending = self._window.pending
+        last = max(self._window.entries.keys() - {entry.number for entry in pending}, default=0)
+        while pending and pending[-1].number > last:
+            pending.pop().in_line = False
+
+    def _only_in_memory(self) -> list[Entry]:
+        entries = self._window.ascending()
+        return [entry for entry in entries if not entry.on_disk and not entry.refused]
+
+    # Window -> disk
+
+    def room(self) -> int:
+        """How many messages may be taken while they go to disk."""
+        if self._drops:
+            self._drop_unwritten()
+            return BATCH
+        return 0 if self._unwritten or self.full else BATCH
+
+    def add(self, entry: Entry) -> None:
+        """Let an entry of the window be written next."""
+        self._unwritten.append(entry)
+
+    def write(self) -> None:
+        """Write what has to be on disk; what finds nothing waiting there goes on at once."""
+        if self._unwritten:
+            window = self._window
+            fits = len(window) <= window.max_entries and window.size_bytes <= window.max_bytes
+            self._write(stays=fits and not self.waiting, go_on=True)
+
+    def keep(self) -> bool:
+        """Write what is in flight; tells whether all of it is on disk."""
+        self._keep()
+        return all(entry.on_disk for entry in self._window.entries.values())
+
+    def _keep(self) -> None:
+        if self.exists:
+            self._unwritten = self._only_in_memory()
+            self._write(stays=not self.waiting, go_on=False)
+
+    def _write(self, *, stays: bool, go_on: bool) -> None:
+        """Write entries behind the others.
+
+        Args:
+            stays: Whether they stay in the window, too. Those in line do.
+            go_on: Whether those that stay go on to Kafka.
+        """
+        entries = [entry for entry in self._unwritten if entry.number in self._window.entries]
+        rows = [entry.row() for entry in entries]
+        if rows and not self._backlog.write(rows):
+            return
+        self._unwritten = []
+        both = zip(rows, entries, strict=True)
+        self._backlog.hold([row for row, entry in both if stays or entry.in_line])
+        for entry in entries:
+            entry.on_disk = True
+            if not stays and not entry.in_line:
+                self._window.remove(entry)
+            elif go_on and not entry.in_line:
+                self._put_in_line(entry)
+
+    def resume(self, entry: Entry) -> None:
+        """Take an entry that a failed run has left: behind what is on disk, or in line."""
+        if self.active:
+            entry.in_line = False
+            self._unwritten.append(entry)
+        else:
+            self._put_in_line(entry)
+
+    # Disk -> window
+
+    def _load(self) -> None:
+        if not self.waiting:
+            return
+        # What cannot be written, or waits behind a failure, must not keep out what is before it.
+        in_line = [entry.size_bytes for entry in self._window.entries.values() if entry.in_line]
+        room = min(self._window.max_entries - len(in_line), self._room_for_former())
+        rows, lost = self._backlog.load(room, self._window.max_bytes - sum(in_line))
+        self._lose(lost)
+        for row in rows:
+            if row.number <= self._backlog.former and self._in_kafka.holds(row.gid, row.seq):
+                self._counters.end(Outcome.SKIPPED)
+                self._former = _Former.NONE  # the end of the topic is known already
+                continue
+            entry = from_row(row)
+            self._window.put(entry)
+            self._put_in_line(entry)
+
+    def _room_for_former(self) -> int:
+        """How many rows of an earlier life may be loaded, before Kafka has said what it holds.
+
+        The first of them shows whether it answers: to ask it while it is away takes seconds.
+        """
+        if self._former is _Former.UNKNOWN:
+            self._former = _Former.ASKED
+            return 1
+        if self._former is _Former.ASKED:
+            ended = self._counters.ended
+            if not ended[Outcome.CONFIRMED] + ended[Outcome.DEAD_LETTERED]:
+                return 0
+            self._look_at_end()
+        return BATCH
+
+    def _look_at_end(self) -> None:
+        self._former = _Former.NONE
+        try:
+            self._in_kafka.look_at_end()
+        except BridgeError as error:
+            self._log.warning(
+                '%s, so what was in flight at the end of the last run may come twice', error
+            )
+
+    # What does not come back
+
+    def _lose(self, count: int) -> None:
+        if count:
+            self._log.error('%s in the spool cannot be read: lost', counted(count, 'message'))
+            self._counters.end(Outcome.LOST, count)
+
+    def _drop(self) -> None:
+        if dropped := self._backlog.drop():
+            self._occasional.warning(f'drop: {counted(dropped, "message")} of the spool')
+            self._counters.end(Outcome.DROPPED, dropped)
+
+    def _drop_unwritten(self) -> None:
+        """Keep the newest of what the disk does not take."""
+        window, unwritten = self._window, self._unwritten
+        while unwritten and (
+            len(unwritten) > window.max_entries or window.size_bytes > window.max_bytes
+        ):
+            entry = unwritten.pop(0)
+            if entry.number in window.entries and not entry.in_line:
+                window.remove(entry)
+                self._counters.end(Outcome.DROPPED)

@@ -1,0 +1,207 @@
+"""ROS -> Kafka with a spool, while the broker is away and the bridge is killed.
+
+The guarantees are those of docs: 2 at least once, 3 order, 4 full means wait, 6 counters balance,
+7 stop is a drain, 8 what SIGKILL can cost. docs/spool.md has the same table of costs.
+"""
+
+import contextlib
+import logging
+import sqlite3
+import time
+from pathlib import Path
+from typing import Any
+
+from confluent_kafka import Consumer, KafkaException, TopicPartition
+from harness import Bench, eventually, headers, to_kafka, totals
+
+from ros2_kafka_bridge.spool.store import Spool, file_of
+from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+
+WINDOW = 500
+CACHE = 500
+RATE = 1000
+
+
+def route(bench: Bench, topic: str, *, mode: str = 'when_away', **more: Any) -> dict[str, Any]:
+    """A route with a spool, and a window and a cache that a test can fill."""
+    spool = {'path': str(bench.place / 'spool'), 'mode': mode, **more}
+    made = to_kafka('/orders', topic, max_in_flight=WINDOW, spool=spool)
+    made['from']['max_samples'] = CACHE
+    return made
+
+
+def file(bench: Bench) -> Path:
+    """The spool of the route in the bridge of the tests."""
+    return file_of(bench.place / 'spool', 'test', 'to_kafka')
+
+
+def spooled(bench: Bench) -> list[int]:
+    """The messages that a killed bridge has left on disk, in their order."""
+    spool = Spool(file(bench), sync=False, log=logging.LoggerAdapter(logging.getLogger('test')))
+    spool.open()
+    try:
+        return [int(row.record.value or b'') for row in spool.read(0, 10**6, 1 << 40)]
+    finally:
+        spool.close()
+
+
+def numbers(bench: Bench, topic: str) -> list[int]:
+    """What has arrived, in the order of the topic."""
+    end = arrived(bench, topic)
+    found: list[int] = []
+    config = {'bootstrap.servers': bench.bootstrap_servers, 'group.id': 'nobody'}
+    with contextlib.closing(Consumer(config)) as consumer:
+        consumer.assign([TopicPartition(topic, 0, 0)])
+        while len(found) < end:
+            found += [int(record.value() or b'') for record in consumer.consume(end, 0.5)]
+    return found
+
+
+def arrived(bench: Bench, topic: str) -> int:
+    """How many records a topic holds just now."""
+    config = {'bootstrap.servers': bench.bootstrap_servers, 'group.id': 'nobody'}
+    with contextlib.closing(Consumer(config)) as consumer:
+        try:
+            return int(consumer.get_watermark_offsets(TopicPartition(topic, 0), timeout=10)[1])
+        except KafkaException:
+            return 0
+
+
+def on_disk(bench: Bench) -> int:
+    """How many messages a running bridge has on disk."""
+    if not file(bench).exists():
+        return 0
+    reader = sqlite3.connect(f'file:{file(bench)}?mode=ro', uri=True)
+    with contextlib.closing(reader):
+        return int(reader.execute('SELECT count(*) FROM rows').fetchone()[0])
+
+
+def all_taken(bench: Bench) -> bool:
+    """Whether a bridge that is cut off from Kafka takes no more, for there is no more."""
+    before = on_disk(bench)
+    time.sleep(1.0)
+    return 0 < before == on_disk(bench)
+
+
+def test_robots_are_not_held_back_while_kafka_is_away_and_nothing_is_lost_guarantees_2_3_4_6(
+    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
+) -> None:
+    count = 8000
+    config = own_bench.config([route(own_bench, topic_name)])
+    own_bench.create_topic(topic_name)
+    options = ('--count', str(count), '--rate', str(RATE))
+    with own_bench.bridge(config) as bridge, own_bench.publisher('/orders', *options) as publisher:
+        eventually(lambda: arrived(own_bench, topic_name) >= 500, 40)
+        own_kafka.kill()
+        publisher.wait_for('published', timeout_s=60)
+        bridge.wait_for('new messages go to the spool: Kafka is away')
+        eventually(lambda: on_disk(own_bench) > WINDOW + CACHE, 30)
+        own_kafka.start()
+        bridge.wait_for('the spool is empty again', timeout_s=60)
+        assert bridge.end() == 0
+    found = totals(bridge, 'to_kafka')
+    assert found['taken'] == found['confirmed'] == count
+    assert numbers(own_bench, topic_name) == list(range(count))
+
+
+def test_sigkill_while_kafka_is_away_costs_nothing_of_what_was_taken_guarantees_2_3_8(
+    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
+) -> None:
+    count = 4000
+    config = own_bench.config([route(own_bench, topic_name)])
+    own_bench.create_topic(topic_name)
+    options = ('--count', str(count), '--rate', str(RATE))
+    with own_bench.publisher('/orders', *options) as publisher:
+        with own_bench.bridge(config) as bridge:
+            eventually(lambda: arrived(own_bench, topic_name) >= 500, 40)
+            own_kafka.kill()
+            publisher.wait_for('published', timeout_s=60)
+            eventually(lambda: all_taken(own_bench), 30)
+            bridge.kill()
+        with own_bench.bridge(config) as bridge:
+            bridge.wait_for('the spool holds')
+            own_kafka.start()
+            bridge.wait_for('the spool is empty again', timeout_s=60)
+            assert bridge.end() == 0
+    found = numbers(own_bench, topic_name)
+    assert list(dict.fromkeys(found)) == list(range(count))
+    assert len(found) - count <= WINDOW, 'what was in flight when Kafka died may come twice'
+
+
+def test_always_costs_nothing_that_was_taken_at_a_sigkill_under_load_guarantee_8(
+    bench: Bench, topic_name: str
+) -> None:
+    config = bench.config([route(bench, topic_name, mode='always')], ros={'lease_s': 3})
+    bench.create_topic(topic_name)
+    count = 6000
+    options = ('--count', str(count), '--rate', str(RATE))
+    with bench.publisher('/orders', *options) as publisher:
+        with bench.bridge(config) as bridge:
+            eventually(lambda: arrived(bench, topic_name) >= 1500, 40)
+            killed_s = time.monotonic()
+            bridge.kill()
+        delivered = numbers(bench, topic_name)
+        taken = list(dict.fromkeys([*delivered, *spooled(bench)]))
+        assert taken == list(range(len(taken))), 'each is on disk before it goes on'
+        with bench.bridge(config) as again:
+            eventually(lambda: arrived(bench, topic_name) > len(taken), 40)
+            back_s = time.monotonic()
+            publisher.wait_for('published', timeout_s=60)
+            eventually(lambda: numbers(bench, topic_name)[-1] == count - 1, 60)
+            assert again.end() == 0
+    found = numbers(bench, topic_name)
+    first = list(dict.fromkeys(found))
+    assert set(taken) <= set(first)
+    assert first == sorted(first)
+    assert len(found) - len(first) <= WINDOW
+    assert count - len(first) <= CACHE + (back_s - killed_s) * RATE, 'cache, and while it was dead'
+
+
+def test_a_stop_while_kafka_is_away_gives_nothing_up_guarantees_6_7(
+    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
+) -> None:
+    count = 3000
+    config = own_bench.config([route(own_bench, topic_name)], defaults={'drain_s': 5})
+    own_bench.create_topic(topic_name)
+    own_kafka.stop()
+    with own_bench.publisher('/orders', '--count', str(count)) as publisher:
+        with own_bench.bridge(config) as bridge:
+            publisher.wait_for('published', timeout_s=60)
+            eventually(lambda: on_disk(own_bench) == count, 30)
+            assert bridge.end() == 0, bridge.output()
+        assert (
+            totals(bridge, 'to_kafka')['taken'] == totals(bridge, 'to_kafka')['spooled'] == count
+        )
+        own_kafka.start()
+        with own_bench.bridge(config) as bridge:
+            bridge.wait_for('the spool is empty again', timeout_s=60)
+            assert bridge.end() == 0
+        assert (
+            totals(bridge, 'to_kafka')['taken'] == totals(bridge, 'to_kafka')['confirmed'] == count
+        )
+    found = numbers(own_bench, topic_name)
+    assert found == list(range(count))
+
+
+def test_a_latched_publisher_and_a_spool_repeat_nothing_guarantees_2_8(
+    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
+) -> None:
+    count = 3000
+    config = own_bench.config([route(own_bench, topic_name)])
+    own_bench.create_topic(topic_name)
+    options = ('--count', str(count), '--durability', 'transient_local', '--readers', '0')
+    with own_bench.publisher('/orders', *options, '--rate', str(RATE)) as publisher:
+        with own_bench.bridge(config) as bridge:
+            eventually(lambda: arrived(own_bench, topic_name) >= 300, 40)
+            own_kafka.stop()
+            publisher.wait_for('published', timeout_s=60)
+            eventually(lambda: all_taken(own_bench), 30)
+            bridge.kill()
+        own_kafka.start()
+        with own_bench.bridge(config) as bridge:
+            bridge.wait_for('the spool is empty again', timeout_s=60)
+            records = own_bench.records(topic_name, count)
+            assert bridge.end() == 0
+    found = [int(headers(record)['ros.seq']) for record in records]
+    assert list(dict.fromkeys(found)) == list(range(1, count + 1))
+    assert len(found) - count <= WINDOW

@@ -1,0 +1,264 @@
+"""One bridge of several runs a route from ROS: another takes over when that one dies.
+
+What two bridges write of one publisher while one takes over is told apart by publisher and
+number, as any reader can do with `ros2_kafka_bridge.without_repeats`. Kafka -> ROS shares its
+partitions instead: tests/faults/test_kafka_to_ros_kills.py.
+"""
+
+import itertools
+import re
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from confluent_kafka import Message, Producer
+from harness import Bench, Process, eventually, headers, lines, to_kafka, to_ros, totals, values
+
+from ros2_kafka_bridge.dedup import Deduplicator
+from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+
+LATCHED = ('--durability', 'transient_local', '--readers', '0')
+RATE = 300
+TAKES = 'takes over: this bridge runs the route'
+HANDS = 'hands over: another bridge runs this route'
+STANDS_BY = 'stands by: another bridge runs this route'
+
+
+@pytest.fixture
+def name(unique: Callable[[str], str]) -> str:
+    """The name of the bridges of a test: those of one name take turns."""
+    return unique('pair')
+
+
+def exclusive(bench: Bench, name: str, topic: str) -> Path:
+    """A file that several bridges run."""
+    bench.create_topic(topic)
+    route = to_kafka('/orders', topic, exclusive=True)
+    return bench.config([route], name=name, ros={'lease_s': 3})
+
+
+def runs(bridge: Process) -> bool:
+    """Whether it is the one that runs its route, by what it has said."""
+    said = bridge.output()
+    return said.count(TAKES) > said.count(HANDS)
+
+
+def wait_for_order(bench: Bench, topic: str, order: int, *bridges: Process) -> None:
+    """Wait until the topic holds so many records."""
+    eventually(
+        lambda: bench.reaches(topic, order), 60, lambda: '\n'.join(b.output() for b in bridges)
+    )
+
+
+def wait_for_all(bench: Bench, topic: str, count: int, *bridges: Process) -> list[Message]:
+    """Wait until each of the numbers from 1 has come; returns all records, in their order."""
+    wait_for_order(bench, topic, count, *bridges)
+    found: list[Message] = []
+
+    def complete() -> bool:
+        found[:] = bench.records(topic, bench.end_offset(topic))
+        return len({headers(record)['ros.seq'] for record in found}) >= count
+
+    eventually(complete, 60, lambda: '\n'.join(b.output() for b in bridges))
+    return found
+
+
+def assert_each_once_in_order(records: Iterable[Message], count: int) -> None:
+    """Nothing lost, and nothing doubled once the repeats are left out."""
+    dedup = Deduplicator()
+    once = list(dedup.without_repeats(records))
+    assert [int(headers(record)['ros.seq']) for record in once] == list(range(1, count + 1))
+    assert values(once) == [b'%d' % number for number in range(count)]
+    assert dedup.gaps() == {}
+
+
+def said_at_s(bridge: Process, text: str) -> float:
+    """When a bridge said something first, in seconds of its day."""
+    found = re.search(rf' (\d+):(\d+):(\d+),(\d+) .*{re.escape(text)}', bridge.output())
+    assert found, bridge.output()
+    hours, minutes, seconds, ms = map(int, found.groups())
+    return hours * 3600 + minutes * 60 + seconds + ms / 1000
+
+
+def now_s() -> float:
+    """What time it is, in seconds of the day."""
+    here = time.localtime()
+    return here.tm_hour * 3600 + here.tm_min * 60 + here.tm_sec + time.time() % 1
+
+
+def tell(what: str, seconds: float) -> None:
+    print(f'{what}: {seconds:.1f} s')  # noqa: T201 (shown with -s)
+
+
+def test_guarantee_8_a_killed_bridge_is_taken_over_from_and_nothing_of_a_history_is_lost(
+    bench: Bench, topic_name: str, name: str
+) -> None:
+    count = 4500
+    config = exclusive(bench, name, topic_name)
+    options = (*LATCHED, '--count', str(count), '--rate', str(RATE))
+    with ExitStack() as stack:
+        first = stack.enter_context(bench.bridge(config))
+        first.wait_for(TAKES, 60)
+        second = stack.enter_context(bench.bridge(config))
+        second.wait_for(STANDS_BY, 60)
+        stack.enter_context(bench.publisher('/orders', *options))
+        wait_for_order(bench, topic_name, 500, first)
+        third = stack.enter_context(bench.bridge(config))
+        third.wait_for(STANDS_BY, 60)
+        assert runs(first), 'one that joins changes nothing'
+        killed_s = now_s()
+        first.kill()
+        before = bench.end_offset(topic_name)
+        wait_for_order(bench, topic_name, before + 1, second, third)
+        tell('SIGKILL to the first record of the other', now_s() - killed_s)
+        other = second if runs(second) else third
+        tell('SIGKILL to the take-over', said_at_s(other, TAKES) - killed_s)
+        records = wait_for_all(bench, topic_name, count, second, third)
+        assert [runs(second), runs(third)].count(True) == 1
+        assert second.end() == third.end() == 0
+    assert_each_once_in_order(records, count)
+
+
+def test_guarantee_8_what_a_killed_bridge_has_on_disk_comes_when_it_stands_by_again(
+    own_bench: Bench, own_kafka: LocalKafka, topic_name: str, name: str
+) -> None:
+    count = 3000
+    own_bench.create_topic(topic_name)
+    spool = {'path': '${SPOOL}', 'mode': 'when_away'}
+    route = to_kafka('/orders', topic_name, exclusive=True, spool=spool)
+    config = own_bench.config([route], name=name, ros={'lease_s': 3})
+    places = [str(own_bench.place / host) for host in ('first', 'second')]
+    with ExitStack() as stack:
+        first = stack.enter_context(own_bench.bridge(config, SPOOL=places[0]))
+        first.wait_for(TAKES, 60)
+        second = stack.enter_context(own_bench.bridge(config, SPOOL=places[1]))
+        second.wait_for(STANDS_BY, 60)
+        publisher = own_bench.publisher('/orders', '--count', str(count), '--rate', str(RATE))
+        stack.enter_context(publisher)
+        wait_for_order(own_bench, topic_name, 300, first)
+        own_kafka.kill()
+        publisher.wait_for('published', 60)
+        time.sleep(1.0)  # what was published is taken meanwhile
+        first.kill()
+        own_kafka.start()
+        second.wait_for(TAKES, 60)
+        again = stack.enter_context(own_bench.bridge(config, SPOOL=places[0]))
+        again.wait_for(STANDS_BY, 60)
+        records = wait_for_all(own_bench, topic_name, count, second, again)
+        assert runs(second)
+        assert not runs(again)
+        assert again.end() == second.end() == 0
+    assert totals(again, 'to_kafka')['confirmed'] > 1000, 'from its disk'
+    assert_each_once_in_order(records, count)
+
+
+def test_guarantee_8_a_bridge_that_was_stopped_learns_that_another_runs_its_route(
+    bench: Bench, topic_name: str, name: str
+) -> None:
+    """What it held when it was stopped goes to Kafka once it goes on: late, and not lost."""
+    count = 4500
+    config = exclusive(bench, name, topic_name)
+    options = (*LATCHED, '--count', str(count), '--rate', str(RATE))
+    with ExitStack() as stack:
+        first = stack.enter_context(bench.bridge(config))
+        first.wait_for(TAKES, 60)
+        second = stack.enter_context(bench.bridge(config))
+        second.wait_for(STANDS_BY, 60)
+        stack.enter_context(bench.publisher('/orders', *options))
+        wait_for_order(bench, topic_name, 500, first)
+        stopped_s = now_s()
+        first.send(signal.SIGSTOP)
+        second.wait_for(TAKES, 60)
+        tell('SIGSTOP to the take-over', said_at_s(second, TAKES) - stopped_s)
+        before = bench.end_offset(topic_name)
+        wait_for_order(bench, topic_name, before + 500, second)
+        goes_on_s = now_s()
+        first.send(signal.SIGCONT)
+        first.wait_for(HANDS, 60)
+        tell('SIGCONT to its hand-over', said_at_s(first, HANDS) - goes_on_s)
+        first.wait_for(STANDS_BY, 60)
+        assert runs(second)
+        assert not runs(first)
+        records = wait_for_all(bench, topic_name, count, first, second)
+        assert second.end() == 0
+        first.wait_for(TAKES, 60, count=2)
+        assert first.end() == 0
+    assert_each_once_in_order(records, count)
+    assert totals(first, 'to_kafka')['given up'] == 0
+
+
+def test_guarantee_8_after_a_restart_of_the_broker_exactly_one_bridge_runs_the_route(
+    own_bench: Bench, own_kafka: LocalKafka, topic_name: str, name: str
+) -> None:
+    """It is the same one, though Kafka was away for longer than a session."""
+    bench, count = own_bench, 5000
+    config = exclusive(bench, name, topic_name)
+    options = (*LATCHED, '--count', str(count), '--rate', str(RATE))
+    with ExitStack() as stack:
+        first = stack.enter_context(bench.bridge(config))
+        first.wait_for(TAKES, 60)
+        second = stack.enter_context(bench.bridge(config))
+        second.wait_for(STANDS_BY, 60)
+        stack.enter_context(bench.publisher('/orders', *options))
+        wait_for_order(bench, topic_name, 300, first)
+        before = bench.end_offset(topic_name)
+        own_kafka.kill()
+        time.sleep(8)
+        own_kafka.start()
+        back_s = now_s()
+        wait_for_order(bench, topic_name, before + 1, first, second)
+        tell('return of the broker to the first record', now_s() - back_s)
+        second.wait_for(STANDS_BY, 60, count=2)
+        records = wait_for_all(bench, topic_name, count, first, second)
+        assert runs(first)
+        assert second.end() == 0
+        assert first.end() == 0
+    assert TAKES not in second.output()
+    assert_each_once_in_order(records, count)
+
+
+def test_guarantee_8_the_partitions_of_a_killed_bridge_are_read_by_the_other(
+    bench: Bench, topic_name: str, tmp_path: Path
+) -> None:
+    """Kafka -> ROS needs no lock: the group shares the partitions."""
+    partitions, each = 4, 1500
+    bench.create_topic(topic_name, partitions=partitions)
+    arrived = tmp_path / 'arrived'
+    config = bench.config([to_ros(topic_name, '/numbers')])
+
+    def numbers() -> list[list[int]]:
+        pairs = [tuple(map(int, line.split())) for line in lines(arrived)]
+        return [[n for q, n in pairs if q == p] for p in range(partitions)]
+
+    def produce() -> None:
+        """For 15 s."""
+        with Producer({'bootstrap.servers': bench.bootstrap_servers}) as producer:
+            for number, partition in itertools.product(range(each), range(partitions)):
+                value = b'%d %d' % (partition, number)
+                producer.produce(topic_name, value, partition=partition)
+                if partition == 0:
+                    time.sleep(0.01)
+            producer.flush(60)
+
+    with bench.subscriber('/numbers', arrived), bench.bridge(config) as survivor:
+        survivor.wait_for(f'reads {topic_name}[0, 1, 2, 3]', 60)
+        with bench.bridge(config) as dying:
+            dying.wait_for(f'reads {topic_name}[', 60)
+            thread = threading.Thread(target=produce)
+            thread.start()
+            eventually(lambda: all(len(found) > 10 for found in numbers()), 60)
+            killed_s = now_s()
+            dying.kill()
+        before = [found[-1] for found in numbers()]
+        eventually(lambda: all(max(n) > b for n, b in zip(numbers(), before, strict=True)), 60)
+        tell('SIGKILL until every partition is read again', now_s() - killed_s)
+        eventually(lambda: all(found[-1] == each - 1 for found in numbers()), 90)
+        thread.join()
+        assert survivor.end() == 0
+    for found in numbers():
+        assert found[0] == 0
+        assert [(a, b) for a, b in itertools.pairwise(found) if b > a + 1] == [], 'a loss'

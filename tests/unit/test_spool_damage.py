@@ -1,0 +1,335 @@
+"""A spool whose file is damaged: what can be read is kept, the rest is counted."""
+
+import logging
+import os
+import re
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from spools import EVERYTHING, make, numbers, opened, read_all, reopened, row, rows
+
+from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.spool import database, salvage
+from ros2_kafka_bridge.spool.store import Row, file_of
+
+SEVERAL = settings(
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+# Where in a file, as a share of it: anywhere, or near its beginning.
+places = st.one_of(st.floats(0, 1, exclude_max=True), st.floats(0, 0.03))
+
+
+def beside(place: Path, suffix: str = '') -> Path:
+    """A file of the spool in a directory."""
+    file = file_of(place, 'bridge', 'route')
+    return file.with_name(file.name + suffix)
+
+
+def put_aside(place: Path) -> list[Path]:
+    return sorted(place.glob('*.damaged-*'))
+
+
+class Sample(NamedTuple):
+    """A spool that is not open, and the rows in it."""
+
+    place: Path
+    rows: dict[int, Row]
+
+    def copy(self, place: Path) -> 'Sample':
+        shutil.copytree(self.place, place, dirs_exist_ok=True)
+        return Sample(place, self.rows)
+
+    def check(self) -> int:
+        """Open it: what comes was written, the rest is counted. Returns how many are lost."""
+        found = reopened(self.place)
+        assert all(self.rows[one.number] == one for one in found.rows)
+        assert found.certain
+        assert len(found.rows) + found.lost == len(self.rows)
+        again = reopened(self.place)
+        assert (again.rows, again.lost) == (found.rows, 0), 'repaired once'
+        return found.lost
+
+
+def fill(place: Path) -> dict[int, Row]:
+    """Small rows and some of several pages, some released, some dropped, some free pages."""
+    with opened(place) as spool:
+        for first in range(1, 600, 50):
+            spool.append([row(n, 9000 if n % 40 == 0 else 100) for n in range(first, first + 50)])
+        spool.release(30)
+        spool.drop_oldest(100, 3000)
+        return {one.number: one for one in read_all(spool)}
+
+
+@pytest.fixture(scope='module')
+def closed(tmp_path_factory: pytest.TempPathFactory) -> Sample:
+    """A spool that was closed in order."""
+    place = tmp_path_factory.mktemp('closed')
+    return Sample(place, fill(place))
+
+
+@pytest.fixture(scope='module')
+def killed(tmp_path_factory: pytest.TempPathFactory) -> Sample:
+    """A spool whose process was killed: the last transactions are in the log only."""
+    source = tmp_path_factory.mktemp('source')
+    place = tmp_path_factory.mktemp('killed')
+    fill(source)
+    with opened(source) as spool:
+        for first in range(601, 701, 10):
+            spool.append(rows(first, first + 9))
+        spool.release(40)
+        held = {one.number: one for one in read_all(spool)}
+        for file in source.iterdir():
+            shutil.copy(file, place)
+    return Sample(place, held)
+
+
+@pytest.fixture
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    place = tmp_path_factory.mktemp('spool')
+    yield place
+    shutil.rmtree(place)
+
+
+@SEVERAL
+@given(at=places, flip=st.integers(1, 255))
+def test_a_flipped_byte_costs_a_row_at_most(
+    closed: Sample, tmp_path_factory: pytest.TempPathFactory, at: float, flip: int
+) -> None:
+    sample = closed.copy(tmp_path_factory.mktemp('flip'))
+    file = beside(sample.place)
+    content = bytearray(file.read_bytes())
+    content[int(at * len(content))] ^= flip
+    file.write_bytes(content)
+    assert sample.check() <= 1
+    shutil.rmtree(sample.place)
+
+
+@SEVERAL
+@given(at=places)
+def test_a_file_that_was_cut_off_gives_what_is_left_of_it(
+    closed: Sample, tmp_path_factory: pytest.TempPathFactory, at: float
+) -> None:
+    sample = closed.copy(tmp_path_factory.mktemp('cut'))
+    file = beside(sample.place)
+    size = file.stat().st_size
+    cut = int(at * size)
+    os.truncate(file, cut)
+    # A page of small rows holds some twenty; some rows have pages of their own.
+    assert sample.check() <= 25 * (1 + (size - cut) // database.PAGE_BYTES)
+    shutil.rmtree(sample.place)
+
+
+@SEVERAL
+@given(at=places, flip=st.integers(1, 255))
+def test_a_flipped_byte_in_the_log_costs_a_row_at_most(
+    killed: Sample, tmp_path_factory: pytest.TempPathFactory, at: float, flip: int
+) -> None:
+    sample = killed.copy(tmp_path_factory.mktemp('flip'))
+    file = beside(sample.place, '-wal')
+    content = bytearray(file.read_bytes())
+    content[int(at * len(content))] ^= flip
+    file.write_bytes(content)
+    assert sample.check() <= 1
+    shutil.rmtree(sample.place)
+
+
+@SEVERAL
+@given(at=places)
+def test_a_log_that_was_cut_off_is_counted_as_lost(
+    killed: Sample, tmp_path_factory: pytest.TempPathFactory, at: float
+) -> None:
+    sample = killed.copy(tmp_path_factory.mktemp('cut'))
+    file = beside(sample.place, '-wal')
+    os.truncate(file, int(at * file.stat().st_size))
+    assert sample.check() <= 100
+    shutil.rmtree(sample.place)
+
+
+def test_without_its_log_the_rows_in_it_are_counted_as_lost(killed: Sample, place: Path) -> None:
+    sample = killed.copy(place)
+    beside(place, '-wal').unlink()
+    assert sample.check() == 100
+
+
+def test_a_killed_process_costs_nothing(killed: Sample, place: Path) -> None:
+    assert killed.copy(place).check() == 0
+    assert put_aside(place) == []
+
+
+def test_the_other_files_beside_it_are_not_needed(killed: Sample, place: Path) -> None:
+    sample = killed.copy(place)
+    beside(place, '-shm').unlink()
+    beside(place, '.lock').unlink()
+    assert sample.check() == 0
+
+
+@pytest.mark.parametrize('page', [1, 2, 3])
+def test_a_page_at_the_beginning_that_is_gone_costs_no_row(
+    closed: Sample, place: Path, page: int
+) -> None:
+    sample = closed.copy(place)
+    content = bytearray(beside(place).read_bytes())
+    content[(page - 1) * 4096 : page * 4096] = bytes(4096)
+    beside(place).write_bytes(content)
+    assert sample.check() == 0
+
+
+def test_without_any_ledger_the_gaps_are_counted(closed: Sample, place: Path) -> None:
+    sample = closed.copy(place)
+    beside(place, '.lock').unlink()
+    content = beside(place).read_bytes().replace(b'RKBSPOOL', b'________')
+    broken = content.index(b'300 300 ')
+    beside(place).write_bytes(content[:broken] + b'#' + content[broken + 1 :])
+    found = reopened(place)
+    assert not found.certain
+    assert set(numbers(found.rows)) >= set(sample.rows) - {300}
+    assert 300 not in numbers(found.rows)
+
+
+def test_a_file_that_is_gone_is_counted_as_lost(closed: Sample, place: Path) -> None:
+    sample = closed.copy(place)
+    beside(place).unlink()
+    assert sample.check() == len(sample.rows)
+
+
+def test_an_empty_file_without_a_past_becomes_a_spool(place: Path) -> None:
+    beside(place).touch()
+    with opened(place) as spool:
+        assert spool.damage is None
+        spool.append(rows(1, 3))
+    assert numbers(reopened(place).rows) == [1, 2, 3]
+
+
+def test_bytes_behind_the_last_page_do_no_harm(closed: Sample, place: Path) -> None:
+    sample = closed.copy(place)
+    with beside(place).open('ab') as file:
+        file.write(b'\xff' * 1000)
+    assert sample.check() == 0
+
+
+def test_the_damaged_file_is_put_aside_and_the_loss_is_said(
+    closed: Sample, place: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    closed.copy(place)
+    content = bytearray(beside(place).read_bytes())
+    content[content.index(b'300 300 ')] ^= 255
+    beside(place).write_bytes(content)
+    with caplog.at_level(logging.ERROR), opened(place) as spool:
+        kept = put_aside(place)
+        assert len(kept) == 1
+        assert kept[0].read_bytes() == content
+        assert kept[0].stat().st_mode & 0o777 == 0o600
+        assert spool.damage == salvage.Damage(1, certain=True, kept_as=kept[0])
+        assert spool.take_lost() == 1
+        assert spool.take_lost() == 0
+    assert len(caplog.records) == 1
+    said = caplog.records[0].getMessage()
+    assert f'the spool {beside(place)} is damaged (row 300 is not as it was written)' in said
+    assert f'{len(closed.rows) - 1} messages in it can be read, 1 message lost' in said
+    assert f'the damaged file is kept as {kept[0]}' in said
+
+
+def test_damage_while_it_is_open_is_repaired_on_the_way(place: Path) -> None:
+    with opened(place) as spool:
+        for first in range(1, 5001, 500):
+            spool.append(rows(first, first + 499, size=2000))
+        spool.release(11)
+        first_half = spool.read(0, 2000, EVERYTHING)
+        with sqlite3.connect(beside(place)) as other:
+            other.execute('PRAGMA wal_checkpoint(TRUNCATE)')
+        other.close()
+        content = bytearray(beside(place).read_bytes())
+        content[content.index(b'4000 4000 ')] ^= 255
+        with beside(place).open('r+b') as file:
+            file.write(content)
+        found = list(first_half)
+        while part := spool.read(found[-1].number, 500, EVERYTHING):
+            found += part
+        assert numbers(found) == [n for n in range(11, 5001) if n != 4000]
+        assert spool.take_lost() == 1
+        assert len(put_aside(place)) == 1
+        spool.append(rows(5001, 5010))
+        spool.release(5001)
+        assert numbers(read_all(spool)) == list(range(5001, 5011))
+
+
+def test_rows_that_were_released_or_dropped_never_come_back(closed: Sample, place: Path) -> None:
+    sample = closed.copy(place)
+    with opened(place) as spool:
+        spool.release(200)
+        spool.drop_oldest(250, 5000)
+        left = numbers(read_all(spool))
+    content = bytearray(beside(place).read_bytes())
+    content[32:40] = bytes(8)  # which pages are free is not known any more
+    content[content.index(b'500 500 ')] ^= 255
+    beside(place).write_bytes(content)
+    assert numbers(reopened(place).rows) == [number for number in left if number != 500]
+    assert len(left) < len(sample.rows)
+
+
+@pytest.mark.parametrize('stage', ['written', 'named', 'log put aside', 'put aside'])
+def test_a_repair_that_was_interrupted_is_taken_up_again(
+    killed: Sample, place: Path, monkeypatch: pytest.MonkeyPatch, stage: str
+) -> None:
+    sample = killed.copy(place)
+    content = bytearray(beside(place).read_bytes())
+    content[16:18] = b'\0\0'
+    beside(place).write_bytes(content)
+
+    class Interrupted(BaseException):
+        pass
+
+    def interrupt(*_: object, **__: object) -> None:
+        raise Interrupted
+
+    target, name = {
+        'written': (Path, 'rename'),
+        'named': (salvage, '_finish'),
+        'log put aside': (os, 'link'),
+        'put aside': (Path, 'replace'),
+    }[stage]
+    with monkeypatch.context() as patched:
+        original = getattr(target, name)
+        calls: list[object] = []
+
+        def at_the_second(*given: object, **more: object) -> object:
+            calls.append(given)
+            # The first call of _finish is the one that looks for an interrupted repair.
+            if name != '_finish' or len(calls) > 1:
+                interrupt()
+            return original(*given, **more)
+
+        patched.setattr(target, name, at_the_second)
+        with pytest.raises(Interrupted):
+            make(place).open()
+    found = reopened(place)
+    assert numbers(found.rows) == sorted(sample.rows)
+    assert [file.name for file in place.iterdir() if file.suffix in {'.new', '.salvage'}] == []
+    assert len([file for file in put_aside(place) if not file.name.endswith('-wal')]) == 1
+
+
+def test_a_damaged_file_of_an_unknown_version_is_not_taken_for_a_newer_one(
+    closed: Sample, place: Path
+) -> None:
+    sample = closed.copy(place)
+    content = bytearray(beside(place).read_bytes())
+    content[63] = 77
+    beside(place).write_bytes(content)
+    assert sample.check() == 0
+
+
+def test_a_disk_that_keeps_damaging_it_fails_the_route(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with opened(place) as spool:
+        spool.append(rows(1, 10))
+        monkeypatch.setattr('ros2_kafka_bridge.spool.store.unpack', lambda *_: None)
+        with pytest.raises(RouteError, match=re.escape('damaged again as soon as it is repaired')):
+            spool.read(0, 10, EVERYTHING)

@@ -1,0 +1,116 @@
+"""A route that runs by a lock stops when the bridge does, or when the lock is lost."""
+
+import time
+
+import pytest
+
+from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.term import Term
+
+
+class MemoryLock:
+    """A lock in memory."""
+
+    def __init__(self, *, wanted: bool = False) -> None:
+        self.held = True
+        self.lost = False  # which only a poll tells
+        self.wanted = wanted
+        self.polls = 0
+
+    def poll(self, timeout_s: float) -> None:
+        assert timeout_s == 0.0
+        assert self.held, 'nobody asks for a lock that was left'
+        self.polls += 1
+        self.held = not self.lost
+
+    def is_wanted(self) -> bool:
+        return self.wanted
+
+    def close(self) -> None:
+        self.held = False
+
+
+class MemorySuccessor:
+    """Another bridge in memory."""
+
+    def __init__(self, *, needed: bool = True) -> None:
+        self.needed = needed
+        self.come = False
+
+    def is_needed(self) -> bool:
+        return self.needed
+
+    def has_come(self) -> bool:
+        return self.come
+
+
+def test_a_term_stops_with_the_bridge() -> None:
+    stop = Stop()
+    term = Term(stop, MemoryLock(), MemorySuccessor())
+    assert (term.asked, term.at_once, term.over) == (False, False, False)
+    stop.ask()
+    assert (term.asked, term.at_once, term.over) == (True, False, False)
+    stop.ask()
+    assert term.at_once
+    assert term.wait(60)
+
+
+def test_a_term_is_over_once_its_lock_was_lost_also_if_it_comes_back() -> None:
+    lock = MemoryLock()
+    term = Term(Stop(), lock, MemorySuccessor())
+    lock.lost = True
+    assert term.wait(60)
+    lock.held, lock.lost = True, False
+    assert (term.asked, term.over, term.at_once) == (True, True, False)
+
+
+def test_a_wait_in_a_term_ends_in_time_and_listens_meanwhile() -> None:
+    lock = MemoryLock()
+    assert not Term(Stop(), lock, MemorySuccessor()).wait(0.3)
+    assert lock.polls >= 2
+
+
+def test_a_drain_listens_too() -> None:
+    lock = MemoryLock()
+    term = Term(Stop(), lock, MemorySuccessor())
+    began_s = time.monotonic()
+    while time.monotonic() < began_s + 0.3:
+        assert not term.at_once
+    assert 1 <= lock.polls <= 4, 'and the hot loop pays nothing for it'
+
+
+def test_a_stop_runs_on_until_the_successor_reads() -> None:
+    stop, lock, successor = Stop(), MemoryLock(wanted=True), MemorySuccessor()
+    term = Term(stop, lock, successor)
+    stop.ask()
+    assert not term.asked
+    assert not lock.held, 'it goes to the successor first'
+    assert not term.wait(0.3)
+    successor.come = True
+    assert term.wait(60)
+    assert not term.over
+
+
+@pytest.mark.parametrize('missing', ['wanted', 'needed'])
+def test_a_stop_waits_for_no_successor_where_none_is_there_or_needed(missing: str) -> None:
+    stop, lock = Stop(), MemoryLock(wanted=missing != 'wanted')
+    stop.ask()
+    assert Term(stop, lock, MemorySuccessor(needed=missing != 'needed')).asked
+    assert lock.held
+
+
+def test_a_stop_waits_for_its_successor_for_a_while_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.term.OVERLAP_S', 0.2)
+    stop = Stop()
+    stop.ask()
+    assert Term(stop, MemoryLock(wanted=True), MemorySuccessor()).wait(60)
+
+
+def test_a_second_stop_waits_for_nobody() -> None:
+    stop = Stop()
+    term = Term(stop, MemoryLock(wanted=True), MemorySuccessor())
+    stop.ask()
+    assert not term.asked
+    stop.ask()
+    assert term.asked
+    assert term.at_once

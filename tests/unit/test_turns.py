@@ -1,0 +1,323 @@
+"""A route that bridges run in turn: what a bridge does when its turn comes, goes, or fails."""
+
+import logging
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Self, cast
+
+import pytest
+
+from ros2_kafka_bridge.bridge import Bridge
+from ros2_kafka_bridge.config.settings import Config
+from ros2_kafka_bridge.errors import BridgeError, RouteError
+from ros2_kafka_bridge.kafka.lock import GroupLock
+from ros2_kafka_bridge.metrics import Counters, Outcome, Snapshot, State
+from ros2_kafka_bridge.stop import Stop
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.ros.node import RosNode
+    from ros2_kafka_bridge.wiring import Wiring
+
+
+class MemoryLock:
+    """A lock in memory: `answers` says at each poll whose it is."""
+
+    def __init__(self, answers: str = '') -> None:
+        self.answers = answers.split()
+        self.held = self.joined = self.wanted = False
+        self.away = ''
+        self.problems: list[BridgeError] = []
+        self.said: list[str] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def open(self) -> None:
+        if self.problems:
+            raise self.problems.pop(0)
+
+    def poll(self, timeout_s: float) -> None:
+        assert timeout_s >= 0
+        if self.answers:
+            self.joined, self.held = True, self.answers.pop(0) == 'ours'
+
+    def check(self) -> None:
+        pass
+
+    def is_wanted(self) -> bool:
+        return self.wanted
+
+    def close(self) -> None:
+        self.held = self.joined = False
+        self.said.append('closed')
+
+
+class MemoryDirection:
+    """A direction that takes some messages, does what it is told, and confirms all but some."""
+
+    def __init__(self, taken: int, then: Callable[[Stop], None], left: int = 0) -> None:
+        self._counters = Counters('orders')
+        self.snapshot = self._counters.snapshot(0)
+        self._taken, self._then, self._left = taken, then, left
+
+    def deliver_backlog(self, stop: Stop) -> None:
+        self.run(stop)
+
+    def run(self, stop: Stop) -> None:
+        self._counters.taken += self._taken
+        self._counters.end(Outcome.CONFIRMED, self._taken - self._left)
+        self._counters.tell_end()
+        self.snapshot = self._counters.snapshot(self._left)
+        self._then(stop)
+
+
+class House:
+    """A bridge with one route, whose terms are these directions, one after the other."""
+
+    def __init__(self, lock: MemoryLock, *directions: MemoryDirection) -> None:
+        content = {
+            'name': 'pair',
+            'kafka': {'bootstrap.servers': 'localhost:1'},
+            'routes': [
+                {
+                    'name': 'orders',
+                    'from': {'ros': '/orders'},
+                    'to': {'kafka': 'orders'},
+                    'format': 'cdr',
+                    'exclusive': True,
+                }
+            ],
+        }
+        self.bridge = Bridge(Config.model_validate(content))
+        [self.lane] = self.bridge._lanes
+        assert isinstance(self.lane.lock, GroupLock)
+        self.lane.lock = cast('GroupLock', lock)
+        self.lock = lock
+        self.directions = list(directions)
+        self.for_backlog: MemoryDirection | None = None
+        self.open = 0  # ROS endpoints
+        self.told = 0
+
+    def make(self, *arguments: Any) -> MemoryDirection:
+        self.open += 1
+        arguments[-1].callback(self._close)
+        return self.directions.pop(0)
+
+    def make_for_backlog(self, *_: Any) -> MemoryDirection | None:
+        return self.for_backlog
+
+    def _close(self) -> None:
+        self.open -= 1
+
+    def run(self) -> None:
+        node = cast('RosNode', None)  # asked only where another bridge stands by at a stop
+        self.bridge._keep_running(self.lane, cast('Wiring', self), node, self._tell)
+        assert self.open == 0
+        assert not self.bridge._crashed
+
+    def _tell(self) -> None:
+        self.told += 1
+
+    def stop(self, _: Stop) -> None:
+        self.lane.stop.ask()
+
+    @property
+    def snapshot(self) -> Snapshot:
+        [snapshot] = self.bridge.snapshots()
+        assert snapshot.balanced
+        return snapshot
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.ros.successor.Successor.is_needed', lambda _: False)
+    monkeypatch.setattr('ros2_kafka_bridge.backoff._FIRST_S', 0.01)
+
+
+def until_asked(stop: Stop) -> None:
+    assert stop.wait(10)
+
+
+def fail(_: Stop) -> None:
+    raise RouteError('no permission')
+
+
+def test_a_bridge_that_stands_by_delivers_what_it_has_on_disk_from_before() -> None:
+    lock = MemoryLock('theirs theirs theirs theirs ours')
+    house = House(lock)
+    house.directions.append(MemoryDirection(2, house.stop))
+    delivered: list[bool] = []
+    house.for_backlog = MemoryDirection(3, lambda _: delivered.append(lock.held))
+    house.run()
+    assert delivered == [False], 'once, and before its turn'
+    assert house.lane.snapshot().confirmed == 5
+    assert house.lane.snapshot().balanced
+
+
+def test_a_bridge_stands_by_until_it_is_its_turn_and_counts_across_its_terms() -> None:
+    lock = MemoryLock('no no ours no ours')
+    house = House(lock)
+    seen: list[tuple[State, int, int]] = []
+
+    def look(stop: Stop) -> None:
+        seen.append((house.snapshot.state, house.snapshot.taken, house.open))
+        until_asked(stop)
+
+    def look_and_stop(_: Stop) -> None:
+        seen.append((house.snapshot.state, house.snapshot.taken, house.open))
+        house.lane.stop.ask()
+
+    house.directions = [MemoryDirection(5, look), MemoryDirection(7, look_and_stop)]
+    house.run()
+    assert seen == [(State.STOPPED, 5, 1), (State.STOPPED, 12, 1)]
+    assert (house.snapshot.taken, house.snapshot.confirmed) == (12, 12)
+    assert not lock.held
+
+
+def test_a_bridge_that_stands_by_says_why_it_waits(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, 'ros2_kafka_bridge')
+    lock = MemoryLock('no')
+    house = House(lock)
+    house.lane.wait_for_turn(cast('GroupLock', lock))
+    assert house.snapshot.reason == 'asks Kafka which bridge runs this route'
+    house.lane.wait_for_turn(cast('GroupLock', lock))
+    assert house.snapshot.state == State.WAITING
+    assert house.snapshot.reason == 'stands by: another bridge runs this route'
+    assert caplog.text.count('stands by') == 1
+    lock.away = 'Kafka is away: no broker answers'
+    house.lane.wait_for_turn(cast('GroupLock', lock))
+    assert house.snapshot.reason == lock.away
+
+
+def test_a_route_that_fails_keeps_its_turn_while_it_is_tried_again() -> None:
+    lock = MemoryLock('ours')
+    lock.wanted = True
+    house = House(lock)
+    tries: list[int] = []
+
+    def fail_twice(stop: Stop) -> None:
+        tries.append(house.open)
+        if len(tries) < 3:
+            fail(stop)
+        house.lane.stop.ask()
+
+    house.directions = [MemoryDirection(1, fail_twice)]
+    house.run()
+    assert tries == [1, 1, 1], 'it is the same direction, with its ROS endpoint open'
+    assert lock.said == ['closed']
+
+
+def test_a_route_that_fails_for_long_goes_to_a_bridge_that_stands_by(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.lane._FAILING_S', 0.0)
+    lock = MemoryLock('ours')
+    lock.wanted = True
+    house = House(lock)
+
+    def look(_: MemoryLock) -> None:
+        if lock.said:
+            assert house.snapshot.reason == 'no permission'
+            house.lane.stop.ask()
+
+    house.directions = [MemoryDirection(3, fail, left=1)]
+    monkeypatch.setattr(MemoryLock, 'check', look)
+    house.run()
+    assert lock.said == ['closed', 'closed']
+    assert 'left to a bridge that stands by, 1 message given up' in caplog.text
+    assert house.snapshot.in_flight == 1, 'given up, and counted'
+
+
+def test_a_route_that_gets_on_between_its_failures_is_not_given_away(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.lane._FAILING_S', 0.02)
+    lock = MemoryLock('ours')
+    lock.wanted = True
+    house = House(lock)
+    tries: list[int] = []
+
+    def get_on_and_fail(stop: Stop) -> None:
+        tries.append(1)
+        if len(tries) < 5:
+            fail(stop)
+        house.lane.stop.ask()
+
+    house.directions = [MemoryDirection(1, get_on_and_fail)]  # one confirmed each time
+    house.run()
+    assert lock.said == ['closed']
+
+
+def test_a_route_that_fails_stays_where_no_other_bridge_stands_by(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.lane._FAILING_S', 0.0)
+    lock = MemoryLock('ours')
+    house = House(lock)
+    tries: list[int] = []
+
+    def fail_often(stop: Stop) -> None:
+        tries.append(1)
+        if len(tries) < 5:
+            fail(stop)
+        house.lane.stop.ask()
+
+    house.directions = [MemoryDirection(1, fail_often)]
+    house.run()
+    assert lock.said == ['closed']
+
+
+def test_a_drain_that_gives_up_after_the_turn_is_over_does_not_end_the_route() -> None:
+    house = House(MemoryLock('ours no no ours'))
+
+    def give_up(stop: Stop) -> None:
+        until_asked(stop)
+        raise RouteError('gave up 2 messages', final=True)
+
+    house.directions = [MemoryDirection(9, give_up, left=2), MemoryDirection(1, house.stop)]
+    house.run()
+    assert not house.lane.final
+    assert house.told == 0
+    assert (house.snapshot.taken, house.snapshot.in_flight) == (10, 2)
+
+
+def test_a_route_that_has_failed_for_good_leaves_it_to_another() -> None:
+    def end(_: Stop) -> None:
+        raise RouteError('stopped, as on_error says', final=True)
+
+    house = House(MemoryLock('ours'), MemoryDirection(1, end))
+    house.run()
+    assert house.lane.final
+    assert house.told == 1
+    assert house.snapshot.state == State.FAILED
+    assert house.lock.said == ['closed']
+
+
+def test_a_lock_that_cannot_be_had_is_a_failure_that_is_tried_again() -> None:
+    lock = MemoryLock('ours')
+    lock.problems = [RouteError('the topic is not there')]
+    house = House(lock)
+    house.directions = [MemoryDirection(1, house.stop)]
+    house.run()
+    assert lock.said == ['closed', 'closed']
+    assert house.snapshot.confirmed == 1
+
+
+def test_what_waits_on_disk_is_counted_once_across_terms() -> None:
+    house = House(MemoryLock())
+    first, second = Counters('orders'), Counters('orders')
+    first.taken, second.taken = 10, 4  # four of them found on disk
+    first.end(Outcome.CONFIRMED, 6)
+    second.end(Outcome.CONFIRMED, 4)
+
+    class Told:
+        def __init__(self, snapshot: Snapshot) -> None:
+            self.snapshot = snapshot
+
+    house.lane.use(cast('Any', Told(first.snapshot(0, spooled=4))))
+    house.lane.end_term()
+    assert (house.snapshot.taken, house.snapshot.spooled) == (10, 4)
+    house.lane.use(cast('Any', Told(second.snapshot(0))))
+    assert (house.snapshot.taken, house.snapshot.confirmed, house.snapshot.spooled) == (10, 10, 0)
