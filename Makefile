@@ -20,7 +20,8 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 export ROS2_KAFKA_BRIDGE_KAFKA_JARS ?= $(CURDIR)/.kafka/jars
 
-.PHONY: help setup demo test check lint format types locked kafka bench experiment docs lock java
+.PHONY: help setup demo test check lint format types locked kafka bench experiment faults soak
+.PHONY: fuzz churn routes docs lock java
 .DEFAULT_GOAL := help
 
 help: ## what there is to make
@@ -64,6 +65,21 @@ bench: java $(READY) ## drain a topic through both directions, three contestants
 
 experiment: java $(READY) ## the paper's experiment, repeated and widened: half an hour, a report
 	$(BIN)/python -m benchmarks.experiment $(A)
+
+faults: java $(READY) ## numbered orders both ways while everything breaks at random (A='--seed 1')
+	$(BIN)/python -m benchmarks.faults $(A)
+
+soak: java $(READY) ## both ways at half the maximum rate for 10 minutes: memory, threads, files
+	$(BIN)/python -m benchmarks.soak $(A)
+
+fuzz: java $(READY) ## a million hostile records: each is delivered or a dead letter
+	$(BIN)/python -m benchmarks.fuzz $(A)
+
+churn: java $(READY) ## subscribers that come and go 1,000 times
+	$(BIN)/python -m benchmarks.churn $(A)
+
+routes: java $(READY) ## 200 routes in one bridge: start-up, memory, threads
+	$(BIN)/python -m benchmarks.routes $(A)
 
 docs: $(READY) ## the tables in docs, from the code
 	$(BIN)/python tools/make_docs.py $(A)

@@ -14,19 +14,13 @@ import json
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, TypeVar
+
+from ros2_kafka_bridge.kafka.headers import HasHeaders, headers_of
 
 MAX_PUBLISHERS: Final = 1000
 MAX_GAPS: Final = 1000
 _VERSION: Final = 1
-
-
-class HasHeaders(Protocol):
-    """A record as far as it is looked at here."""
-
-    def headers(self) -> Any:
-        """Pairs of name and value in bytes, or None."""
-        ...
 
 
 AnyRecord = TypeVar('AnyRecord', bound=HasHeaders)
@@ -189,7 +183,7 @@ def place_of(record: HasHeaders) -> tuple[bytes, int] | None:
 
     Anyone may write such headers: what is not of the bridge says nothing.
     """
-    headers = dict(record.headers() or ())
+    headers = dict(headers_of(record) or ())
     gid, seq = headers.get('ros.gid'), headers.get('ros.seq')
     if not isinstance(gid, bytes) or not isinstance(seq, bytes):
         return None

@@ -61,6 +61,21 @@ def test_orders_come_in_and_status_goes_out(own_bench: Bench) -> None:
         assert bridge.end() == 0
 
 
+def test_of_two_bridges_one_runs_the_route(own_bench: Bench) -> None:
+    bench = own_bench
+    bench.create_topic('robots.status')
+    file = example(bench, 'two_bridges')
+    homes = [str(bench.place / machine) for machine in ('first', 'second')]
+    with bench.bridge(file, HOME=homes[0]) as active, bench.bridge(file, HOME=homes[1]) as other:
+        eventually(lambda: 'takes over' in active.output() + other.output(), 60)
+        eventually(lambda: 'stands by' in active.output() + other.output(), 60)
+        with bench.publisher('/robot_status', '--count', '50', '--prefix', 'done ') as robot:
+            robot.wait_for('published')
+            records = bench.records('robots.status', 50)
+        assert values(records) == [b'done %d' % number for number in range(50)]
+        assert active.end() == other.end() == 0
+
+
 def test_a_map_and_fixed_transforms_reach_who_comes_later(own_bench: Bench) -> None:
     bench = own_bench
     grid = OccupancyGrid(data=array.array('b', [0, 100] * 50_000))

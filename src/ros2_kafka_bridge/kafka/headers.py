@@ -1,16 +1,24 @@
 """The headers of a record, which anyone may have written."""
 
 from operator import methodcaller
-from typing import Final
+from typing import Any, Final, Protocol
 
-from ros2_kafka_bridge.endpoints import HeaderList, Record
+from ros2_kafka_bridge.endpoints import HeaderList
 
 # confluent-kafka returns a broken list together with an exception where the name of a header is
 # not UTF-8. A call from Python's own byte code may overlook that; one from C never does.
 _ASK: Final = methodcaller('headers')
 
 
-def headers_of(record: Record) -> HeaderList | None:
+class HasHeaders(Protocol):
+    """A record as far as it is looked at here."""
+
+    def headers(self) -> Any:
+        """Pairs of name and value, or None."""
+        ...
+
+
+def headers_of(record: HasHeaders) -> HeaderList | None:
     """Read its headers; None where the client cannot, for a name that is not UTF-8.
 
     Ask once for each record: the client keeps the broken list, and a look into it can end the
