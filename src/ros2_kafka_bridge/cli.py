@@ -8,7 +8,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from ros2_kafka_bridge import __version__
+from ros2_kafka_bridge import __version__, cli_dead_letters
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
 
 app = typer.Typer(
@@ -19,6 +19,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={'help_option_names': ['-h', '--help']},
 )
+app.add_typer(cli_dead_letters.app, name='dead-letters')
 
 _LOCAL = 'localhost:9092'
 
@@ -260,6 +261,33 @@ def depth(
         as_json=as_json,
     )
     raise typer.Exit(command.report(asked))
+
+
+@app.command()
+def spool(
+    path: Annotated[
+        Path,
+        typer.Argument(
+            help='Configuration (YAML), a spool, or a directory of them.', show_default=False
+        ),
+    ],
+    *,
+    messages: Annotated[
+        int, typer.Option(min=0, metavar='N', help='Show the first N messages of each.')
+    ] = 0,
+    values: Annotated[
+        bool, typer.Option('--values', help='With the beginning of their values.')
+    ] = False,
+    as_json: Annotated[bool, typer.Option('--json', help='For programs.')] = False,
+) -> None:
+    """Show what waits on disk for Kafka; touches nothing, also while a bridge runs.
+
+    Exit status: 0 all is well, also where nothing is there, 1 a spool is damaged, 2 something
+    cannot be read or is no spool.
+    """
+    from ros2_kafka_bridge.commands import spool as command  # noqa: PLC0415 (--help must be quick)
+
+    raise typer.Exit(command.report(path, command.Asked(messages, values, as_json)))
 
 
 def main() -> None:

@@ -256,8 +256,7 @@ class RosToKafka:
 
     def _confirm(self, timeout_s: float) -> None:
         confirmed, failed = self._sink.poll(timeout_s)
-        for entry in confirmed:
-            self._window.remove(entry)
+        self._window.remove_all(confirmed)
         self.counters.end(Outcome.CONFIRMED, len(confirmed))
         self._producing -= len(confirmed) + len(failed)
         if not self._producing:

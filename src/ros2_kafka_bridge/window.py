@@ -2,6 +2,7 @@
 
 import time
 from collections import deque
+from collections.abc import Iterable
 
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.spool.store import Row
@@ -68,6 +69,12 @@ class Window:
         """Forget an entry."""
         del self.entries[entry.number]
         self.size_bytes -= entry.size_bytes
+
+    def remove_all(self, entries: Iterable[Entry]) -> None:
+        """Forget entries."""
+        for entry in entries:
+            del self.entries[entry.number]
+            self.size_bytes -= entry.size_bytes
 
     @property
     def room(self) -> int:

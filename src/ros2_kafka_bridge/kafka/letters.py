@@ -1,0 +1,191 @@
+"""Reading dead-letter topics; nothing is committed."""
+
+import time
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any, Final, Self, cast
+
+from confluent_kafka import (
+    Consumer,
+    KafkaError,
+    KafkaException,
+    Message,
+    TopicPartition,
+)
+
+from ros2_kafka_bridge.dead_letter_topic.letter import Letter, Mark, Place, parse
+from ros2_kafka_bridge.endpoints import Record
+from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.kafka.errors import Client, translate
+from ros2_kafka_bridge.kafka.health import check_files
+from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview
+from ros2_kafka_bridge.logs import client_log
+
+_REQUEST_S: Final = 5.0
+_SILENT_S: Final = 20.0
+_BATCH: Final = 1000
+_OWN: Final = {
+    'isolation.level': 'read_committed',
+    'enable.partition.eof': True,
+    'allow.auto.create.topics': False,
+    'auto.offset.reset': 'earliest',  # what is deleted while it is read is gone
+}
+
+
+class LetterReader:
+    """Reads dead-letter topics, and the records that letters come from.
+
+    Args:
+        properties: librdkafka properties of a consumer.
+        overview: The same cluster, for what a consumer cannot ask.
+    """
+
+    def __init__(self, properties: Mapping[str, Any], overview: Overview) -> None:
+        self._properties = {**properties, **_OWN}
+        self._overview = overview
+        self._consumer: Consumer | None = None
+        self._about = Client('READ', properties)
+        self.partitions: dict[str, int] = {}
+
+    def __enter__(self) -> Self:
+        """Look which topics there are.
+
+        Raises:
+            TransportError: No broker answers.
+            RouteError: This user is not let in.
+        """
+        self.partitions = {t.name: t.partitions for t in self._overview.topics()}
+        check_files(self._properties, 'the Kafka client')
+        self._consumer = Consumer(self._properties, logger=client_log(__name__))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._consumer is not None:
+            self._consumer.close()
+            self._consumer = None
+
+    def has(self, topic: str) -> bool:
+        """Whether the topic is there.
+
+        Raises:
+            RouteError: This user may not see it.
+        """
+        if topic in self.partitions:
+            return True
+        try:
+            error = self._client.list_topics(topic, timeout=_REQUEST_S).topics[topic].error
+        except KafkaException as failure:
+            raise translate(failure.args[0], f'topic {topic}', self._about) from failure
+        if error is not None and error.code() == KafkaError.TOPIC_AUTHORIZATION_FAILED:
+            raise translate(error, f'topic {topic}', self._about)
+        return False
+
+    def letters(
+        self, topic: str, since_ms: int | None = None, *, whole: bool = False
+    ) -> Iterator[Letter | Mark]:
+        """Read a dead-letter topic, partition by partition, to the end that it has now.
+
+        Args:
+            topic: Its name.
+            since_ms: Leaves out most of what is older.
+            whole: Insists on everything that is there now, also behind a transaction that another
+                client has not ended: for whoever must know each mark.
+
+        Raises:
+            TransportError: The broker is away, or such a transaction does not end.
+            RouteError: The topic may not be read.
+        """
+        about = KafkaTopic(topic, self.partitions[topic], '')
+        ends = self._overview.ends([about])
+        for partition in range(about.partitions):
+            end = ends.get((topic, partition))
+            if end is None:
+                raise TransportError(f'{topic}[{partition}]: the broker does not tell its end')
+            begin = self._begin(topic, partition, since_ms)
+            if begin is None or begin >= end:
+                continue
+            for message in self._read(Place(topic, partition, begin), end, whole=whole):
+                yield parse(topic, message)
+
+    def fetch(self, topic: str, partition: int, offsets: Collection[int]) -> Iterator[Letter]:
+        """Read these letters whole, in order; those that are gone are left out."""
+        wanted = set(offsets)
+        if not wanted:
+            return
+        begin, end = Place(topic, partition, min(wanted)), max(wanted) + 1
+        for message in self._read(begin, end, whole=False):
+            if message.offset() in wanted:
+                letter = parse(topic, message)
+                if isinstance(letter, Letter):
+                    yield letter
+
+    def record(self, topic: str, partition: int, offset: int) -> Record | None:
+        """Read one record; None where it is gone."""
+        if partition >= self.partitions.get(topic, 0):
+            return None
+        low, high = self._bounds(topic, partition)
+        if not low <= offset < high:
+            return None
+        place = Place(topic, partition, offset)
+        found = [m for m in self._read(place, offset + 1, whole=False) if m.offset() == offset]
+        return found[0] if found else None
+
+    @property
+    def _client(self) -> Consumer:
+        assert self._consumer is not None, 'the reader is open'
+        return self._consumer
+
+    def _bounds(self, topic: str, partition: int) -> tuple[int, int]:
+        try:
+            here = TopicPartition(topic, partition)
+            return self._client.get_watermark_offsets(here, timeout=_REQUEST_S)
+        except KafkaException as error:
+            raise self._translated(error, topic) from error
+
+    def _begin(self, topic: str, partition: int, since_ms: int | None) -> int | None:
+        """Where to begin; None where nothing is as young."""
+        low, _ = self._bounds(topic, partition)
+        if since_ms is None:
+            return low
+        asked = TopicPartition(topic, partition, since_ms)
+        try:
+            [found] = self._client.offsets_for_times([asked], timeout=_REQUEST_S)
+        except KafkaException as error:
+            raise self._translated(error, topic) from error
+        return max(low, found.offset) if found.offset >= 0 else None
+
+    def _read(self, begin: Place, end: int, *, whole: bool) -> Iterator[Record]:
+        """The records from one offset to before another, as far as they are committed."""
+        topic, partition, offset = begin
+        self._client.assign([TopicPartition(topic, partition, offset)])
+        deadline_s = time.monotonic() + _SILENT_S
+        reached = offset
+        while reached < end:
+            for message in self._consume(topic):
+                if message.topic() != topic or message.partition() != partition:
+                    continue  # of what was read before
+                error = message.error()
+                here = message.offset() or 0
+                if error is None:
+                    reached = here + 1
+                    if here < end:
+                        # The stubs do not tell that headers are a list; they are.
+                        yield cast('Record', message)
+                    deadline_s = time.monotonic() + _SILENT_S
+                elif error.code() == KafkaError._PARTITION_EOF:  # noqa: SLF001 (its public name)
+                    reached = here if whole else end
+                elif not isinstance(translate(error, ''), TransportError):
+                    raise translate(error, f'topic {topic}', self._about)
+            if time.monotonic() > deadline_s:
+                raise TransportError(
+                    f'{topic}[{partition}] cannot be read behind {reached}: the broker is away, '
+                    'or another client has not ended its transaction there; try again in a minute'
+                )
+
+    def _consume(self, topic: str) -> list[Message]:
+        try:
+            return self._client.consume(_BATCH, 0.1)
+        except KafkaException as error:
+            raise self._translated(error, topic) from error
+
+    def _translated(self, error: KafkaException, topic: str) -> Exception:
+        return translate(error.args[0], f'topic {topic} cannot be read', self._about)

@@ -1,0 +1,217 @@
+"""Writing several records to Kafka at once: all of them, or none."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, Final, NamedTuple, Self
+
+from confluent_kafka import KafkaError, KafkaException, Message, Producer
+
+from ros2_kafka_bridge.endpoints import Outgoing
+from ros2_kafka_bridge.errors import BridgeError, RecordError, RouteError, TransportError
+from ros2_kafka_bridge.kafka.errors import Client, translate
+from ros2_kafka_bridge.kafka.health import check_files
+from ros2_kafka_bridge.kafka.properties import canonical
+from ros2_kafka_bridge.logs import client_log
+from ros2_kafka_bridge.stop import Stop
+
+TRANSACTION_S: Final = 20.0
+"""How long a transaction may stay open: so long a killed one holds up readers of its topics."""
+
+_STEP_S: Final = 0.5
+_OPEN_S: Final = 15.0
+_COMMIT_S: Final = 15.0
+_LARGEST_BYTES: Final = 1_000_000_000
+_ANY_PARTITION: Final = -1
+_FENCED: Final = {
+    KafkaError._FENCED,  # noqa: SLF001 (its public name)
+    KafkaError.PRODUCER_FENCED,
+    KafkaError.INVALID_PRODUCER_EPOCH,
+}
+
+
+class Send(NamedTuple):
+    """A record and its partition; None leaves that to the key."""
+
+    record: Outgoing
+    partition: int | None
+
+
+class Parcel(NamedTuple):
+    """Records that belong together: all are written, or none.
+
+    Args:
+        number: Tells the parcels apart.
+    """
+
+    number: int
+    sends: Sequence[Send]
+
+
+class Refused(NamedTuple):
+    """A parcel that Kafka will never take, and why."""
+
+    parcel: Parcel
+    error: RecordError
+
+
+class Transactions:
+    """Writes parcels in transactions; whoever opens one of the same id shuts out the one before.
+
+    Args:
+        properties: librdkafka properties of a producer.
+        transactional_id: Who may write, one at a time.
+        stop: Ends the waiting at its second step.
+    """
+
+    def __init__(self, properties: Mapping[str, Any], transactional_id: str, stop: Stop) -> None:
+        own: dict[str, Any] = {
+            'transactional.id': transactional_id,
+            'transaction.timeout.ms': int(TRANSACTION_S * 1000),
+            'message.timeout.ms': int(TRANSACTION_S * 1000),
+            'enable.idempotence': True,
+            'acks': 'all',
+            # Each on its own, and judged by the broker alone: none is refused for the others.
+            'batch.num.messages': 1,
+            'message.max.bytes': _LARGEST_BYTES,
+        }
+        users = {name: value for name, value in properties.items() if canonical(name) not in own}
+        self._properties = users | own
+        self._id = transactional_id
+        self._stop = stop
+        self._about = Client('WRITE', properties)
+        self._producer: Producer | None = None
+        self._failed: dict[int, KafkaError] = {}
+
+    def __enter__(self) -> Self:
+        """Shut out whoever wrote before, and wait until what it began has ended.
+
+        Raises:
+            TransportError: The broker does not answer in time.
+            RouteError: This user may not write transactions.
+        """
+        check_files(self._properties, 'the Kafka client')
+        try:
+            self._producer = Producer(self._properties, logger=client_log(__name__))
+        except KafkaException as error:
+            raise self._translated(error.args[0]) from error
+        self._repeat(self._client.init_transactions, _OPEN_S)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        # What is open is left to the next one, or to the broker's time-out: never committed here.
+        if self._producer is not None:
+            self._producer.purge()
+            self._producer = None
+
+    def write(self, parcels: Sequence[Parcel]) -> list[Refused]:
+        """Write parcels in one transaction; returns those that Kafka refuses, without the others.
+
+        Raises:
+            TransportError: The broker is away; whether they are written is known to Kafka alone.
+            RouteError: This user may not write, or another has taken over. Nothing is written.
+        """
+        refused: list[Refused] = []
+        left = list(parcels)
+        while left:
+            bad = self._attempt(left)
+            if not bad:
+                break
+            refused += bad
+            numbers = {one.parcel.number for one in bad}
+            left = [parcel for parcel in left if parcel.number not in numbers]
+        return refused
+
+    @property
+    def _client(self) -> Producer:
+        assert self._producer is not None, 'the transactions are open'
+        return self._producer
+
+    def _attempt(self, parcels: Sequence[Parcel]) -> list[Refused]:
+        self._failed = {}
+        try:
+            self._client.begin_transaction()
+            for parcel in parcels:
+                self._produce(parcel)
+            self._repeat_raw(self._client.commit_transaction, _COMMIT_S)
+        except KafkaException as error:
+            return self._after(error.args[0], parcels)
+        return []
+
+    def _produce(self, parcel: Parcel) -> None:
+        for record, number in parcel.sends:
+            deadline_s = time.monotonic() + _COMMIT_S
+            while True:
+                try:
+                    self._client.produce(
+                        record.topic,
+                        record.value,
+                        record.key,
+                        partition=_ANY_PARTITION if number is None else number,
+                        headers=record.headers,
+                        on_delivery=partial(self._report, parcel.number),
+                    )
+                    break
+                except BufferError:
+                    self._client.poll(0.1)
+                    if time.monotonic() > deadline_s:
+                        raise TransportError('Kafka takes no more records') from None
+                except KafkaException as error:
+                    self._failed.setdefault(parcel.number, error.args[0])
+                    raise
+            self._client.poll(0)
+
+    def _report(self, number: int, error: KafkaError | None, _: Message) -> None:
+        if error is not None:
+            self._failed.setdefault(number, error)
+
+    def _after(self, error: KafkaError, parcels: Sequence[Parcel]) -> list[Refused]:
+        """End a transaction that has failed; tells which parcels it failed for."""
+        if error.fatal() or error.code() in _FENCED:
+            raise self._translated(error)
+        self._repeat(self._client.abort_transaction, _COMMIT_S)
+        errors = {number: self._translated(failed) for number, failed in self._failed.items()}
+        bad = [
+            Refused(parcel, cause)
+            for parcel in parcels
+            if isinstance(cause := errors.get(parcel.number), RecordError)
+        ]
+        if bad:
+            return bad
+        causes = [cause for cause in errors.values() if isinstance(cause, RouteError)]
+        raise causes[0] if causes else self._translated(error)
+
+    def _repeat(self, call: Callable[[float], Any], patience_s: float) -> None:
+        try:
+            self._repeat_raw(call, patience_s)
+        except KafkaException as error:
+            raise self._translated(error.args[0]) from error
+
+    def _repeat_raw(self, call: Callable[[float], Any], patience_s: float) -> None:
+        """Call again while it only takes time: librdkafka goes on where it was."""
+        deadline_s = time.monotonic() + patience_s
+        while True:
+            try:
+                call(_STEP_S)
+            except KafkaException as error:
+                if not error.args[0].retriable():
+                    raise
+                if time.monotonic() > deadline_s or self._stop.at_once:
+                    text = 'Kafka does not answer, or another has taken over'
+                    text = 'stopped' if self._stop.at_once else text
+                    raise TransportError(f'{text} ({error.args[0].str()})') from error
+            else:
+                return
+
+    def _translated(self, error: KafkaError) -> BridgeError:
+        if error.code() in _FENCED:
+            return RouteError(
+                f'another has taken over as {self._id}, or Kafka was away for longer than '
+                f'{TRANSACTION_S:g} s'
+            )
+        if error.code() == KafkaError.TRANSACTIONAL_ID_AUTHORIZATION_FAILED:
+            return RouteError(
+                f'{error.str()}; give this user WRITE and DESCRIBE on the transactional id '
+                f'{self._id} (ACL)'
+            )
+        return translate(error, 'Kafka refuses', self._about)
