@@ -65,14 +65,14 @@ class Process:
             process.kill()
             process.wait()
 
-    def wait_for(self, text: str, timeout_s: float) -> None:
-        """Wait until it has printed a text.
+    def wait_for(self, text: str, timeout_s: float, count: int = 1) -> None:
+        """Wait until it has printed a text so many times.
 
         Raises:
             ProcessError: It has not in time, or has ended.
         """
         deadline_s = time.monotonic() + timeout_s
-        while text not in self._output():
+        while self.output().count(text) < count:
             self.check()
             if time.monotonic() > deadline_s:
                 raise self._error(f'did not print {text!r} within {timeout_s:.0f} s')
@@ -98,15 +98,46 @@ class Process:
         return usage(self._running.pid)
 
     @property
+    def pid(self) -> int:
+        """Its number."""
+        return self._running.pid
+
+    def kill(self) -> None:
+        """SIGKILL, and wait until it is gone."""
+        self._running.kill()
+        self._running.wait()
+
+    def end(self, timeout_s: float) -> int:
+        """SIGTERM; returns the exit status.
+
+        Raises:
+            ProcessError: It does not end in time.
+        """
+        self._running.terminate()
+        return self.ends(timeout_s)
+
+    def ends(self, timeout_s: float) -> int:
+        """Wait for its own end; returns the exit status.
+
+        Raises:
+            ProcessError: It does not end in time.
+        """
+        try:
+            return self._running.wait(timeout_s)
+        except subprocess.TimeoutExpired as error:
+            raise self._error(f'did not end within {timeout_s:.0f} s') from error
+
+    @property
     def _running(self) -> 'subprocess.Popen[bytes]':
         assert self._popen is not None, 'the process has been started'
         return self._popen
 
-    def _output(self) -> str:
+    def output(self) -> str:
+        """What it has printed so far."""
         return self._log.read_text(errors='replace')
 
     def _error(self, what: str) -> ProcessError:
-        lines = self._output().splitlines()[-_TAIL_LINES:]
+        lines = self.output().splitlines()[-_TAIL_LINES:]
         return ProcessError('\n    '.join([f'{self._name} {what}', *lines]))
 
 

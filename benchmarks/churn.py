@@ -1,0 +1,235 @@
+"""Subscribers and publishers that come and go: does the bridge go on, does it grow?
+
+    python -m benchmarks.churn --times 1000
+
+One process runs a route each way, with a steady reader and a steady publisher. Beside them others
+come and go on the same topics, with every QoS, as nodes of one process and as processes, one of
+25 killed. In the end all of the steady ones' numbers are looked for. A reader that goes makes the
+bridge publish again what it had not acknowledged: so the steady reader may get repeats.
+"""
+
+import argparse
+import json
+import signal
+import sys
+import tempfile
+import uuid
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from confluent_kafka import KafkaException
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.machine import machine, versions
+from benchmarks.numbers import Count, count_topic
+from benchmarks.processes import Process, ProcessError
+from benchmarks.topics import EndOffset, topics
+from benchmarks.vitals import Slope, Vitals, slope, vitals
+from ros2_kafka_bridge.errors import ConfigError, TransportError
+from ros2_kafka_bridge.ros.profile import FASTDDS_3, Endpoints, make_profile
+from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+
+DOMAIN: Final = 221
+START_S: Final = 60.0
+END_S: Final = 180.0
+VISITS_S: Final = 300.0
+ROUND: Final = 25
+"""Visits between two looks at the bridge; the last of them is a process that is killed."""
+
+RATE: Final = 100.0
+LEASE_S: Final = 2.0  # of the visitors: a killed one holds the bridge back for so long
+WARM_UP_SHARE: Final = 0.2
+
+FILE: Final = """\
+name: churn
+kafka: {{bootstrap.servers: '{servers}'}}
+defaults: {{drain_s: 60}}
+routes:
+  - name: to_ros
+    from: {{kafka: {mark}.source, start: earliest}}
+    to: {{ros: /to_ros_{mark}, type: std_msgs/msg/String}}
+    format: text
+  - name: to_kafka
+    from: {{ros: /to_kafka_{mark}, type: std_msgs/msg/String}}
+    to: {{kafka: {mark}.sink}}
+    format: text
+"""
+
+
+class Result(NamedTuple):
+    """What came of it.
+
+    Args:
+        seen: The bridge after each round of visits, the first one before them.
+        sent: Numbers of the steady ones: to ROS, to Kafka.
+        status: Of the bridge at its end.
+    """
+
+    visits: int
+    killed: int
+    seen: list[Vitals]
+    sent: tuple[int, int]
+    arrived: tuple[Count, Count]
+    status: int
+
+    @property
+    def lost(self) -> int:
+        """Numbers of the steady ones that have not arrived, of both ways."""
+        return sum(count.lost(sent) for sent, count in zip(self.sent, self.arrived, strict=True))
+
+    def growth(self, name: str) -> Slope:
+        """How much of something there is more after each visit, without the first fifth."""
+        warm = int(len(self.seen) * WARM_UP_SHARE)
+        points = enumerate(self.seen)
+        return slope([(at * ROUND, float(getattr(one, name))) for at, one in points][warm:])
+
+
+def play(servers: str, place: Path, domain: int, times: int) -> Result:
+    """Let others come and go beside a bridge.
+
+    Args:
+        servers: Of a Kafka.
+        place: A directory for files.
+        domain: ROS domain.
+        times: How often.
+    """
+    mark = f'churn_{uuid.uuid4().hex[:8]}'
+    environ = {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    read, write = f'/to_ros_{mark}', f'/to_kafka_{mark}'
+
+    def peer(part: str, *words: str) -> Process:
+        command = [sys.executable, '-m', 'benchmarks.numbers', part, *words]
+        return Process(part, command, place / f'{part}.log', environ)
+
+    with ExitStack() as stack:
+        stack.enter_context(topics(servers, [f'{mark}.source', f'{mark}.sink']))
+        file = place / 'churn.yaml'
+        file.write_text(FILE.format(servers=servers, mark=mark))
+        command = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(file)]
+        bridge = stack.enter_context(Process('bridge', command, place / 'bridge.log', environ))
+        bridge.wait_for('subscribes to', START_S)
+        counted = place / 'counted.json'
+        counter = stack.enter_context(peer('count', str(counted), read))
+        to_kafka = stack.enter_context(peer('ros', write, '--rate', str(RATE)))
+        to_ros = peer('kafka', servers, f'{mark}.source', '--rate', str(RATE))
+        stack.enter_context(to_ros)
+        for process in (counter, to_kafka, to_ros):
+            process.wait_for('ready', START_S)
+        seen = [vitals(bridge.pid)]
+        visitors = _Visitors(place, environ, read, write)
+        for first in range(0, times, ROUND):
+            visitors.come_and_go(min(ROUND, times - first), seed=first)
+            bridge.check()
+            seen.append(vitals(bridge.pid))
+        sent = (_end_of(to_ros), _end_of(to_kafka))
+        status = bridge.end(END_S)
+        counter.end(END_S)
+        there = Count(**json.loads(counted.read_text()))
+        sink = EndOffset(servers, f'{mark}.sink')
+        in_kafka = count_topic(servers, f'{mark}.sink', sink())
+        sink.close()
+    return Result(times, visitors.killed, seen, sent, (there, in_kafka), status)
+
+
+class _Visitors:
+    """Processes whose nodes come and go."""
+
+    def __init__(self, place: Path, environ: Mapping[str, str], *topics: str) -> None:
+        profile = place / 'visitor.xml'
+        profile.write_text(make_profile(Endpoints({}, {}, LEASE_S)))
+        self._place = place
+        self._environ = {**environ, FASTDDS_3.variable: str(profile)}
+        self._command = [sys.executable, '-m', 'benchmarks.visitor', *topics]
+        self.killed = 0
+
+    def come_and_go(self, times: int, seed: int) -> None:
+        """So often, the last time by a kill."""
+        log = self._place / f'visitor-{seed}.log'
+        words = ['--times', str(times - 1), '--seed', str(seed)]
+        with Process('visitor', [*self._command, *words], log, self._environ) as visitor:
+            visitor.wait_for(f'gone {times - 1}', VISITS_S)
+        log = self._place / f'killed-{seed}.log'
+        words = ['--stay', '--seed', str(seed)]
+        with Process('visitor', [*self._command, *words], log, self._environ) as visitor:
+            visitor.wait_for('ready', START_S)
+            visitor.kill()
+        self.killed += 1
+
+
+def _end_of(sender: Process) -> int:
+    sender.end(END_S)
+    return int(sender.output().rpartition('sent ')[2])
+
+
+# The report
+
+
+def show(result: Result, console: Console) -> None:
+    """Print the table."""
+    table = Table('of the bridge', 'before', 'at the end', 'per visit', 'standard error')
+    for name in ('anon_kib', 'threads', 'descriptors'):
+        first, last = getattr(result.seen[0], name), getattr(result.seen[-1], name)
+        growth = result.growth(name)
+        table.add_row(
+            name.replace('anon_kib', 'memory, KiB'), f'{first:,}', f'{last:,}',
+            f'{growth.per_x:+.3f}', f'{growth.error:.3f}',
+        )  # fmt: skip
+    console.print(table)
+    for name, sent, count in zip(('ROS', 'Kafka'), result.sent, result.arrived, strict=True):
+        console.print(
+            f'steady, to {name}: {sent:,} sent, {count.lost(sent):,} lost, '
+            f'{count.repeated:,} repeated; of visitors: {count.others:,}'
+        )
+    console.print(f'{result.visits:,} visits, {result.killed} killed; status {result.status}')
+    here = machine()
+    console.print(f'{here.cores} cores of {here.cpu}, {here.memory_gib} GiB')
+
+
+def report(result: Result) -> Mapping[str, Any]:
+    """Make what `--json` writes."""
+    return {
+        'machine': machine()._asdict(),
+        'versions': versions(is_local_kafka=True),
+        'visits': result.visits,
+        'killed': result.killed,
+        'sent': result.sent,
+        'lost': result.lost,
+        'arrived': [count._asdict() for count in result.arrived],
+        'status': result.status,
+        'per_visit': {
+            name: result.growth(name)._asdict() for name in ('anon_kib', 'threads', 'descriptors')
+        },
+        'seen': [one._asdict() for one in result.seen],
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Come and go, and print; returns the exit status: 1 where a number was lost."""
+    parser = argparse.ArgumentParser(
+        prog='python -m benchmarks.churn', description='Lets ROS nodes come and go at a bridge.'
+    )
+    parser.add_argument('--times', type=int, default=1000, help='default: %(default)s')
+    parser.add_argument('--json', type=Path, help='write all of it into this file, too')
+    options = parser.parse_args(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    console = Console(highlight=False)
+    try:
+        with LocalKafka() as kafka, tempfile.TemporaryDirectory(prefix='churn-') as place:
+            result = play(kafka.bootstrap_servers, Path(place), DOMAIN, options.times)
+    except KeyboardInterrupt:
+        return 130
+    except (ConfigError, TransportError, ProcessError, TimeoutError, KafkaException) as error:
+        console.print(str(error), style='red')
+        return 1
+    show(result, console)
+    if options.json:
+        text = json.dumps(report(result), indent=2)
+        options.json.write_text(text + '\n', encoding='utf-8')
+    return 1 if result.lost or result.status else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,211 @@
+"""The Kafka of a run: topics, what they hold in the end, and when brokers are back."""
+
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Final, NamedTuple, Self
+
+from confluent_kafka import OFFSET_BEGINNING, Consumer, KafkaException, Message, TopicPartition
+
+from benchmarks.faults import orders
+from benchmarks.faults.checker import Seen
+from benchmarks.faults.streams import LARGEST_BYTES, Stream
+from ros2_kafka_bridge.testing.local_cluster import LocalCluster
+
+_QUIET: Final = 3
+_REQUEST_S: Final = 30.0
+_READ_S: Final = 120.0
+_LOOK_S: Final = 0.01
+
+# No record is too old to be kept, or too far ahead of its time to be taken.
+_ANY_TIME: Final = {
+    'message.timestamp.after.max.ms': str(2**62),
+    'message.timestamp.before.max.ms': str(2**62),
+    'retention.ms': '-1',
+}
+_BROKERS_TIME: Final = {'message.timestamp.type': 'LogAppendTime'}
+
+
+class Kept(NamedTuple):
+    """A record that a topic holds in the end.
+
+    Args:
+        number: Of its order; None where it cannot be told.
+        time_ns: When the broker took it, since 1970.
+        place: Publisher and number there, as the bridge's headers tell.
+    """
+
+    number: int | None
+    time_ns: int
+    place: tuple[str, int] | None
+
+
+class Doorbell:
+    """Notes when ports begin to accept connections."""
+
+    def __init__(self, addresses: Sequence[tuple[str, int]]) -> None:
+        self._addresses = addresses
+        self._opened_ns: dict[tuple[str, int], int] = {}
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._ring, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._done.set()
+        self._thread.join()
+
+    def opened_ns(self, count: int) -> int:
+        """When so many of them accepted connections; now, where they do not yet."""
+        times_ns = sorted(self._opened_ns.values())
+        return times_ns[count - 1] if len(times_ns) >= count else time.time_ns()
+
+    def _ring(self) -> None:
+        while not self._done.is_set() and len(self._opened_ns) < len(self._addresses):
+            for address in self._addresses:
+                if address not in self._opened_ns and _accepts(address):
+                    self._opened_ns[address] = time.time_ns()
+            self._done.wait(_LOOK_S)
+
+
+def _accepts(address: tuple[str, int]) -> bool:
+    with socket.socket() as probe:
+        probe.settimeout(1.0)
+        return probe.connect_ex(address) == 0
+
+
+def start_again(cluster: LocalCluster, nodes: Sequence[int]) -> int:
+    """Start nodes that were killed, all at once.
+
+    Returns:
+        When enough of them to take records accepted connections, in nanoseconds since 1970.
+    """
+    addresses = [_address(server) for server in cluster.bootstrap_servers.split(',')]
+    enough = len(nodes) // 2 + 1
+    with (
+        Doorbell([addresses[node] for node in nodes]) as bell,
+        ThreadPoolExecutor(len(nodes)) as threads,
+    ):
+        list(threads.map(cluster.start, nodes))
+        return bell.opened_ns(enough)
+
+
+def _address(server: str) -> tuple[str, int]:
+    host, _, port = server.rpartition(':')
+    return host, int(port)
+
+
+def create_topics(cluster: LocalCluster, stream: Stream) -> None:
+    """Create the topics of a stream."""
+    config = _ANY_TIME if stream.is_from_kafka else _BROKERS_TIME
+    cluster.create_topic(stream.kafka_topic, stream.lines, config=config)
+    # A letter must fit with all that was added to it.
+    room = {'max.message.bytes': str(20 * LARGEST_BYTES), **_BROKERS_TIME}
+    cluster.create_topic(stream.dead_letter_topic, config=room)
+
+
+def arrived(bootstrap_servers: str, stream: Stream) -> list[Kept]:
+    """What the topic of a stream to Kafka holds, in its order."""
+    return [_kept(record) for record in _records(bootstrap_servers, stream.kafka_topic, 1)]
+
+
+def dead_lettered(
+    bootstrap_servers: str, stream: Stream, arrived_there: Sequence[Kept]
+) -> list[Seen]:
+    """The orders in the dead-letter topic of a stream, as far as they can be told.
+
+    Args:
+        bootstrap_servers: Where to read.
+        stream: Whose they are.
+        arrived_there: What the topic of a stream to Kafka holds: a publisher's numbers and those
+            of its orders go up together, which tells the number of a letter without a value.
+    """
+    firsts = {
+        kept.place[0]: kept.number - kept.place[1]
+        for kept in arrived_there
+        if kept.place is not None and kept.number is not None
+    }
+    letters = list(_records(bootstrap_servers, stream.dead_letter_topic, 1))
+    numbers: dict[tuple[int, int], int] = {}
+    if stream.is_from_kafka and letters:
+        for record in _records(bootstrap_servers, stream.kafka_topic, stream.lines):
+            place = _origin(record.partition(), record.offset())
+            numbers[place] = int(_headers(record)[orders.NUMBER_HEADER])
+    found = []
+    for record in letters:
+        kept = _kept(record)
+        told = _headers(record)
+        number = None
+        if kept.place is not None and kept.place[0] in firsts:
+            number = firsts[kept.place[0]] + kept.place[1]
+        if stream.is_from_kafka:
+            number = numbers[_origin(told['dead_letter.partition'], told['dead_letter.offset'])]
+        if number is not None:
+            found.append(Seen(number, kept.time_ns))
+    return found
+
+
+def _origin(partition: object, offset: object) -> tuple[int, int]:
+    return int(str(partition)), int(str(offset))
+
+
+def _kept(record: Message) -> Kept:
+    told = _headers(record)
+    gid, seq = told.get('ros.gid'), told.get('ros.seq')
+    place = (gid, int(seq)) if gid is not None and seq is not None else None
+    number = orders.number_of(record.value() or b'')
+    return Kept(number, record.timestamp()[1] * 1_000_000, place)
+
+
+def _headers(record: Message) -> dict[str, str]:
+    pairs: Any = record.headers() or []  # a list, though its type says more
+    return {name: bytes(value or b'').decode(errors='replace') for name, value in pairs}
+
+
+def _records(bootstrap_servers: str, topic: str, partitions: int) -> Iterator[Message]:
+    """All records of a topic, a partition after the other.
+
+    Raises:
+        TimeoutError: They cannot be read.
+    """
+    config = {
+        'bootstrap.servers': bootstrap_servers,
+        'group.id': 'faults.reader',
+        'enable.auto.commit': False,
+        'isolation.level': 'read_uncommitted',
+        'log_level': _QUIET,
+    }
+    with contextlib.closing(Consumer(config)) as consumer:
+        for partition in range(partitions):
+            yield from _of_partition(consumer, topic, partition)
+
+
+def _of_partition(consumer: Consumer, topic: str, partition: int) -> Iterator[Message]:
+    deadline_s = time.monotonic() + _READ_S
+    end = _end(consumer, topic, partition)
+    consumer.assign([TopicPartition(topic, partition, OFFSET_BEGINNING)])
+    place = 0
+    while place < end:
+        for record in consumer.consume(1000, 0.1):
+            if record.error() is None:
+                place = (record.offset() or 0) + 1
+                yield record
+        if time.monotonic() > deadline_s:
+            raise TimeoutError(f'{topic}[{partition}] can be read up to {place} of {end} only')
+
+
+def _end(consumer: Consumer, topic: str, partition: int) -> int:
+    deadline_s = time.monotonic() + _REQUEST_S
+    while True:
+        try:
+            _, end = consumer.get_watermark_offsets(TopicPartition(topic, partition), timeout=5)
+            return int(end)
+        except KafkaException:
+            if time.monotonic() > deadline_s:
+                raise
+            time.sleep(0.2)

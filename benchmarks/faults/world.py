@@ -1,0 +1,453 @@
+"""All that runs during a run: Kafka, the bridge, publishers, subscribers, and what they tell."""
+
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from ruamel.yaml import YAML
+
+from benchmarks.faults import journal, kafka
+from benchmarks.faults.checker import Ends, Seen
+from benchmarks.faults.journal import Entry, Tail
+from benchmarks.faults.parts import Part
+from benchmarks.faults.streams import SUBSCRIBER_CACHE, Stream, configuration
+from benchmarks.processes import ProcessError
+from ros2_kafka_bridge.ros.profile import FASTDDS_3, Endpoints, make_profile
+from ros2_kafka_bridge.testing.hosts import Host
+from ros2_kafka_bridge.testing.kafka_node import HOST
+from ros2_kafka_bridge.testing.local_cluster import LocalCluster
+
+START_S: Final = 90.0
+SPOOLS: Final = 'spools'
+DRAIN_S: Final = 30.0
+_LOOK_S: Final = 0.05
+_PUBLISHER_HISTORY: Final = 5000
+_HANDED: Final = re.compile(r'\S+ \S+ (INFO|WARNING) +\S+: (lost|hands over) ').match
+_TIME_CHARS: Final = len('2026-01-31 12:00:00,000')
+_PEER: Final = 'benchmarks.faults.peers'
+
+
+class Hosts(NamedTuple):
+    """Three hosts: the robot with the ROS nodes, the edge with the bridge, the site with Kafka."""
+
+    robot: Host
+    edge: Host
+    site: Host
+
+
+class Setting(NamedTuple):
+    """What a run is made with.
+
+    Args:
+        place: Directory for its files.
+        rate: Orders per second, of each stream.
+        domain: Its ROS domain.
+        brokers: How many of Kafka's.
+        hosts: Where what runs; None runs all here.
+        bridges: How many run the same file; with two, one stands by.
+        has_own_disk: Whether the spools are on a disk of their own, which can be filled.
+    """
+
+    place: Path
+    streams: Sequence[Stream]
+    rate: float
+    seed: int
+    domain: int
+    brokers: int
+    hosts: Hosts | None = None
+    bridges: int = 1
+    has_own_disk: bool = False
+
+
+class Progress:
+    """How far a stream has come, by the journals of its two ends."""
+
+    def __init__(self, stream: Stream, sent: Path, arrived: Path) -> None:
+        self.stream = stream
+        self.sent_file = sent
+        self.arrived_file = arrived
+        self._tails = Tail(sent), Tail(arrived)
+        self._sent = [-1] * stream.lines
+        self._arrived = [-1] * stream.lines
+        self.last_sent = -1
+        self.count = 0
+
+    def look(self) -> None:
+        """Read what has been added."""
+        sent, arrived = (tail() for tail in self._tails)
+        for entry in sent:
+            # One that is no good order may go elsewhere.
+            if entry.mark == journal.SENT:
+                self._note(self._sent, entry)
+            if entry.mark in {journal.SENT, journal.HOSTILE}:
+                self.last_sent = max(self.last_sent, entry.number)
+        for entry in arrived:
+            if entry.mark == journal.ARRIVED:
+                self._note(self._arrived, entry)
+                self.count += 1
+
+    def marks(self) -> list[int]:
+        """The last good order that was sent, of each line."""
+        return list(self._sent)
+
+    def has_reached(self, marks: Sequence[int]) -> bool:
+        """Whether these orders, or later ones, have come."""
+        return all(here >= mark for here, mark in zip(self._arrived, marks, strict=True))
+
+    def _note(self, highest: list[int], entry: Entry) -> None:
+        line = entry.number % self.stream.lines
+        highest[line] = max(highest[line], entry.number)
+
+
+class World:
+    """The parts of a run, for faults to be done to them.
+
+    Args:
+        setting: What it is made with.
+        cluster: Kafka, running.
+        stop: Is set when somebody wants the run to end.
+    """
+
+    def __init__(self, setting: Setting, cluster: LocalCluster, stop: threading.Event) -> None:
+        self.setting = setting
+        self.cluster = cluster
+        self.stop = stop
+        self.place = setting.place
+        self.spools = setting.place / SPOOLS
+        self.config_file = self._write_config()
+        self.bridges = [self.make_bridge(f'bridge-{n}') for n in range(setting.bridges)]
+        self.extra: list[Part] = []
+        self.away_ns: tuple[int, int] | None = None  # when no bridge took from publishers
+        self.publishers: dict[str, Part] = {}
+        self.progress: dict[str, Progress] = {}
+        self._peers: list[Part] = []
+        for stream in setting.streams:
+            arrived = self.place / 'journals' / 'arrived' / stream.kafka_topic
+            self.progress[stream.name] = Progress(stream, self._sent(stream), arrived)
+            if stream.is_from_kafka:
+                self.producer = self._producer(stream)
+                self.subscriber = self._subscriber(stream)
+            else:
+                self.publishers[stream.name] = self._publisher(stream)
+        self.recorder = self._recorder()
+
+    # Parts
+
+    def make_bridge(self, name: str, *options: str) -> Part:
+        """A bridge that runs the file of all, not started."""
+        command = ['-m', 'ros2_kafka_bridge', 'run', str(self.config_file), *options]
+        host = self.setting.hosts.edge if self.setting.hosts else None
+        return Part(name, command, self._log(name), self._ros(), host)
+
+    @property
+    def hosts(self) -> Hosts:
+        """Its hosts."""
+        assert self.setting.hosts is not None, 'a fault of the network needs hosts'
+        return self.setting.hosts
+
+    def start_publisher(self, name: str) -> int:
+        """Start a publisher, which goes on with its numbering; returns when."""
+        self.look()
+        first = self.progress[name].last_sent + 1
+        return self.publishers[name].start('--first', str(first))
+
+    def tell(self, stream: str, command: str) -> None:
+        """Tell the sender of a stream what to do."""
+        with self._commands(stream).open('a') as file:
+            file.write(f'{command}\n')
+
+    # How it goes
+
+    def look(self) -> None:
+        """See how far the streams have come."""
+        for progress in self.progress.values():
+            progress.look()
+
+    def check(self) -> None:
+        """See that all runs that should run.
+
+        Raises:
+            ProcessError: Something does not.
+        """
+        for part in (*self.bridges, *self.publishers.values(), *self._peers):
+            part.check()
+
+    def settle(self, timeout_s: float) -> list[str]:
+        """Wait until what is sent from now on comes; returns streams that do not flow."""
+        self.look()
+        before = {name: progress.last_sent for name, progress in self.progress.items()}
+        deadline_s = time.monotonic() + timeout_s
+
+        def sends(name: str) -> bool:
+            return self.progress[name].last_sent > before[name]
+
+        silent = self._wait_for_each(list(before), sends, deadline_s)
+        return silent + self._arrive([name for name in before if name not in silent], deadline_s)
+
+    def _arrive(self, names: list[str], deadline_s: float) -> list[str]:
+        """Wait until what was sent by now has come, or what was sent behind it."""
+        self.look()
+        marks = {name: self.progress[name].marks() for name in names}
+
+        def has_come(name: str) -> bool:
+            return self.progress[name].has_reached(marks[name])
+
+        return self._wait_for_each(names, has_come, deadline_s)
+
+    def _wait_for_each(
+        self, names: list[str], condition: Callable[[str], bool], deadline_s: float
+    ) -> list[str]:
+        """Wait until a condition holds for each stream; returns those for which it does not."""
+        left = names
+        while (left := [n for n in left if not condition(n)]) and time.monotonic() < deadline_s:
+            time.sleep(_LOOK_S)
+            self.check()
+            self.look()
+        return left
+
+    def pause(self, seconds: float) -> None:
+        """Let time go by; the end of the run cuts it short."""
+        deadline_s = time.monotonic() + seconds
+        while (left_s := deadline_s - time.monotonic()) > 0 and not self.stop.is_set():
+            time.sleep(min(_LOOK_S, left_s))
+            self.check()
+
+    def wait_until_subscribed(self, bridge: Part, from_place: int) -> None:
+        """Wait until a bridge says that it has subscribed to every VOLATILE publisher.
+
+        The others can wait with what they have: before it is read, Kafka has to be asked what it
+        holds of that.
+
+        Args:
+            bridge: Which.
+            from_place: Where in its log it began to speak in this life.
+
+        Raises:
+            ProcessError: It does not.
+        """
+
+        def is_subscribed() -> bool:
+            said = bridge.log.read_text()[from_place:]
+            return all(
+                f'subscribes to {stream.ros_topic} (reliable, volatile)' in said
+                for stream in self.setting.streams
+                if stream.durability == 'volatile'
+            )
+
+        self._wait('the bridge subscribes', is_subscribed)
+
+    # From the beginning to the end
+
+    def start(self) -> None:
+        """Start all, and wait until every stream flows.
+
+        Raises:
+            ProcessError: One does not.
+        """
+        for stream in self.setting.streams:
+            kafka.create_topics(self.cluster, stream)
+        for bridge in self.bridges:
+            bridge.start()
+        for part in self._peers:
+            part.start()
+        for name in self.publishers:
+            self.start_publisher(name)
+        self._wait('every stream flows', lambda: all(p.count for p in self.progress.values()))
+
+    def finish(self) -> list[str]:
+        """End the sending and wait for what is on its way; returns streams that do not flow."""
+        for stream in self.setting.streams:
+            self.tell(stream.name, 'enough')
+        time.sleep(1.0)
+        late = self._arrive(list(self.progress), time.monotonic() + DRAIN_S)
+        time.sleep(2.0)  # what comes twice shall show
+        self.look()
+        return late
+
+    def end(self) -> list[int | None]:
+        """End every process, the bridges in order; returns their exit statuses.
+
+        None says that one did not run any more, or had to be killed.
+        """
+        for part in self.extra:
+            part.end(DRAIN_S)
+        statuses = [bridge.end(DRAIN_S) for bridge in self.bridges]
+        for part in (*self.publishers.values(), *self._peers):
+            part.kill()
+        return statuses
+
+    def kill(self) -> None:
+        """End every process at once."""
+        for part in (*self.extra, *self.bridges, *self.publishers.values(), *self._peers):
+            part.kill()
+
+    def ends(self, stream: Stream) -> tuple[Ends, list[kafka.Kept]]:
+        """What came of a stream: for the checker, and the records, where it ends in Kafka."""
+        progress = self.progress[stream.name]
+        entries = journal.read(progress.sent_file)
+        records: list[kafka.Kept] = []
+        if stream.is_from_kafka:
+            came = [e for e in journal.read(progress.arrived_file) if e.mark == journal.ARRIVED]
+            arrived = [Seen(entry.number, entry.time_ns) for entry in came]
+        else:
+            records = kafka.arrived(self.cluster.bootstrap_servers, stream)
+            arrived = [Seen(r.number, r.time_ns) for r in records if r.number is not None]
+        letters = kafka.dead_lettered(self.cluster.bootstrap_servers, stream, records)
+        return Ends(
+            _marked(entries, journal.SENT),
+            _marked(entries, journal.HOSTILE),
+            uncounted(entries, is_from_kafka=stream.is_from_kafka),
+            arrived,
+            letters,
+            stream.lines,
+        ), records
+
+    def hand_overs_ns(self) -> list[int]:
+        """When bridges gave partitions away or lost them, by what they said.
+
+        That is Kafka's decision, and comes also where a machine is too busy to be heard of for
+        the time of a session.
+        """
+        found = []
+        for log in (self.place / 'logs').glob('bridge*.log'):
+            found += [_time_ns(line) for line in log.read_text().splitlines() if _HANDED(line)]
+        return sorted(found)
+
+    def _wait(self, what: str, condition: Callable[[], bool]) -> None:
+        deadline_s = time.monotonic() + START_S
+        while not condition():
+            if time.monotonic() > deadline_s:
+                counts = {name: progress.count for name, progress in self.progress.items()}
+                raise ProcessError(f'not within {START_S:.0f} s: {what} {counts}')
+            time.sleep(_LOOK_S)
+            self.check()
+            self.look()
+
+    # How parts are made
+
+    def _producer(self, stream: Stream) -> Part:
+        options = ['--partitions', str(stream.lines), *self._pace()]
+        arguments = [
+            self.cluster.bootstrap_servers, stream.kafka_topic, str(self._sent(stream)),
+            str(self._commands(stream.name)),
+        ]  # fmt: skip
+        return self._peer('kafka_producer', [*arguments, *options], {})
+
+    def _subscriber(self, stream: Stream) -> Part:
+        profile = self._profile('subscriber', Endpoints({}, {stream.ros_topic: SUBSCRIBER_CACHE}))
+        arguments = [stream.ros_topic, str(self.progress[stream.name].arrived_file)]
+        return self._peer('ros_subscriber', arguments, self._ros() | profile, self._robot)
+
+    def _publisher(self, stream: Stream) -> Part:
+        assert stream.durability is not None
+        history = Endpoints({stream.ros_topic: _PUBLISHER_HISTORY}, {})
+        environ = self._ros() | self._profile(stream.name, history)
+        command = [
+            '-m', f'{_PEER}.ros_publisher', stream.ros_topic, str(self._sent(stream)),
+            str(self._commands(stream.name)), '--durability', stream.durability, *self._pace(),
+        ]  # fmt: skip
+        name = f'publisher {stream.name}'
+        return Part(name, command, self._log(f'publisher-{stream.name}'), environ, self._robot)
+
+    def _recorder(self) -> Part:
+        topics = [stream.kafka_topic for stream in self.setting.streams if stream.durability]
+        place = self.place / 'journals' / 'arrived'
+        arguments = [self.cluster.bootstrap_servers, str(place), *topics]
+        return self._peer('kafka_recorder', arguments, {})
+
+    def _peer(
+        self, name: str, arguments: list[str], environ: dict[str, str], host: Host | None = None
+    ) -> Part:
+        part = Part(name, ['-m', f'{_PEER}.{name}', *arguments], self._log(name), environ, host)
+        self._peers.append(part)
+        return part
+
+    def _pace(self) -> list[str]:
+        return ['--rate', str(self.setting.rate), '--seed', str(self.setting.seed)]
+
+    @property
+    def _robot(self) -> Host | None:
+        return self.setting.hosts.robot if self.setting.hosts else None
+
+    def _ros(self) -> dict[str, str]:
+        near = {} if self.setting.hosts else {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        return {'ROS_DOMAIN_ID': str(self.setting.domain), **near}
+
+    def _profile(self, name: str, endpoints: Endpoints) -> dict[str, str]:
+        """With a quick heartbeat: what is acknowledged is known at once."""
+        file = self.place / f'{name}.xml'
+        file.write_text(make_profile(endpoints))
+        return {FASTDDS_3.variable: str(file)}
+
+    def _write_config(self) -> Path:
+        file = self.place / 'bridge.yaml'
+        servers = self.cluster.bootstrap_servers
+        is_exclusive = self.setting.bridges > 1
+        content = configuration(
+            servers, self.setting.streams, self.spools, is_exclusive=is_exclusive
+        )
+        with file.open('w') as opened:
+            YAML(typ='safe').dump(content, opened)
+        return file
+
+    def _sent(self, stream: Stream) -> Path:
+        return self.place / 'journals' / 'sent' / stream.kafka_topic
+
+    def _commands(self, stream: str) -> Path:
+        return self.place / 'journals' / 'commands' / stream
+
+    def _log(self, name: str) -> Path:
+        return self.place / 'logs' / f'{name}.log'
+
+
+@contextmanager
+def running(setting: Setting, stop: threading.Event) -> Iterator[World]:
+    """Start all of a run, and end what still runs of it."""
+    for part in ('logs', 'journals/sent', 'journals/arrived', 'journals/commands'):
+        (setting.place / part).mkdir(parents=True)
+    host = setting.hosts.site.address if setting.hosts else HOST
+    with LocalCluster(setting.brokers, host) as cluster:
+        world = World(setting, cluster, stop)
+        try:
+            world.start()
+            yield world
+        except KeyboardInterrupt:
+            world.kill()
+            raise
+        finally:
+            world.end()
+
+
+def uncounted(entries: Sequence[Entry], *, is_from_kafka: bool) -> set[int]:
+    """The orders that nobody had taken from a sender when it ended.
+
+    A publisher that is killed takes with it what was not acknowledged; only its own end makes
+    them uncounted, hence the last one that runs counts in full.
+    """
+    if is_from_kafka:
+        return set()
+    found: set[int] = set()
+    of_life: list[int] = []
+    for entry in entries:
+        if entry.mark == journal.BEGUN:
+            found |= set(of_life)
+            of_life = []
+        elif entry.mark == journal.ACKNOWLEDGED:
+            of_life = [number for number in of_life if number > entry.number]
+        else:
+            of_life.append(entry.number)
+    return found
+
+
+def _time_ns(line: str) -> int:
+    said = datetime.strptime(line[:_TIME_CHARS], '%Y-%m-%d %H:%M:%S,%f').astimezone()
+    return int(said.timestamp() * 1e9)
+
+
+def _marked(entries: Sequence[Entry], mark: str) -> list[Seen]:
+    return [Seen(entry.number, entry.time_ns) for entry in entries if entry.mark == mark]

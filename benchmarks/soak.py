@@ -1,0 +1,386 @@
+"""A bridge at half its maximum rate, both ways, for minutes: does it lose, does it grow?
+
+    python -m benchmarks.soak --minutes 10 --rate auto
+
+One process runs both routes on a real Kafka, with default settings; what sends and counts are
+processes of their own. With `--rate auto` the maximum is looked for first: the highest rate that
+both ways keep up with at once, in steps. Memory is what no other process shares and no file
+backs; its slope is that of a straight line through the means of ten seconds each, after the
+warm-up, with its standard error.
+"""
+
+import argparse
+import json
+import signal
+import sys
+import tempfile
+import time
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from confluent_kafka import Consumer, KafkaException, TopicPartition
+from confluent_kafka.admin import AdminClient
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.machine import machine, versions
+from benchmarks.numbers import Count, count_topic
+from benchmarks.processes import Process, ProcessError
+from benchmarks.topics import EndOffset, topics
+from benchmarks.vitals import Slope, Vitals, means, slope, watched
+from ros2_kafka_bridge.errors import ConfigError, TransportError
+from ros2_kafka_bridge.ros.node import RosNode, open_node
+from ros2_kafka_bridge.ros.profile import Endpoints
+from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+
+DOMAIN: Final = 220
+START_S: Final = 60.0
+END_S: Final = 120.0
+FIRST_RATE: Final = 250.0
+MOST_RATE: Final = 30_000.0
+STEP: Final = 1.5
+STEP_S: Final = 8.0
+KEPT: Final = 0.85
+BOX_S: Final = 10.0
+LOOK_AROUND_S: Final = 15.0
+WARM_UP_SHARE: Final = 0.2
+REQUEST_S: Final = 10.0
+
+FILE: Final = """\
+name: soak
+kafka: {{bootstrap.servers: '{servers}'}}
+routes:
+  - name: to_ros
+    from: {{kafka: {mark}.source, start: earliest}}
+    to: {{ros: /to_ros_{mark}, type: std_msgs/msg/String}}
+    format: text
+  - name: to_kafka
+    from: {{ros: /to_kafka_{mark}, type: std_msgs/msg/String}}
+    to: {{kafka: {mark}.sink}}
+    format: text
+"""
+
+
+class Rates(NamedTuple):
+    """Messages per second."""
+
+    to_ros: float
+    to_kafka: float
+
+
+class Around(NamedTuple):
+    """What the bridge has made elsewhere, at one moment."""
+
+    kafka_topics: int
+    ros_endpoints: int
+
+
+class Way(NamedTuple):
+    """What became of the numbers of one direction."""
+
+    sent: int
+    lost: int
+    repeated: int
+
+
+class Result(NamedTuple):
+    """A soak.
+
+    Args:
+        seen: The bridge, every second.
+        around: What stood in Kafka and in the ROS graph, after the warm-up and to the end.
+        warm_up_s: What does not count for the slope.
+        behind: Records that were still to be read when the sending ended: with many of them the
+            bridge did not keep up, its queues were full, and the slope tells little.
+        status: Of the bridge at its end.
+    """
+
+    rates: Rates
+    seen: list[Vitals]
+    around: list[Around]
+    warm_up_s: float
+    behind: int
+    to_ros: Way
+    to_kafka: Way
+    status: int
+
+    @property
+    def warm(self) -> list[Vitals]:
+        """What was seen after the warm-up."""
+        return [one for one in self.seen if one.at_s - self.seen[0].at_s >= self.warm_up_s]
+
+    @property
+    def memory(self) -> Slope:
+        """KiB per minute."""
+        points = [(one.at_s / 60, float(one.anon_kib)) for one in self.warm]
+        return slope(means(points, BOX_S / 60))
+
+    @property
+    def grown(self) -> list[str]:
+        """What there was more of at the end than after the warm-up."""
+        first, last = self.warm[0], self.warm[-1]
+        around, then = self.around[0], self.around[-1]
+        pairs = {
+            'threads': (first.threads, last.threads),
+            'descriptors': (first.descriptors, last.descriptors),
+            'Kafka topics': (around.kafka_topics, then.kafka_topics),
+            'ROS endpoints': (around.ros_endpoints, then.ros_endpoints),
+        }
+        return [f'{name} ({a} to {b})' for name, (a, b) in pairs.items() if b > a]
+
+    @property
+    def sound(self) -> bool:
+        """Whether all arrived once, the bridge ended well, and nothing that is counted grew."""
+        all_came = not any((*self.to_ros[1:], *self.to_kafka[1:]))
+        return all_came and not self.grown and self.status == 0
+
+
+class Stage(NamedTuple):
+    """A bridge with everybody around it."""
+
+    servers: str
+    mark: str
+    place: Path
+    bridge: Process
+    counter: Process
+    counted: Path
+
+    @contextmanager
+    def senders(self, rates: Rates) -> Iterator[tuple[Process, Process]]:
+        """Send in both directions, to the end of the `with` or of one's own asking."""
+        with ExitStack() as stack:
+            to_kafka = stack.enter_context(
+                _peer(self.place, 'ros', f'/to_kafka_{self.mark}', '--rate', str(rates.to_kafka))
+            )
+            to_ros = stack.enter_context(
+                _peer(
+                    self.place, 'kafka', self.servers, f'{self.mark}.source',
+                    '--rate', str(rates.to_ros),
+                )
+            )  # fmt: skip
+            for sender in (to_kafka, to_ros):
+                sender.wait_for('ready', START_S)
+            yield to_ros, to_kafka
+
+
+@contextmanager
+def staged(servers: str) -> Iterator[Stage]:
+    """Start a bridge with two routes, and a reader that counts."""
+    mark = f'soak_{uuid.uuid4().hex[:8]}'
+    with ExitStack() as stack:
+        place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='soak-')))
+        stack.enter_context(topics(servers, [f'{mark}.source', f'{mark}.sink']))
+        file = place / 'bridge.yaml'
+        file.write_text(FILE.format(servers=servers, mark=mark))
+        command = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(file)]
+        bridge = stack.enter_context(Process('bridge', command, place / 'bridge.log', _environ()))
+        bridge.wait_for('subscribes to', START_S)
+        bridge.wait_for(' reads ', START_S)
+        counted = place / 'counted.json'
+        counter = stack.enter_context(_peer(place, 'count', str(counted), f'/to_ros_{mark}'))
+        counter.wait_for('ready', START_S)
+        yield Stage(servers, mark, place, bridge, counter, counted)
+
+
+def _peer(place: Path, part: str, *words: str) -> Process:
+    command = [sys.executable, '-m', 'benchmarks.numbers', part, *words]
+    return Process(part, command, place / f'{part}-{uuid.uuid4().hex[:8]}.log', _environ())
+
+
+def _environ() -> dict[str, str]:
+    return {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+
+
+def most(servers: str) -> float:
+    """Find the highest rate that both ways keep up with at once, to a factor of `STEP`."""
+    rate, kept = FIRST_RATE, 0.0
+    with staged(servers) as stage:
+        while rate <= MOST_RATE:
+            with stage.senders(Rates(rate, rate)):
+                time.sleep(STEP_S / 4)
+                before, since_s = _delivered(stage), time.monotonic()
+                time.sleep(STEP_S)
+                after, seconds = _delivered(stage), time.monotonic() - since_s
+            if any(b - a < KEPT * rate * seconds for a, b in zip(before, after, strict=True)):
+                break
+            rate, kept = STEP * rate, rate
+    if not kept:
+        raise TimeoutError(f'the bridge does not keep up with {FIRST_RATE:.0f} messages/s')
+    return kept
+
+
+def _delivered(stage: Stage) -> tuple[int, int]:
+    """How many messages have been confirmed, each way; to ROS as far as is committed."""
+    source = TopicPartition(f'{stage.mark}.source', 0)
+    config = {'bootstrap.servers': stage.servers, 'group.id': 'soak.to_ros'}
+    with (
+        closing(Consumer(config)) as consumer,
+        closing(EndOffset(stage.servers, f'{stage.mark}.sink')) as end_offset,
+    ):
+        [committed] = consumer.committed([source], timeout=REQUEST_S)
+        return max(0, committed.offset), end_offset()
+
+
+def soak(servers: str, rates: Rates, minutes: float) -> Result:
+    """Run for so long at these rates, and count."""
+    around: list[Around] = []
+    warm_up_s = WARM_UP_SHARE * minutes * 60
+    with staged(servers) as stage, open_node('soak', DOMAIN, Endpoints({}, {}, None)) as node:
+        with (
+            watched(lambda: stage.bridge.pid) as seen,
+            stage.senders(rates) as (to_ros, to_kafka),
+        ):
+            begun_s = time.monotonic()
+            while (elapsed_s := time.monotonic() - begun_s) < minutes * 60:
+                stage.bridge.check()
+                time.sleep(min(LOOK_AROUND_S, minutes * 60 - elapsed_s))
+                if time.monotonic() - begun_s >= warm_up_s:
+                    around.append(_look_around(servers, node))
+            seen = list(seen)  # noqa: PLW2901 -- what comes now is the end
+            sent = [_end_of(sender) for sender in (to_ros, to_kafka)]
+        behind = sent[0] - _delivered(stage)[0]
+        end = _wait_for_all(stage, sent)
+        status = stage.bridge.end(END_S)
+        stage.counter.end(END_S)
+        arrived = Count(**json.loads(stage.counted.read_text()))
+        in_kafka = count_topic(servers, f'{stage.mark}.sink', end)
+    return Result(
+        rates,
+        seen,
+        around,
+        warm_up_s,
+        behind,
+        _way(sent[0], arrived),
+        _way(sent[1], in_kafka),
+        status,
+    )
+
+
+def _way(sent: int, count: Count) -> Way:
+    return Way(sent, count.lost(sent), count.repeated)
+
+
+def _end_of(sender: Process) -> int:
+    sender.end(END_S)
+    return int(sender.output().rpartition('sent ')[2])
+
+
+def _wait_for_all(stage: Stage, sent: Sequence[int]) -> int:
+    """Wait until all has been delivered, or nothing more comes; returns the end of the sink."""
+    done, changed_s = _delivered(stage), time.monotonic()
+    while done != tuple(sent) and time.monotonic() - changed_s < END_S:
+        before, done = done, _delivered(stage)
+        changed_s = time.monotonic() if done != before else changed_s
+        time.sleep(0.5)
+    return done[1]
+
+
+def _look_around(servers: str, node: RosNode) -> Around:
+    admin = AdminClient({'bootstrap.servers': servers, 'log_level': 3})
+    found = admin.list_topics(timeout=REQUEST_S).topics
+    ends = sum(len(topic.publishers) + len(topic.subscribers) for topic in node.topics())
+    return Around(len(found), ends)
+
+
+# The report
+
+
+def show(result: Result, console: Console) -> None:
+    """Print the table."""
+    table = Table('way', 'messages/s', 'sent', 'lost', 'repeated')
+    for name in Rates._fields:
+        way, rate = getattr(result, name), getattr(result.rates, name)
+        table.add_row(name, f'{rate:,.0f}', f'{way.sent:,}', f'{way.lost:,}', f'{way.repeated:,}')
+    console.print(table)
+    if result.behind > result.rates.to_ros:
+        console.print(f'it did not keep up: {result.behind:,} records behind at the end')
+    warm, memory = result.warm, result.memory
+    last = warm[-1]
+    console.print(
+        f'memory: {warm[0].anon_kib / 1024:.1f} MiB after the warm-up, '
+        f'{last.anon_kib / 1024:.1f} at the end, '
+        f'{max(one.anon_kib for one in result.seen) / 1024:.1f} at most; '
+        f'{memory.per_x:+.1f} KiB/min, standard error {memory.error:.1f}'
+    )
+    console.print(
+        f'{last.threads} threads, {last.descriptors} descriptors, '
+        f'{result.around[-1].kafka_topics} Kafka topics, '
+        f'{result.around[-1].ros_endpoints} ROS endpoints; '
+        + (f'grown: {", ".join(result.grown)}' if result.grown else 'none has grown')
+    )
+    here = machine()
+    console.print(f'{here.cores} cores of {here.cpu}, {here.memory_gib} GiB')
+
+
+def report(result: Result) -> Mapping[str, Any]:
+    """Make what `--json` writes."""
+    return {
+        'machine': machine()._asdict(),
+        'versions': versions(is_local_kafka=True),
+        'rates': result.rates._asdict(),
+        'to_ros': result.to_ros._asdict(),
+        'to_kafka': result.to_kafka._asdict(),
+        'memory_kib_per_min': result.memory.per_x,
+        'memory_kib_per_min_error': result.memory.error,
+        'warm_up_s': result.warm_up_s,
+        'behind': result.behind,
+        'grown': result.grown,
+        'status': result.status,
+        'around': [one._asdict() for one in result.around],
+        'seen': [
+            {**one._asdict(), 'at_s': round(one.at_s - result.seen[0].at_s, 1)}
+            for one in result.seen
+        ],
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Soak and print; returns the exit status: 1 where something was lost, or has grown."""
+    options = _parse(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    console = Console(highlight=False)
+    try:
+        with LocalKafka() as kafka:
+            rates = options.rate
+            if rates is None:
+                full = most(kafka.bootstrap_servers)
+                console.print(f'both ways keep up with {full:,.0f} messages/s each')
+                rates = Rates(full / 2, full / 2)
+            result = soak(kafka.bootstrap_servers, rates, options.minutes)
+    except KeyboardInterrupt:
+        return 130
+    except (ConfigError, TransportError, ProcessError, TimeoutError, KafkaException) as error:
+        console.print(str(error), style='red')
+        return 1
+    show(result, console)
+    if options.json:
+        text = json.dumps(report(result), indent=2)
+        options.json.write_text(text + '\n', encoding='utf-8')
+    return 0 if result.sound else 1
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog='python -m benchmarks.soak',
+        description='Runs a bridge at half its maximum rate, and looks whether it grows.',
+    )
+    parser.add_argument('--minutes', type=float, default=10.0, help='default: %(default)s')
+    parser.add_argument(
+        '--rate',
+        type=_rate,
+        default='auto',
+        help='messages per second each way; auto: half of what it carries (default)',
+    )
+    parser.add_argument('--json', type=Path, help='write all of it into this file, too')
+    return parser.parse_args(arguments)
+
+
+def _rate(text: str) -> Rates | None:
+    return None if text == 'auto' else Rates(float(text), float(text))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,108 @@
+"""What a process holds, looked at again and again, and whether it grows."""
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+_LEAST_POINTS = 3
+
+
+class Vitals(NamedTuple):
+    """What a process holds at one moment.
+
+    Args:
+        at_s: When, of `time.monotonic`.
+        anon_kib: Memory that no other process shares and no file backs.
+        descriptors: Open files, sockets and pipes.
+    """
+
+    at_s: float
+    anon_kib: int
+    threads: int
+    descriptors: int
+
+
+def vitals(pid: int) -> Vitals:
+    """Look at a process.
+
+    Raises:
+        ProcessLookupError: It has ended.
+    """
+    place = Path('/proc', str(pid))
+    try:
+        rows = (place / 'status').read_text().splitlines()
+        status = dict(row.split(':', 1) for row in rows)
+        descriptors = sum(1 for _ in (place / 'fd').iterdir())
+        anon_kib = int(status['RssAnon'].split()[0])
+    except (FileNotFoundError, KeyError) as error:
+        raise ProcessLookupError(f'process {pid} has ended') from error
+    return Vitals(time.monotonic(), anon_kib, int(status['Threads']), descriptors)
+
+
+@contextmanager
+def watched(pid: Callable[[], int], every_s: float = 1.0) -> Iterator[list[Vitals]]:
+    """Look at a process again and again, in a thread, as long as it is there."""
+    seen = [vitals(pid())]
+    end = threading.Event()
+
+    def look() -> None:
+        while not end.wait(every_s):
+            try:
+                seen.append(vitals(pid()))
+            except ProcessLookupError:
+                return
+
+    thread = threading.Thread(target=look, daemon=True)
+    thread.start()
+    try:
+        yield seen
+    finally:
+        end.set()
+        thread.join()
+
+
+class Slope(NamedTuple):
+    """A straight line through points.
+
+    Args:
+        per_x: How much y grows while x grows by one.
+        error: The standard error of that, as if the points knew nothing of each other.
+    """
+
+    per_x: float
+    error: float
+
+    @property
+    def grows(self) -> bool:
+        """Whether it is more than what chance explains: three standard errors."""
+        return self.per_x > 3 * self.error
+
+
+def slope(points: Sequence[tuple[float, float]]) -> Slope:
+    """Fit a straight line by least squares; without three points, it is not known."""
+    count = len(points)
+    if count < _LEAST_POINTS:
+        return Slope(math.nan, math.nan)
+    mean_x = sum(x for x, _ in points) / count
+    mean_y = sum(y for _, y in points) / count
+    spread = sum((x - mean_x) ** 2 for x, _ in points)
+    if not spread:
+        return Slope(math.nan, math.nan)
+    per_x = sum((x - mean_x) * (y - mean_y) for x, y in points) / spread
+    left = sum((y - mean_y - per_x * (x - mean_x)) ** 2 for x, y in points)
+    return Slope(per_x, math.sqrt(left / (count - 2) / spread))
+
+
+def means(points: Sequence[tuple[float, float]], width: float) -> list[tuple[float, float]]:
+    """Take the mean of all points within each `width` of x: neighbours are much alike."""
+    boxes: dict[int, list[tuple[float, float]]] = {}
+    for x, y in points:
+        boxes.setdefault(int(x / width), []).append((x, y))
+    return [
+        (sum(x for x, _ in box) / len(box), sum(y for _, y in box) / len(box))
+        for _, box in sorted(boxes.items())
+    ]

@@ -1,0 +1,61 @@
+"""The fault bench in a short form: real processes die, and a checker finds every order.
+
+The whole of it, with every fault: `make faults`.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+SEED = 3
+FAULTS = ('hostile', 'publisher_kill', 'bridge_kill', 'broker_kill')
+STREAMS = ('to_ros', 'latched', 'volatile', 'spooled_always')
+
+
+def test_no_order_is_lost_that_the_guarantees_cover_while_things_break(
+    ros_domain: int, tmp_path: Path
+) -> None:
+    status, said = _run(ros_domain, tmp_path)
+    assert status == 0, said
+    found = json.loads((tmp_path / f'seed-{SEED}' / 'faults.json').read_text())
+    assert {step['fault'] for step in found['plan']} == set(FAULTS)
+    assert [window['fault'] for window in found['windows']] == [
+        step['fault'] for step in found['plan']
+    ]
+    rows = {(row['stream'], row['fault']): row for row in found['rows']}
+    for stream in STREAMS:
+        for fault in FAULTS:
+            assert rows[stream, fault]['sent'] > 0
+            assert rows[stream, fault]['wrong'] == []
+    assert [row['lost'] for row in found['rows'] if row['stream'] in {'to_ros', 'latched'}] == (
+        [0] * (len(FAULTS) + 1) * 2
+    )
+    assert 'longest stall' in said
+    assert f'--seed {SEED}' in said, 'how to run it again'
+
+
+def _run(ros_domain: int, place: Path) -> tuple[int, str]:
+    options: dict[str, Any] = {
+        '--minutes': 0.1,
+        '--seed': SEED,
+        '--rate': 40,
+        '--brokers': 1,
+        '--hosts': 'no',
+        '--faults': ','.join(FAULTS),
+        '--streams': ','.join(STREAMS),
+        '--domain': ros_domain,
+        '--out': place,
+    }
+    words = [str(word) for option in options.items() for word in option]
+    done = subprocess.run(
+        [sys.executable, '-m', 'benchmarks.faults', *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=400,
+        check=False,
+    )
+    return done.returncode, done.stdout + done.stderr
