@@ -196,7 +196,7 @@ class Bridge:
                     if lane.stands_by:
                         self._deliver_backlog(lane, lock, wiring)
             except BridgeError as error:
-                lane.fail(error, lane.stop)
+                lane.fail_meanwhile(error)
                 lane.say_failure()
                 lock.close()
                 lane.stop.wait(lane.backoff.wait_s)

@@ -20,6 +20,9 @@ _LISTEN_S: Final = 0.1
 # A route that fails for so long goes to a bridge that may be able to run it. What it holds in
 # memory is given up for that, so it is given away only to a bridge that stands by.
 _FAILING_S: Final = 30.0
+# A run that was longer than this was well, also where there was nothing to send. Not less: an
+# unknown topic is noticed after half a minute of nothing.
+_WELL_S: Final = 180.0
 _STANDS_BY: Final = 'stands by: another bridge runs this route'
 _JOINS: Final = 'asks Kafka which bridge runs this route'
 
@@ -76,11 +79,15 @@ class Lane:
         """Forget what was waited for, and what kept this bridge from its turn."""
         self.waits = ''
         self.has_delivered = False
+        self.final = self.for_good = False
         self._failing_since_s = None
 
     def end_term(self) -> None:
-        """Forget what has run the route, but for what it has counted."""
-        self._work = _Work(self._total(), None)
+        """Forget what has run the route, but for what it has counted.
+
+        What it still held is held by nobody any more.
+        """
+        self._work = _Work(_given_up(self._total()), None)
 
     def begin(self) -> None:
         """Note that a run begins."""
@@ -90,10 +97,11 @@ class Lane:
     def fail(self, error: BridgeError, stop: Stop) -> None:
         """Note what has failed, and whether it is tried again."""
         now_s = time.monotonic()
-        self.backoff = self.backoff.after(now_s - self._began_s)
+        ran_s = now_s - self._began_s
+        self.backoff = self.backoff.after(ran_s)
         confirmed = self._total().confirmed
-        # Not by the time of a run: an unknown topic is noticed after half a minute of nothing.
-        if self._failing_since_s is None or confirmed > self._confirmed:
+        was_well = confirmed > self._confirmed or ran_s > _WELL_S
+        if self._failing_since_s is None or was_well:
             self._failing_since_s = now_s
         self._confirmed = confirmed
         handed_over = isinstance(stop, Term) and stop.over and not self.stop.asked
@@ -101,6 +109,11 @@ class Lane:
         self.for_good = for_good and not self.stop.asked
         self.failure = str(error)
         self.final = self._draining or for_good
+
+    def fail_meanwhile(self, error: BridgeError) -> None:
+        """Note what has failed while another bridge runs the route: that is always tried again."""
+        self.fail(error, self.stop)
+        self.final = self.for_good = False
 
     def say_failure(self) -> None:
         """Log why the last run has failed."""
@@ -167,6 +180,11 @@ _SUMMED = [name for name, kind in Snapshot.__annotations__.items() if kind is in
 def _sum(before: Snapshot, now: Snapshot) -> Snapshot:
     sums = {name: getattr(before, name) + getattr(now, name) for name in _SUMMED}
     return now._replace(**sums)
+
+
+def _given_up(total: Snapshot) -> Snapshot:
+    """Count as given up what was in flight."""
+    return total._replace(given_up=total.given_up + total.in_flight, in_flight=0)
 
 
 def _without_spooled(before: Snapshot) -> Snapshot:

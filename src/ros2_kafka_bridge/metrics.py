@@ -16,6 +16,7 @@ class Outcome(StrEnum):
     SKIPPED = 'skipped'
     RETURNED = 'returned'
     LOST = 'lost'  # on a damaged disk
+    GIVEN_UP = 'given_up'  # in flight when another bridge took the route over
 
 
 class State(StrEnum):
@@ -31,7 +32,7 @@ class State(StrEnum):
 class Snapshot(NamedTuple):
     """The counters of one route at one moment, made by the route's own thread.
 
-    `taken` equals the six outcomes plus `spooled` plus `in_flight`, always. What an earlier life
+    `taken` equals the seven outcomes plus `spooled` plus `in_flight`, always. What an earlier life
     of the bridge has left on disk counts as taken when it is found. `spooled` waits on disk,
     `in_flight` is the length of what the route holds, not a difference. `lag` is in records
     (Kafka -> ROS only), `lost_upstream` what was lost before the bridge could take it, `repeated`
@@ -48,6 +49,7 @@ class Snapshot(NamedTuple):
     skipped: int
     returned: int
     lost: int
+    given_up: int
     spooled: int
     in_flight: int
     lost_upstream: int
@@ -57,9 +59,11 @@ class Snapshot(NamedTuple):
 
     @property
     def balanced(self) -> bool:
-        """Whether everything taken is accounted for."""
-        ended = sum(getattr(self, outcome) for outcome in Outcome)
-        return bool(self.taken == ended + self.spooled + self.in_flight)
+        """Whether everything taken is accounted for, and nothing counted below zero."""
+        ended = [getattr(self, outcome) for outcome in Outcome]
+        parts = [*ended, self.spooled, self.in_flight]
+        rest = (self.lost_upstream, self.repeated)
+        return bool(self.taken == sum(parts) and min(*parts, *rest) >= 0)
 
 
 @dataclass(slots=True)
@@ -100,6 +104,7 @@ class Counters:
             skipped=self.ended[Outcome.SKIPPED],
             returned=self.ended[Outcome.RETURNED],
             lost=self.ended[Outcome.LOST],
+            given_up=self.ended[Outcome.GIVEN_UP],
             spooled=spooled,
             in_flight=in_flight,
             lost_upstream=self.lost_upstream,

@@ -96,7 +96,7 @@ class RosToKafka:
         )
         self._producing = 0  # how many the producer has got
         self._alone: Entry | None = None
-        self._failed: tuple[int, str] | None = None  # number and reason, where on_error is stop
+        self._failed: str | None = None  # why the route ends, where on_error is stop
         self._number = 0
         self._taken_at_s = 0.0
         self._tick_at_s = 0.0
@@ -124,7 +124,7 @@ class RosToKafka:
             self._drain(stop)
 
     def _step(self) -> None:
-        self._spooling.step(self._sink.away)
+        self._spooling.step(self._sink.away or self._dead_letters.problem)
         self._produce_pending()
         room = self._room()
         if room > 0:
@@ -147,10 +147,12 @@ class RosToKafka:
     # 1. ROS -> entries
 
     def _room(self) -> int:
-        if self._dead_letters.problem or self._failed is not None:
+        if self._failed is not None:
             return 0
         if self._spooling.active:
             return self._spooling.room()
+        if self._dead_letters.problem:
+            return 0
         if self._route.when_full == 'drop_oldest' and not self._spooling.exists:
             self._drop_oldest()
             return 0 if self._window.size_bytes > self._window.max_bytes else BATCH
@@ -187,14 +189,14 @@ class RosToKafka:
         return entry
 
     def _queue(self, entry: Entry) -> None:
-        if self._failed is not None:
-            return
         if self._spooling.active:
             self._spooling.add(entry)
         else:
             self._put_in_line(entry)
 
     def _put_in_line(self, entry: Entry) -> None:
+        if entry.number >= self._window.stop_at:
+            return
         entry.in_line = True
         if entry.dead:
             self._dead_letters.add(entry.record, entry)
@@ -205,8 +207,10 @@ class RosToKafka:
         """Do what `on_error` says; tells whether the entry has become a dead letter."""
         where = f'{self._route.source.ros} -> {self._route.sink.kafka}'
         if self._route.on_error == 'stop':
-            entry.refused = True
-            self._failed = self._failed or (entry.number, f'{where}: {error}')
+            entry.in_line, entry.refused = False, True
+            if entry.number < self._window.stop_at:
+                self._window.stop_at = entry.number
+                self._failed = f'{where}: {error}'
             return False
         self._occasional.warning(f'{self._route.on_error}: {where}: {error}')
         if self._route.on_error == 'drop':
@@ -263,17 +267,20 @@ class RosToKafka:
             self._alone = None
         if failed:
             self._retry(failed)
-        for entry in self._dead_letters.poll():
-            self._end(entry, Outcome.DEAD_LETTERED)
-        if self._failed is not None:
-            self._fail_after_the_others(*self._failed)
+        # What looks for a topic that is away holds the thread, and the robots, for seconds.
+        if not self._sink.away or not self._producing:
+            for entry in self._dead_letters.poll():
+                self._end(entry, Outcome.DEAD_LETTERED)
+        if self._failed is not None and not self._spooling.holds_before(self._window.stop_at):
+            self._fail(self._failed)
 
-    def _fail_after_the_others(self, number: int, reason: str) -> None:
-        if min(self._window.entries) == number and not self._spooling.waiting:
-            self._spooling.put_away()
-            behind = len(self._window) - 1
-            given_up = f', {behind} messages behind it are given up' if behind else ''
-            raise RouteError(f'{reason}; stopped, as on_error says{given_up}', final=True)
+    def _fail(self, reason: str) -> None:
+        """End the route for good: all before what was refused has ended."""
+        self._close_sinks()
+        self._spooling.put_away()
+        behind = len(self._window.entries.keys() - {self._window.stop_at})
+        given_up = f', {behind} messages behind it are given up' if behind else ''
+        raise RouteError(f'{reason}; stopped, as on_error says{given_up}', final=True)
 
     def _end(self, entry: Entry, outcome: Outcome) -> None:
         self._window.remove(entry)
@@ -326,6 +333,7 @@ class RosToKafka:
             if empty and (not self._window or (self._sink.away and self._spooling.keep())):
                 break
         empty = empty or self._take_rest()
+        self._close_sinks()
         self._spooling.put_away()
         held = len(self._window)
         given_up = [f'{held} messages that Kafka has not confirmed'] * bool(held)
@@ -355,19 +363,22 @@ class RosToKafka:
 
     @contextmanager
     def _opened(self) -> Iterator[None]:
-        self._number = max(self._number, self._spooling.open())
         try:
+            self._number = max(self._number, self._spooling.open())
             self._resume()
             self._sink.open()
             yield
         finally:
-            for entry in (*self._sink.close(), *self._dead_letters.close()):
-                self._end(entry, Outcome.DEAD_LETTERED if entry.dead else Outcome.CONFIRMED)
+            self._close_sinks()
             try:
                 self._spooling.close()
             finally:
                 self.counters.tell_end()
                 self._take_snapshot()
+
+    def _close_sinks(self) -> None:
+        for entry in (*self._sink.close(), *self._dead_letters.close()):
+            self._end(entry, Outcome.DEAD_LETTERED if entry.dead else Outcome.CONFIRMED)
 
     def _resume(self) -> None:
         """Put what a failed run left back in line, in the order of taking."""

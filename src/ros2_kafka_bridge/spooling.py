@@ -85,6 +85,7 @@ class Spooling:
         self._occasional = Occasional(log)
         self._unwritten: list[Entry] = []  # to be on disk before anything else becomes of them
         self._former = _Former.NONE
+        self._ended_before = 0  # how many had ended when the first of them was loaded
         self._full_since_s: float | None = None
 
     @property
@@ -105,23 +106,27 @@ class Spooling:
     @property
     def full(self) -> str:
         """Why the disk takes no more; empty where it does."""
-        return self._backlog.full
+        return self._backlog.full or (self._backlog.problem if self._unwritten else '')
 
     # A life
 
     def open(self) -> int:
         """Open the spool; returns the highest number that is in use there."""
+        self._unwritten = []
         found, lost = self._backlog.open()
         self._counters.taken += found
         self._lose(lost)
         if found:
-            self._in_kafka.also(self._backlog.numbers())
             self._former = _Former.UNKNOWN
-        self._unwritten = []
+        if self._former is not _Former.NONE:
+            self._former = _Former.UNKNOWN  # what was asked may have failed with the last run
+            self._in_kafka.also(self._backlog.numbers())
         return self._backlog.last
 
     def close(self) -> None:
         """Leave on disk what only this process holds, and close the spool."""
+        if not self._backlog.is_open:
+            return
         try:
             self._put_away()
         finally:
@@ -137,9 +142,12 @@ class Spooling:
     def _put_away(self) -> None:
         self._keep()
         held = [entry for entry in self._window.ascending() if entry.on_disk]
-        self._backlog.put_away([entry.number for entry in held])
+        kept, again = self._backlog.put_away([entry.number for entry in held])
         for entry in held:
-            self._window.remove(entry)
+            if entry.number in kept:
+                self._window.remove(entry)
+        self._counters.taken += max(0, again)
+        self._lose(-min(0, again))
 
     # When messages go to disk
 
@@ -190,7 +198,12 @@ class Spooling:
 
     def _only_in_memory(self) -> list[Entry]:
         entries = self._window.ascending()
-        return [entry for entry in entries if not entry.on_disk and not entry.refused]
+        first = self._backlog.last
+        return [
+            entry
+            for entry in entries
+            if not entry.on_disk and not entry.refused and entry.number > first
+        ]
 
     # Window -> disk
 
@@ -199,7 +212,7 @@ class Spooling:
         if self._drops:
             self._drop_unwritten()
             return BATCH
-        return 0 if self._unwritten or self.full else BATCH
+        return 0 if self._unwritten or self.full else min(BATCH, self._backlog.room)
 
     def add(self, entry: Entry) -> None:
         """Let an entry of the window be written next."""
@@ -231,7 +244,7 @@ class Spooling:
         """
         entries = [entry for entry in self._unwritten if entry.number in self._window.entries]
         rows = [entry.row() for entry in entries]
-        if rows and not self._backlog.write(rows):
+        if rows and not self._backlog.write(rows, at_once=not go_on):
             return
         self._unwritten = []
         both = zip(rows, entries, strict=True)
@@ -243,8 +256,16 @@ class Spooling:
             elif go_on and not entry.in_line:
                 self._put_in_line(entry)
 
+    def holds_before(self, number: int) -> bool:
+        """Whether a message before that one has not ended."""
+        if min(self._window.entries, default=number) < number:
+            return True
+        return self._backlog.waits_before(number)
+
     def resume(self, entry: Entry) -> None:
         """Take an entry that a failed run has left: behind what is on disk, or in line."""
+        if entry.refused:
+            return
         if self.active:
             entry.in_line = False
             self._unwritten.append(entry)
@@ -259,8 +280,12 @@ class Spooling:
         # What cannot be written, or waits behind a failure, must not keep out what is before it.
         in_line = [entry.size_bytes for entry in self._window.entries.values() if entry.in_line]
         room = min(self._window.max_entries - len(in_line), self._room_for_former())
-        rows, lost = self._backlog.load(room, self._window.max_bytes - sum(in_line))
+        room_bytes = self._window.max_bytes - sum(in_line)
+        rows, lost = self._backlog.load(room, room_bytes, self._window.stop_at)
         self._lose(lost)
+        if rows and self._former is _Former.UNKNOWN:
+            self._former = _Former.ASKED
+            self._ended_before = self._ended
         for row in rows:
             if row.number <= self._backlog.former and self._in_kafka.holds(row.gid, row.seq):
                 self._counters.end(Outcome.SKIPPED)
@@ -276,14 +301,16 @@ class Spooling:
         The first of them shows whether it answers: to ask it while it is away takes seconds.
         """
         if self._former is _Former.UNKNOWN:
-            self._former = _Former.ASKED
             return 1
         if self._former is _Former.ASKED:
-            ended = self._counters.ended
-            if not ended[Outcome.CONFIRMED] + ended[Outcome.DEAD_LETTERED]:
+            if self._ended == self._ended_before:
                 return 0
             self._look_at_end()
         return BATCH
+
+    @property
+    def _ended(self) -> int:
+        return sum(self._counters.ended.values())
 
     def _look_at_end(self) -> None:
         self._former = _Former.NONE
@@ -308,11 +335,14 @@ class Spooling:
 
     def _drop_unwritten(self) -> None:
         """Keep the newest of what the disk does not take."""
-        window, unwritten = self._window, self._unwritten
-        while unwritten and (
-            len(unwritten) > window.max_entries or window.size_bytes > window.max_bytes
-        ):
-            entry = unwritten.pop(0)
-            if entry.number in window.entries and not entry.in_line:
+        window, kept = self._window, []
+        excess = len(self._unwritten) - window.max_entries
+        for entry in self._unwritten:
+            too_many = excess > 0 or window.size_bytes > window.max_bytes
+            if too_many and not entry.in_line and entry.number in window.entries:
                 window.remove(entry)
                 self._counters.end(Outcome.DROPPED)
+                excess -= 1
+            else:
+                kept.append(entry)
+        self._unwritten = kept

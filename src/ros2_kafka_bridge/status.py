@@ -10,17 +10,19 @@ def status_line(now: Snapshot, before: Snapshot, period_s: float) -> str:
     rate = (now.confirmed - earlier) / period_s
     state = f'{now.state} ({now.reason})' if now.reason else str(now.state)
     lag = '' if now.lag is None else f', lag {now.lag}'
+    given_up = f', {now.given_up} given up' if now.given_up else ''
     return (
         f'{state}: {now.confirmed} confirmed, {rate:.0f}/s, {now.in_flight} in flight{lag}, '
-        f'{now.dead_lettered} dead-lettered{_rare(now)}'
+        f'{now.dead_lettered} dead-lettered{given_up}{_rare(now)}'
     )
 
 
 def totals(snapshot: Snapshot) -> str:
     """One line that says what became of everything a route has taken."""
+    given_up = snapshot.in_flight + snapshot.given_up
     return (
         f'{snapshot.taken} taken, {snapshot.confirmed} confirmed, '
-        f'{snapshot.dead_lettered} dead-lettered, {snapshot.in_flight} given up{_rare(snapshot)}'
+        f'{snapshot.dead_lettered} dead-lettered, {given_up} given up{_rare(snapshot)}'
     )
 
 

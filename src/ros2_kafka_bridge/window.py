@@ -1,5 +1,6 @@
 """What a route from ROS has taken and not ended yet."""
 
+import sys
 import time
 from collections import deque
 from collections.abc import Iterable
@@ -26,7 +27,7 @@ class Entry:
         self.size_bytes = len(record.value or b'') + _ENTRY_BYTES
         self.alone = False  # goes in a request of its own
         self.dead = False  # goes to the dead letters
-        self.refused = False  # ends the route
+        self.refused = False  # ends the route, and goes nowhere
         self.in_line = False  # of the producer; others still have to be written to disk
         self.on_disk = False
 
@@ -56,6 +57,7 @@ class Window:
         self.size_bytes = 0
         self.max_entries = max_entries
         self.max_bytes = max_bytes
+        self.stop_at = sys.maxsize  # neither this number nor one behind it goes on to Kafka
 
     def __len__(self) -> int:
         return len(self.entries)

@@ -189,7 +189,13 @@ class Wiring:
         if route.spool is None:
             return Backlog(None, None, log)
         spool = Spool(self._spool_of(route), sync=route.spool.sync == 'batch', log=log)
-        return Backlog(spool, route.spool, log, drops=route.when_full == 'drop_oldest')
+        return Backlog(
+            spool,
+            route.spool,
+            log,
+            drops=route.when_full == 'drop_oldest',
+            largest_bytes=route.max_message_bytes,
+        )
 
     def _consumer_properties(self, group: str) -> dict[str, Any]:
         name = self._config.name

@@ -1,7 +1,7 @@
 """The direction ROS -> Kafka with a spool on disk, driven step by step with ends in memory."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,6 +16,7 @@ from ros2_kafka_bridge.dedup import Numbers
 from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import EncodeError, RecordTooLargeError, RouteError, TransportError
 from ros2_kafka_bridge.formats import limited
+from ros2_kafka_bridge.metrics import Outcome
 from ros2_kafka_bridge.produced import Produced
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.spool.backlog import Backlog
@@ -122,10 +123,13 @@ class House:
 
     def check_balance(self) -> None:
         self.direction._take_snapshot()
-        assert self.direction.snapshot.balanced, self.direction.snapshot
+        snapshot = self.direction.snapshot
+        assert snapshot.balanced, snapshot
+        assert all(count >= 0 for count in snapshot if isinstance(count, int)), snapshot
 
     def crash(self) -> None:
         """Leave everything as a SIGKILL would."""
+        self.direction._spooling._backlog._is_open = False
         self.spool._close_database()
         self.spool._lock.release()
 
@@ -359,7 +363,7 @@ def test_a_disk_that_takes_nothing_loses_nothing(
     h.give(*range(3, 1003))
     h.steps()
     assert h.count('taken') < 1002, 'it cannot all be in memory'
-    assert h.direction._spooling.full == 'the disk is full'
+    assert h.direction._spooling._backlog.problem == 'the disk is full'
     full[0] = False
     h.steps(10)
     assert not h.source.waiting
@@ -494,12 +498,156 @@ def test_on_error_stop_waits_for_what_is_on_disk_before_it(house: Make) -> None:
     assert h.numbers() == [1, 2, 3]
 
 
+def test_a_backlog_goes_on_after_the_first_of_it_met_a_failed_route(house: Make) -> None:
+    h = house()
+    go_away(h)
+    h.give(*range(1, 11))
+    h.steps()
+    h.crash()
+    again = house()
+    go_away(again)
+    again.steps()
+    again.fail_and_run_again()
+    come_back(again)
+    again.until_all_confirmed()
+    assert again.numbers() == list(range(1, 11))
+
+
+@pytest.mark.parametrize('mode', ['always', 'when_away'])
+def test_what_kafka_confirms_at_the_very_end_is_counted_and_not_sent_again(
+    house: Make, mode: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    h = house({'mode': mode}, drain_s=0.0)
+    h.sink.answering = False
+    h.give(*range(1, 11))
+    h.steps()
+    h.sink.answering = True
+    h.sink.delivered_at_close = 4
+    monkeypatch.setattr(h.sink, 'poll', lambda _: Reports([], []))
+    h.drain()
+    assert (h.count('confirmed'), h.count('spooled'), h.count('in_flight')) == (4, 6, 0)
+    again = house({'mode': mode})
+    again.until_all_confirmed()
+    assert h.numbers() + again.numbers() == list(range(1, 11))
+
+
+def test_on_error_stop_lets_nothing_pass_through_a_failure_in_between(house: Make) -> None:
+    h = house(on_error='stop')
+    h.sink.answering = False
+    h.give(1)
+    h.steps()
+    h.source.waiting.append(Message(b'bad', b'gid', 2, 0))
+    h.give(3, 4)
+    h.steps()
+    h.fail_and_run_again()
+    h.sink.answering = True
+    with pytest.raises(RouteError, match='stopped'):
+        h.steps()
+    assert h.numbers() == [1]
+    assert h.count('spooled') == 2
+
+
+def test_on_error_stop_holds_what_comes_to_disk_behind_it(house: Make) -> None:
+    h = house(on_error='stop')
+    h.sink.answering = False
+    h.give(1)
+    h.source.waiting.append(Message(b'bad', b'gid', 2, 0))
+    h.give(3, 4)
+    h.steps()
+    h.sink.away = 'Kafka is away'
+    h.steps()
+    come_back(h)
+    with pytest.raises(RouteError, match='stopped'):
+        h.steps()
+    assert h.numbers() == [1]
+    h.check_balance()
+
+
+def test_on_error_stop_on_disk_stops_again_at_the_same_message(house: Make) -> None:
+    h = house(on_error='stop', max_in_flight=3)
+    go_away(h)
+    h.give(*range(1, 31))
+    h.steps()
+    for life in (h, None):
+        one = life or house(on_error='stop', max_in_flight=3)
+        one.sink.errors[b'3'] = [RecordTooLargeError(1, None, 'of the topic')] * 2
+        come_back(one)
+        with pytest.raises(RouteError, match=r'stopped, as on_error says$'):
+            one.steps(50)
+        one.check_balance()
+        assert one.numbers() == ([1, 2] if one is h else [])
+        one.crash()
+    mended = house()
+    mended.until_all_confirmed()
+    assert mended.numbers() == list(range(3, 31))
+
+
+def test_a_disk_that_was_full_and_is_not_gets_only_what_is_newer(
+    house: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._AGAIN_S', 0.0)
+    h = house(when_full='drop_oldest', max_in_flight=3, drain_s=0.0)
+    append = h.spool.append
+
+    def refuse(_: object) -> None:
+        raise TransportError('the disk is full')
+
+    monkeypatch.setattr(h.spool, 'append', refuse)
+    h.sink.answering = False
+    h.give(1, 2, 3)
+    h.steps()
+    go_away(h)
+    h.give(*range(4, 30))
+    h.steps()
+    monkeypatch.setattr(h.spool, 'append', append)
+    h.give(*range(30, 40))
+    h.steps()
+    h.drain()
+    again = house()
+    again.until_all_confirmed()
+    assert again.numbers()[:3] == [1, 2, 3]
+    assert again.numbers()[-1] == 39
+    assert again.numbers() == sorted(again.numbers())
+
+
+def test_a_dead_letter_that_cannot_be_written_holds_no_robot_back(house: Make) -> None:
+    h = house()
+    h.letters.limit_bytes = -1  # its topic cannot be written
+    h.source.waiting.append(Message(b'bad', b'gid', 1, 0))
+    h.give(*range(2, 100))
+    h.steps()
+    h.give(*range(100, 200))
+    h.steps(10)
+    assert not h.source.waiting
+    assert h.numbers() == list(range(2, 200))
+    h.check_balance()
+
+
+def test_what_cannot_be_deleted_at_the_end_is_counted_as_taken_again(
+    house: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    h = house({'mode': 'always'}, drain_s=0.0)
+    h.sink.answering = False
+    h.give(*range(1, 6))
+    h.steps()
+    held = h.direction._window.entries
+    h.direction._end(held[3], Outcome.CONFIRMED)
+
+    def refuse(*_: object, **__: object) -> int:
+        raise TransportError('the disk is full')
+
+    monkeypatch.setattr(h.spool, 'discard_between', refuse)
+    h.drain()
+    assert (h.count('taken'), h.count('spooled')) == (6, 5)
+
+
 Event = tuple[str, int]
 EVENTS = st.lists(
     st.one_of(
         st.tuples(st.just('give'), st.integers(1, 40)),
         st.tuples(st.just('steps'), st.integers(1, 5)),
         st.tuples(st.sampled_from(['away', 'back', 'deaf', 'fail', 'stop', 'crash']), st.just(0)),
+        st.tuples(st.sampled_from(['full', 'not full', 'late']), st.integers(1, 9)),
         st.tuples(st.just('refuse'), st.integers(1, 3)),
     ),
     max_size=40,
@@ -511,11 +659,17 @@ EVENTS = st.lists(
 def test_whatever_happens_each_message_arrives_in_order(
     events: list[Event], window: int, *, always: bool
 ) -> None:
-    with TemporaryDirectory() as place:
+    with TemporaryDirectory() as place, pytest.MonkeyPatch.context() as patch:
+        patch.setattr('ros2_kafka_bridge.spool.backlog._AGAIN_S', 0.0)
         world = World(Path(place), 'always' if always else 'when_away', window)
         for event in events:
             world.happens(*event)
         world.ends()
+
+
+def refused(rows: Sequence[Row]) -> None:
+    del rows
+    raise TransportError('the disk is full')
 
 
 class World:
@@ -537,7 +691,13 @@ class World:
         if what == 'give':
             house.give(*range(self._number + 1, self._number + count + 1))
             self._number += count
-        elif what == 'steps':
+        elif what in {'stop', 'crash'}:
+            self._next_life(what)
+        else:
+            self._to_the_house(house, what, count)
+
+    def _to_the_house(self, house: House, what: str, count: int) -> None:
+        if what == 'steps':
             house.steps(count)
         elif what == 'away':
             go_away(house)
@@ -547,10 +707,15 @@ class World:
             house.sink.answering = False
         elif what == 'refuse':
             house.sink.refusals = count
-        elif what == 'fail':
-            house.fail_and_run_again()
+        elif what == 'full':
+            house.spool.append = refused  # type: ignore[method-assign]
+        elif what == 'not full':
+            house.spool.__dict__.pop('append', None)
+        elif what == 'late':
+            house.sink.delivered_at_close = count
         else:
-            self._next_life(what)
+            assert what == 'fail'
+            house.fail_and_run_again()
 
     def _next_life(self, end: str) -> None:
         house, waiting = self._house, list(self._house.source.waiting)
@@ -559,11 +724,12 @@ class World:
             window = house.direction._window.entries.values()
             held = {int(entry.record.value or 0) for entry in window}
             on_disk = {int(r.record.value or 0) for r in house.spool.read(0, 10**6, 1 << 40)}
-            if self._mode == 'when_away':
-                self._maybe_lost |= held - on_disk
-            assert self._mode == 'when_away' or held <= on_disk
+            was_full = 'append' in house.spool.__dict__
+            assert self._mode == 'when_away' or was_full or held <= on_disk
+            self._maybe_lost |= held - on_disk
             house.crash()
         else:
+            house.spool.__dict__.pop('append', None)
             house.drain()
             waiting = list(house.source.waiting)
         self._arrived += house.numbers()
@@ -572,6 +738,7 @@ class World:
 
     def ends(self) -> None:
         come_back(self._house)
+        self._house.spool.__dict__.pop('append', None)
         for _ in range(100):
             self._house.steps(10)
             if not self._house.source.waiting:

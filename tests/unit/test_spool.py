@@ -57,7 +57,8 @@ def test_a_new_one_is_empty(tmp_path: Path) -> None:
     with opened(tmp_path) as spool:
         assert (spool.first, spool.last, spool.count, spool.size_bytes) == (0, 0, 0, 0)
         assert spool.read(0, 10, EVERYTHING) == []
-        assert spool.numbers() == set()
+        assert list(spool.numbers()) == []
+        assert spool.count_after(0) == 0
         assert spool.take_lost() == 0
 
 
@@ -105,7 +106,36 @@ def test_numbers_that_were_dropped_at_the_end_are_not_given_again(tmp_path: Path
 def test_it_tells_publisher_and_number_of_those_that_have_them(tmp_path: Path) -> None:
     with opened(tmp_path) as spool:
         spool.append([row(1), row(2)._replace(gid=b''), row(3)._replace(seq=0), row(4)])
-        assert spool.numbers() == {(GID, 1), (GID, 4)}
+        assert list(spool.numbers()) == [(GID, 1), (GID, 4)]
+
+
+def test_it_tells_them_in_order_however_many_there_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.spool.store._READ', 4)
+    with opened(tmp_path) as spool:
+        spool.append(rows(1, 12))
+        spool.release(13)
+        without = [row(number)._replace(gid=b'') for number in range(1, 10)]
+        spool.append([*without, *rows(10, 12), *rows(1_000_000, 1_000_008)])
+        assert list(spool.numbers()) == [
+            (GID, number) for number in (10, 11, 12, *range(1_000_000, 1_000_009))
+        ]
+        found = spool.numbers()
+        assert next(found) == (GID, 10)
+        spool.release(1_000_004)  # while somebody reads
+        assert list(found)[-5:] == [(GID, number) for number in range(1_000_004, 1_000_009)]
+
+
+def test_it_counts_the_rows_above_a_number(tmp_path: Path) -> None:
+    with opened(tmp_path) as spool:
+        spool.append(rows(1, 50))
+        spool.release(51)
+        spool.append(rows(1, 20))
+        spool.discard_between(5, 10, keep=frozenset({7}))
+        counts = {after: spool.count_after(after) for after in (0, 4, 7, 19, 20, 1000)}
+        assert counts == {0: 15, 4: 11, 7: 10, 19: 1, 20: 0, 1000: 0}
+        assert spool.count_after(0) == spool.count
 
 
 def test_the_oldest_are_dropped_until_there_is_room(tmp_path: Path) -> None:
@@ -220,6 +250,41 @@ def test_a_link_in_its_place_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RouteError, match='no regular file'):
         make(tmp_path).open()
     assert target.read_text() == ''
+
+
+@pytest.mark.parametrize('suffix', ['-wal', '-shm'])
+def test_a_link_beside_it_is_refused_and_not_followed(tmp_path: Path, suffix: str) -> None:
+    with opened(tmp_path / 'spool') as spool:
+        spool.append(rows(1, 10))
+    target = tmp_path / 'target'
+    target.write_text('a diary')
+    target.chmod(0o644)
+    file = file_of(tmp_path / 'spool', 'bridge', 'route')
+    link = file.with_name(f'{file.name}{suffix}')
+    link.symlink_to(target)
+    with pytest.raises(RouteError, match=f'{suffix} is no regular file: move it away'):
+        make(tmp_path / 'spool').open()
+    assert (stat.S_IMODE(target.stat().st_mode), target.read_text()) == (0o644, 'a diary')
+    assert link.is_symlink()
+    link.unlink()
+    assert numbers(reopened(tmp_path / 'spool').rows) == list(range(1, 11))
+
+
+def test_a_link_that_appears_later_is_not_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / 'target'
+    target.write_text('')
+    target.chmod(0o644)
+    file = file_of(tmp_path, 'bridge', 'route')
+
+    def plant(*_: object) -> None:
+        file.with_name(f'{file.name}-wal').symlink_to(target)
+
+    monkeypatch.setattr('ros2_kafka_bridge.spool.salvage.make_well', plant)
+    with pytest.raises(RouteError, match='-wal is no regular file'):
+        make(tmp_path).open()
+    assert stat.S_IMODE(target.stat().st_mode) == 0o644
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,9 @@
 """A spool whose process is killed, or whose disk is full."""
 
+import errno
+import os
 import random
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -51,7 +54,7 @@ def test_nothing_that_append_returned_for_is_lost_by_sigkill(tmp_path: Path, syn
             assert held == list(range(held[0], held[-1] + 1))
             assert held[0] <= first
             assert held[-1] >= last
-            assert {(GID, number) for number in held} == spool.numbers()
+            assert {(GID, number) for number in held} == set(spool.numbers())
             assert all(one.gid == GID and one.seq == one.number for one in found)
 
 
@@ -124,6 +127,36 @@ def test_what_was_delivered_from_a_full_disk_makes_room(small_disk: Path) -> Non
         assert numbers(read_all(spool)) == list(range(last + 1, last + 101))
         assert spool.take_lost() == 0
     assert numbers(reopened(small_disk).rows) == list(range(last + 1, last + 101))
+
+
+@pytest.mark.parametrize(
+    'call', ['lock.Lock.keep', 'database.remove'], ids=['not noted', 'not deleted']
+)
+def test_a_disk_that_refuses_also_a_new_file_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    full = sqlite3.OperationalError('database or disk is full')
+    full.sqlite_errorcode = sqlite3.SQLITE_FULL
+
+    def refuse(*_: object) -> None:
+        raise full
+
+    def fail(*_: object) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with opened(tmp_path) as spool:
+        spool.append(rows(1, 10))
+        with monkeypatch.context() as patch:
+            patch.setattr('ros2_kafka_bridge.spool.database.write_ledger', refuse)
+            patch.setattr(f'ros2_kafka_bridge.spool.{call}', fail)
+            with pytest.raises(TransportError, match='cannot be deleted: Input/output error'):
+                spool.release(11)
+        assert numbers(read_all(spool)) == list(range(1, 11)), 'it is the file that it was'
+        assert spool.damage is None
+        spool.release(11)
+        spool.append(rows(11, 12))
+        assert numbers(read_all(spool)) == [11, 12]
+        assert spool.take_lost() == 0
 
 
 def test_there_is_room_again_once_somebody_makes_it(small_disk: Path) -> None:

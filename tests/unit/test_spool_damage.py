@@ -12,7 +12,7 @@ from typing import NamedTuple
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from spools import EVERYTHING, make, numbers, opened, read_all, reopened, row, rows
+from spools import EVERYTHING, GID, make, numbers, opened, read_all, reopened, row, rows
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.spool import database, salvage
@@ -258,6 +258,24 @@ def test_damage_while_it_is_open_is_repaired_on_the_way(place: Path) -> None:
         spool.append(rows(5001, 5010))
         spool.release(5001)
         assert numbers(read_all(spool)) == list(range(5001, 5011))
+
+
+def test_damage_is_repaired_also_while_the_numbers_are_told(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.spool.store._READ', 100)
+    with opened(place) as spool:
+        for first in range(1, 5001, 500):
+            spool.append(rows(first, first + 499))
+        told = spool.numbers()
+        found = [next(told) for _ in range(150)]
+        with sqlite3.connect(beside(place)) as other:
+            other.execute("UPDATE rows SET gid = 'no bytes' WHERE number = 4000")
+        other.close()
+        found += told
+        assert found == [(GID, n) for n in range(1, 5001) if n != 4000]
+        assert spool.count_after(3990) == 1009
+        assert spool.take_lost() == 1
 
 
 def test_rows_that_were_released_or_dropped_never_come_back(closed: Sample, place: Path) -> None:

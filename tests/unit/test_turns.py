@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Self, cast
 
 import pytest
@@ -11,10 +12,13 @@ from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.metrics import Counters, Outcome, Snapshot, State
+from ros2_kafka_bridge.status import totals
 from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.term import Term
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.ros.node import RosNode
+    from ros2_kafka_bridge.ros.successor import Successor
     from ros2_kafka_bridge.wiring import Wiring
 
 
@@ -156,6 +160,35 @@ def test_a_bridge_that_stands_by_delivers_what_it_has_on_disk_from_before() -> N
     assert house.lane.snapshot().balanced
 
 
+def test_a_backlog_that_ends_for_good_while_another_bridge_runs_the_route_is_tried_again(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    lock = MemoryLock('theirs theirs theirs theirs ours theirs theirs ours')
+    house = House(lock)
+    terms: list[bool] = []
+
+    def refuse(_: Stop) -> None:
+        house.for_backlog = None
+        raise RouteError('stopped, as on_error says', final=True)
+
+    def hand_over(stop: Stop) -> None:
+        terms.append(house.lane.final)
+        until_asked(stop)
+
+    def end(_: Stop) -> None:
+        terms.append(house.lane.final)
+        house.lane.stop.ask()
+
+    house.for_backlog = MemoryDirection(3, refuse, left=1)
+    house.directions = [MemoryDirection(2, hand_over), MemoryDirection(2, end)]
+    house.run()
+    assert 'failed: stopped, as on_error says; tried again in' in caplog.text
+    assert terms == [False, False]
+    assert not house.lane.final
+    assert house.told == 0
+    assert (house.snapshot.taken, house.snapshot.given_up) == (7, 1)
+
+
 def test_a_bridge_stands_by_until_it_is_its_turn_and_counts_across_its_terms() -> None:
     lock = MemoryLock('no no ours no ours')
     house = House(lock)
@@ -227,7 +260,8 @@ def test_a_route_that_fails_for_long_goes_to_a_bridge_that_stands_by(
     house.run()
     assert lock.said == ['closed', 'closed']
     assert 'left to a bridge that stands by, 1 message given up' in caplog.text
-    assert house.snapshot.in_flight == 1, 'given up, and counted'
+    assert (house.snapshot.in_flight, house.snapshot.given_up) == (0, 1)
+    assert '3 taken, 2 confirmed, 0 dead-lettered, 1 given up' in totals(house.snapshot)
 
 
 def test_a_route_that_gets_on_between_its_failures_is_not_given_away(
@@ -248,6 +282,28 @@ def test_a_route_that_gets_on_between_its_failures_is_not_given_away(
     house.directions = [MemoryDirection(1, get_on_and_fail)]  # one confirmed each time
     house.run()
     assert lock.said == ['closed']
+
+
+@pytest.mark.parametrize(
+    ('well_s', 'given_away'), [(3600.0, False), (170.0, True)], ids=['an hour', 'three minutes']
+)
+def test_a_route_without_traffic_is_given_away_for_its_last_failures_only(
+    monkeypatch: pytest.MonkeyPatch, *, well_s: float, given_away: bool
+) -> None:
+    now_s = 1000.0
+    monkeypatch.setattr('ros2_kafka_bridge.lane.time', SimpleNamespace(monotonic=lambda: now_s))
+    lock = MemoryLock('ours')
+    lock.wanted = True
+    lane = House(lock).lane
+    term = Term(lane.stop, cast('GroupLock', lock), cast('Successor', None))
+    lock.poll(0.0)
+    lane.begin()
+    lane.fail(RouteError('Kafka is away'), term)
+    assert not lane.is_given_away(term)
+    lane.begin()
+    now_s += well_s
+    lane.fail(RouteError('Kafka is away'), term)
+    assert lane.is_given_away(term) is given_away
 
 
 def test_a_route_that_fails_stays_where_no_other_bridge_stands_by(
@@ -280,7 +336,7 @@ def test_a_drain_that_gives_up_after_the_turn_is_over_does_not_end_the_route() -
     house.run()
     assert not house.lane.final
     assert house.told == 0
-    assert (house.snapshot.taken, house.snapshot.in_flight) == (10, 2)
+    assert (house.snapshot.taken, house.snapshot.in_flight, house.snapshot.given_up) == (10, 0, 2)
 
 
 def test_a_route_that_has_failed_for_good_leaves_it_to_another() -> None:
@@ -321,3 +377,11 @@ def test_what_waits_on_disk_is_counted_once_across_terms() -> None:
     assert (house.snapshot.taken, house.snapshot.spooled) == (10, 4)
     house.lane.use(cast('Any', Told(second.snapshot(0))))
     assert (house.snapshot.taken, house.snapshot.confirmed, house.snapshot.spooled) == (10, 10, 0)
+
+
+@pytest.mark.parametrize('counter', ['confirmed', 'spooled', 'in_flight', 'repeated'])
+def test_a_counter_below_zero_is_never_balanced(counter: str) -> None:
+    even = Counters('orders').snapshot(0)
+    assert even.balanced
+    below: dict[str, Any] = {'taken': 0 if counter == 'repeated' else -1, counter: -1}
+    assert not even._replace(**below).balanced

@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import threading
 import time
 import uuid
 from collections.abc import Mapping, Sequence
@@ -17,7 +18,7 @@ from confluent_kafka import (
 )
 
 from ros2_kafka_bridge.endpoints import Rebalance, Record
-from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.kafka.beginnings import Beginnings
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.health import ClientHealth, check_files
@@ -27,6 +28,9 @@ _LEAVE_S = 2.0
 _AGAIN_S = 0.5
 _LOOK_EVERY_S = 2.0
 _LOOK_S = 0.2
+_REJOIN_MS = 30_000
+_OUTSIDE_S = 45.0
+_CLOSE_S = 5.0
 
 
 class KafkaSource:
@@ -48,7 +52,13 @@ class KafkaSource:
     ) -> None:
         # A member that knows its name gets its place back at once when the broker was away longer
         # than the session; another would wait until the broker gives up the old one.
-        own = {'group.instance.id': uuid.uuid4().hex, 'enable.partition.eof': True}
+        # The group waits for so long for a member that does not join again.
+        rejoin_ms = max(_REJOIN_MS, int(properties.get('session.timeout.ms', 0)))
+        own = {
+            'group.instance.id': uuid.uuid4().hex,
+            'enable.partition.eof': True,
+            'max.poll.interval.ms': rejoin_ms,
+        }
         self._properties = own | dict(properties)
         self._topic = topic
         self._beginnings = Beginnings(topic, start, log)
@@ -65,6 +75,7 @@ class KafkaSource:
         self._held = False
         self._fresh = False  # some partitions came while the others were held
         self._closing = False
+        self._outside_since_s: float | None = None  # without a place in the group that it had
         self.ends: dict[int, int] = {}
 
     @property
@@ -86,6 +97,7 @@ class KafkaSource:
 
         def on_assign(_: Consumer, partitions: list[TopicPartition]) -> None:
             self._fresh = True
+            self._outside_since_s = None
             self._gone -= _numbers(partitions)
             self._log.info('reads %s', _names(self._topic, partitions))
             self._go_on(partitions)
@@ -102,12 +114,14 @@ class KafkaSource:
                 'lost %s: Kafka has not heard of this bridge, another may read on',
                 _names(self._topic, partitions),
             )
+            self._outside_since_s = time.monotonic()
             rebalance.lost(_numbers(partitions))
             for number in _numbers(partitions) & self._positions.keys():
                 self._left[number] = self._committed.get(number, 0), self._positions[number]
             self._forget(partitions)
 
         self._rebalance = rebalance
+        self._outside_since_s = None
         self._closing = self._held = False
         self._health.on_open()
         check_files(self._properties, f'topic {self._topic}')
@@ -195,12 +209,20 @@ class KafkaSource:
             while self._consumer.assignment() and time.monotonic() < deadline_s:
                 with contextlib.suppress(KafkaException):
                     self._consumer.poll(0.01)
-            self._consumer.close()
+            self._close_client(self._consumer)
             self._consumer = None
             for known in (
                 self._committed, self._positions, self._left, self.ends, self._beginnings.wanted,
             ):  # fmt: skip
                 known.clear()
+
+    def _close_client(self, consumer: Consumer) -> None:
+        """Close a client, or leave it behind: one that is not in its group may wait for ever."""
+        closing = threading.Thread(target=consumer.close, daemon=True)
+        closing.start()
+        closing.join(_CLOSE_S)
+        if closing.is_alive():
+            self._log.warning('the Kafka client of %s does not end: left behind', self._topic)
 
     @property
     def _client(self) -> Consumer:
@@ -220,6 +242,7 @@ class KafkaSource:
         if self.away and first is None:
             self._look_for_broker()
         if first is None:
+            self._look_whether_outside()
             return ()
         self._gone.clear()
         batch = [first, *self._client.consume(limit - 1, 0.0)] if limit > 1 else [first]
@@ -231,6 +254,23 @@ class KafkaSource:
             self._health.on_contact()
         # The stubs do not tell that headers are a list; they are.
         return cast('Sequence[Record]', batch)
+
+    def _look_whether_outside(self) -> None:
+        """Give up a client that does not find back into its group.
+
+        Seen with brokers that stood still for a little longer than the session: librdkafka says
+        that the partitions are lost, and then waits for ever.
+        """
+        if self._outside_since_s is None:
+            return
+        now_s = time.monotonic()
+        if self.away:
+            self._outside_since_s = now_s
+        elif now_s - self._outside_since_s > _OUTSIDE_S:
+            raise RouteError(
+                f'topic {self._topic}: lost its partitions {_OUTSIDE_S:.0f} s ago and does not '
+                'get back into its group: begins anew'
+            )
 
     def _look_for_broker(self) -> None:
         """Ask whether the broker is back: a quiet topic would not tell."""

@@ -14,7 +14,8 @@ from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.health import check_files
 
-_REQUEST_S: Final = 5.0
+# The caller is the thread of a route: while it waits here nothing is taken from ROS.
+_REQUEST_S: Final = 2.0
 _BATCH: Final = 1000
 _MAX_GAPS: Final = 1_000_000
 

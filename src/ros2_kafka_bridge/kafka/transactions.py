@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any, Final, NamedTuple, Self
 
@@ -28,6 +29,7 @@ _FENCED: Final = {
     KafkaError.PRODUCER_FENCED,
     KafkaError.INVALID_PRODUCER_EPOCH,
 }
+_PURGED: Final = {KafkaError._PURGE_QUEUE, KafkaError._PURGE_INFLIGHT}  # noqa: SLF001
 
 
 class Send(NamedTuple):
@@ -167,9 +169,16 @@ class Transactions:
 
     def _after(self, error: KafkaError, parcels: Sequence[Parcel]) -> list[Refused]:
         """End a transaction that has failed; tells which parcels it failed for."""
-        if error.fatal() or error.code() in _FENCED:
+        if error.code() in _FENCED:
             raise self._translated(error)
-        self._repeat(self._client.abort_transaction, _COMMIT_S)
+        try:
+            if not error.fatal():
+                self._repeat_raw(self._client.abort_transaction, _COMMIT_S)
+        except KafkaException as second:
+            # One that Kafka has never begun, for a right is missing, cannot be ended either.
+            raise self._first_cause(error) from second
+        if error.fatal():
+            raise self._first_cause(error)
         errors = {number: self._translated(failed) for number, failed in self._failed.items()}
         bad = [
             Refused(parcel, cause)
@@ -180,6 +189,17 @@ class Transactions:
             return bad
         causes = [cause for cause in errors.values() if isinstance(cause, RouteError)]
         raise causes[0] if causes else self._translated(error)
+
+    def _first_cause(self, error: KafkaError) -> BridgeError:
+        """What a record was refused for, if one was: it tells more than the end of them all."""
+        with suppress(KafkaException):  # fatal, and known
+            self._client.flush(_STEP_S)
+        refused = [
+            failed
+            for failed in self._failed.values()
+            if not failed.fatal() and failed.code() not in _PURGED
+        ]
+        return self._translated(refused[0] if refused else error)
 
     def _repeat(self, call: Callable[[float], Any], patience_s: float) -> None:
         try:

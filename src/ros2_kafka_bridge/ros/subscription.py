@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 _GRAPH_S = 0.1
 _REMEMBERED = 1000
-_POSTPONED_S = 5.0
+# Asking holds the thread of the route for seconds where Kafka is away: most of the time is for
+# taking from the other publishers.
+_POSTPONED_S = 10.0
 
 
 class Offer(NamedTuple):

@@ -7,6 +7,7 @@ behind all of them, so that the order of taking holds.
 
 import contextlib
 import logging
+import sys
 import time
 from collections.abc import Iterable, Sequence
 from typing import Final
@@ -28,6 +29,7 @@ class Backlog:
     Args:
         spool: The file, not open yet; None for a route without one.
         settings: What the route says of it.
+        largest_bytes: How large a message may be.
         drops: Whether a full spool makes room by dropping the oldest (`when_full: drop_oldest`).
         log: Where to say what happens.
     """
@@ -39,6 +41,7 @@ class Backlog:
         log: logging.LoggerAdapter[logging.Logger],
         *,
         drops: bool = False,
+        largest_bytes: int = 1,
     ) -> None:
         self.waiting = 0  # rows on disk that are not in the window
         self.former = 0  # number of the last row of an earlier life
@@ -47,8 +50,10 @@ class Backlog:
         self._spool = spool
         self._settings = settings
         self._drops = drops
+        self._largest_bytes = largest_bytes
         self._log = log
-        self._opened = False
+        self._opened = False  # in this life
+        self._is_open = False
         self._loaded = 0  # number of the last row that is, or was, in the window
         self._since_s = 0.0
         self._again_at_s = 0.0
@@ -59,6 +64,16 @@ class Backlog:
     def exists(self) -> bool:
         """Whether the route has a spool."""
         return self._spool is not None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the file is open."""
+        return self._is_open
+
+    @property
+    def room(self) -> int:
+        """How many messages surely fit, at least one while there is any room."""
+        return max(1, -self._excess_bytes // self._largest_bytes)
 
     @property
     def last(self) -> int:
@@ -78,11 +93,11 @@ class Backlog:
         if self._spool is None:
             return 0, 0
         self._spool.open()
+        self._is_open = True
         lost = self._spool.take_lost()
         if self._opened:
-            lost = min(lost, self.waiting)
-            self.waiting -= lost
-            return 0, lost
+            waited, self.waiting = self.waiting, self._spool.count_after(self._loaded)
+            return 0, max(0, waited - self.waiting)
         self._opened = True
         self.waiting, self.former = self._spool.count, self._spool.last
         self.active = self._always or self.waiting > 0
@@ -94,11 +109,12 @@ class Backlog:
     def close(self) -> None:
         """Close the file."""
         if self._spool is not None:
+            self._is_open = False
             self._spool.close()
 
-    def numbers(self) -> set[tuple[bytes, int]]:
-        """Publisher and number of each message on disk."""
-        return self._spool.numbers() if self._spool is not None else set()
+    def numbers(self) -> Iterable[tuple[bytes, int]]:
+        """Publisher and number of each message on disk, in their order."""
+        return self._spool.numbers() if self._spool is not None else ()
 
     # When messages go to disk
 
@@ -123,7 +139,8 @@ class Backlog:
     @property
     def full(self) -> str:
         """Why no more messages fit on the disk; empty where some do."""
-        if self.problem:
+        # Only a message shows whether it still is so: one batch is taken to try.
+        if self.problem and time.monotonic() < self._again_at_s:
             return self.problem
         if self._spool is None or self._settings is None:
             return ''
@@ -140,14 +157,18 @@ class Backlog:
 
     # Rows
 
-    def write(self, rows: Sequence[Row]) -> bool:
+    def write(self, rows: Sequence[Row], *, at_once: bool = False) -> bool:
         """Write rows behind the others; False where that is not possible now, as `problem` says.
+
+        Args:
+            rows: What to write.
+            at_once: Whether to try also where it was not possible just now.
 
         Raises:
             RouteError: It will not be possible, and somebody has to mend it.
         """
         now_s = time.monotonic()
-        if self._spool is None or now_s < self._again_at_s:
+        if self._spool is None or (now_s < self._again_at_s and not at_once):
             return False
         try:
             self._spool.append(rows)
@@ -169,23 +190,30 @@ class Backlog:
             self.waiting -= len(rows)
             self._loaded = rows[-1].number
 
-    def load(self, limit: int, limit_bytes: int) -> tuple[list[Row], int]:
-        """Read the next rows into the window.
+    def load(self, limit: int, limit_bytes: int, before: int) -> tuple[list[Row], int]:
+        """Read the next rows into the window, those with numbers below `before`.
 
         Returns:
             The rows, and how many were found to be unreadable.
         """
         if self._spool is None or not self.waiting or limit <= 0 or limit_bytes <= 0:
             return [], 0
-        rows = self._spool.read(self._loaded, min(limit, BATCH), limit_bytes)
-        lost = self._spool.take_lost()
+        found = self._spool.read(self._loaded, min(limit, BATCH), limit_bytes)
+        rows = [row for row in found if row.number < before]
         if rows:
             self._loaded = rows[-1].number
-        else:
-            lost = self.waiting  # the end was reached, and it should not have been
-        lost = min(lost, self.waiting - len(rows))
-        self.waiting -= len(rows) + lost
-        return rows, lost
+        self.waiting -= len(rows)
+        if not self._spool.take_lost() and found:
+            return rows, 0
+        # Of the rows that a repair found lost, those in the window are not.
+        waited, self.waiting = self.waiting, self._spool.count_after(self._loaded)
+        return rows, max(0, waited - self.waiting)
+
+    def waits_before(self, number: int) -> bool:
+        """Whether a row of a lower number waits."""
+        if self._spool is None or not self.waiting:
+            return False
+        return any(row.number < number for row in self._spool.read(self._loaded, 1, 1))
 
     def release(self, window: Iterable[int]) -> None:
         """Delete what has ended, now and then; `window` are the numbers of what has not."""
@@ -204,21 +232,29 @@ class Backlog:
             self._log.warning('%s; what has been delivered is still in the spool', error)
             self._release_at_s = time.monotonic() + _AGAIN_S
 
-    def put_away(self, held: Sequence[int]) -> None:
+    def put_away(self, held: Sequence[int]) -> tuple[frozenset[int], int]:
         """Let what is in the window wait on disk again, at the end of a life.
 
         Args:
             held: Numbers of the messages in the window that are on disk, ascending.
+
+        Returns:
+            Those that still are on disk, and how many others that have ended could not be deleted
+            and will be sent again; negative, how many were found to be unreadable.
         """
         if self._spool is None:
-            return
+            return frozenset(), 0
         self._delete(held[0] if held else self._loaded + 1)
-        if held:
-            with contextlib.suppress(TransportError):  # said already; some are sent again
-                self._spool.discard_between(held[0], self._loaded, keep=frozenset(held))
-            self._loaded = held[0] - 1
-            self.waiting += len(held)
+        if not held:
+            return frozenset(), 0
+        with contextlib.suppress(TransportError):
+            self._spool.discard_between(held[0], self._loaded, keep=frozenset(held))
+        rows = self._spool.read(held[0] - 1, held[-1] - held[0] + 1, sys.maxsize)
+        kept = frozenset(row.number for row in rows) & frozenset(held)
+        before, self._loaded = self.waiting, held[0] - 1
+        self.waiting = self._spool.count_after(self._loaded)
         self.active = self.active or self.waiting > 0
+        return kept, self.waiting - before - len(kept)
 
     # Making room
 

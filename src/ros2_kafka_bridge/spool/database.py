@@ -7,7 +7,7 @@ import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
 from ros2_kafka_bridge.spool.ledger import VERSION, Ledger, newest
@@ -250,6 +250,16 @@ def rows_after(db: sqlite3.Connection, number: int, limit: int) -> Iterator[Stor
     """The rows above a number, in order."""
     return db.execute(
         f'SELECT {_COLUMNS} FROM rows WHERE number > ? ORDER BY number LIMIT ?',  # noqa: S608
+        (number, limit),
+    )
+
+
+def numbers_after(
+    db: sqlite3.Connection, number: int, limit: int
+) -> Iterator[tuple[int, Any, Any]]:
+    """Number, publisher, and number at the publisher of the rows above a number, in order."""
+    return db.execute(
+        'SELECT number, gid, seq FROM rows WHERE number > ? ORDER BY number LIMIT ?',
         (number, limit),
     )
 

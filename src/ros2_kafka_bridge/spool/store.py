@@ -1,6 +1,7 @@
 """A queue of records on disk, in order; used by one thread, that of its route."""
 
 import contextlib
+import functools
 import logging
 import os
 import sqlite3
@@ -21,6 +22,7 @@ from ros2_kafka_bridge.spool.salvage import Damage
 __all__ = ['Damage', 'Row', 'Spool', 'file_of']
 
 _CHUNK: Final = 10_000  # rows deleted in one transaction: the log stays small
+_READ: Final = 10_000  # numbers read at once: the memory for them is bounded
 _LAST: Final = 2**63 - 1
 
 Result = TypeVar('Result')
@@ -69,16 +71,15 @@ class Spool:
         if self._is_open:
             return
         _make_directory(self._path.parent)
-        _refuse_other_kinds(self._path)
+        for file in _files_of(self._path):
+            _refuse_other_kinds(file)
         self._lock.take()
         try:
             self._open_database()
         except TransportError as error:
-            self._close_database()
             self._lock.release()
             raise RouteError(str(error)) from error
         except BaseException:
-            self._close_database()
             self._lock.release()
             raise
         self._is_open = True
@@ -96,13 +97,21 @@ class Spool:
 
     def _open_database(self) -> None:
         try:
+            self._connect()
+        except BaseException:
+            self._close_database()  # half open, it is of no use
+            raise
+
+    def _connect(self) -> None:
+        try:
             damage = salvage.make_well(self._path, self._known(), self._log)
             if damage is not None:
                 self.damage = damage
                 self._lost += damage.lost
-            for suffix in ('', '-wal', '-shm'):
+            for file in _files_of(self._path):
+                _refuse_other_kinds(file)  # a link would change what it leads to
                 with contextlib.suppress(OSError):  # it is of another owner, who let us write
-                    self._path.with_name(self._path.name + suffix).chmod(0o600)
+                    file.chmod(0o600)
             self._db = database.open_to_write(self._path, sync=self._sync)
             with translated(self._path, 'cannot be read'):
                 self._ledger = database.read_ledger(self._db)
@@ -195,14 +204,40 @@ class Spool:
                 break
         return rows
 
-    def numbers(self) -> set[tuple[bytes, int]]:
-        """Publisher and number of all rows that have them.
+    def count_after(self, number: int) -> int:
+        """How many rows are above a number; costs nothing where none can be.
 
         Raises:
             RouteError: The disk does not answer, or has no room for a repair.
         """
-        query = 'SELECT gid, seq FROM rows WHERE seq > 0 AND length(gid) > 0'
-        return self._asked(lambda db: set(db.execute(query)))
+        if number + self._ledger.base >= self._last:
+            return 0
+        return self._asked(
+            lambda db: database.sum_of(db, number + self._ledger.base + 1, _LAST)[0]
+        )
+
+    def numbers(self) -> Iterator[tuple[bytes, int]]:
+        """Publisher and number of all rows that have them, in the order of the rows.
+
+        They are read as they are asked for, never all at once.
+
+        Raises:
+            RouteError: The disk does not answer, or has no room for a repair.
+        """
+        after = 0
+        while part := self._asked(functools.partial(self._numbers, after=after)):
+            yield from ((gid, seq) for _, gid, seq in part if gid and seq > 0)
+            after = part[-1][0]
+
+    def _numbers(self, db: sqlite3.Connection, after: int) -> list[tuple[int, bytes, int]]:
+        base, before = self._ledger.base, after + self._ledger.base
+        part = []
+        for number, gid, seq in database.numbers_after(db, before, _READ):
+            if number <= before or not isinstance(gid, bytes) or not isinstance(seq, int):
+                raise DamagedError(f'row {number - base}')
+            before = number
+            part.append((number - base, gid, seq))
+        return part
 
     def _asked(self, use: Callable[[sqlite3.Connection], Result]) -> Result:
         try:
@@ -260,10 +295,17 @@ class Spool:
     def _begin_again(self) -> None:
         """Delete the file with all that is in it, and make a new one."""
         self._close_database()
-        ledger = self._ledger.released(self._ledger.high + 1)
-        self._ledger = ledger._replace(change=ledger.change + 1, rows=0, size_bytes=0)
-        self._lock.keep(self._ledger)
-        database.remove(self._path)
+        before, ledger = self._ledger, self._ledger.released(self._ledger.high + 1)
+        try:
+            self._ledger = ledger._replace(change=ledger.change + 1, rows=0, size_bytes=0)
+            self._lock.keep(self._ledger)
+            database.remove(self._path)
+        except OSError as error:
+            if os.path.lexists(self._path):  # with all its rows: they are not to be missed
+                self._ledger = before
+                with contextlib.suppress(OSError):  # it is the older one then, and also right
+                    self._lock.keep(before)
+            raise database.no_room(self._path, 'cannot be deleted', error) from error
         self._open_database()
 
     def _release(self, db: sqlite3.Connection, before: int) -> None:
@@ -420,6 +462,11 @@ def _make_directory(path: Path) -> None:
             f'the directory of the spool, {path}, cannot be written: let the user of the bridge '
             'write there, or set spool.path to another'
         )
+
+
+def _files_of(path: Path) -> list[Path]:
+    """The file, and what SQLite keeps beside it."""
+    return [path.with_name(path.name + suffix) for suffix in ('', '-wal', '-shm')]
 
 
 def _refuse_other_kinds(path: Path) -> None:
