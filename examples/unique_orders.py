@@ -31,11 +31,12 @@ consumer = Consumer(
         'enable.auto.commit': False,
     }
 )
-consumer.subscribe([args.topic])
+joined: list[object] = []
+consumer.subscribe([args.topic], on_assign=lambda *partitions: joined.append(partitions))
 try:
     while True:
         first = consumer.poll(args.idle or 1.0)
-        if first is None and args.idle:
+        if first is None and args.idle and joined:
             break
         records = [] if first is None else [first, *consumer.consume(499, 0.0)]
         orders = [record for record in records if record.error() is None]

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Self
 
-from confluent_kafka import Consumer, Message, Producer, TopicPartition
+from confluent_kafka import Consumer, KafkaException, Message, Producer, TopicPartition
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     AdminClient,
     NewTopic,
@@ -255,9 +255,15 @@ class Bench:
     def end_offset(self, topic: str, partition: int = 0) -> int:
         """How far a partition reaches."""
         config = {'bootstrap.servers': self.bootstrap_servers, 'group.id': 'test-end'}
+        deadline = time.monotonic() + 30
         with contextlib.closing(Consumer(config)) as consumer:
             here = TopicPartition(topic, partition)
-            return int(consumer.get_watermark_offsets(here, timeout=10)[1])
+            while True:
+                try:
+                    return int(consumer.get_watermark_offsets(here, timeout=10)[1])
+                except KafkaException:  # a topic that is new has its leader a moment later
+                    assert time.monotonic() < deadline, f'no leader of {topic}[{partition}]'
+                    time.sleep(0.1)
 
     def reaches(self, topic: str, offset: int, partition: int = 0) -> bool:
         """Whether a partition holds that offset or more."""

@@ -177,7 +177,9 @@ def test_guarantees_1_2_3_a_bridge_cut_off_from_all_loses_nothing_and_repeats_wh
         hosts.edge.plug_in()
         crossing.wait_for_the_last()
     found = numbers(crossing.down)
-    assert steps_back(found) in ([], [committed])
+    again = steps_back(found)
+    assert len(again) <= 1
+    assert all(first >= committed for first in again), 'a commit may still arrive after the cut'
     assert totals(crossing.bridge)['confirmed'] >= COUNT
     assert 'Kafka is back' in crossing.bridge.output()
     assert_up(site, topic_name)

@@ -192,7 +192,7 @@ def test_the_example_prints_each_order_once_also_over_its_own_restart(
             told = [('ros.gid', b'01' * 16), ('ros.seq', b'%d' % order)]
             bench.produce(topic_name, [b'order %d' % order], headers=told)
         done = subprocess.run(
-            [sys.executable, EXAMPLE, *options, '--idle', '8'],
+            [sys.executable, EXAMPLE, *options, '--idle', '3'],
             capture_output=True,
             text=True,
             timeout=90,

@@ -146,3 +146,61 @@ def test_a_source_whose_name_in_the_group_was_taken_closes_and_reads_on_when_ope
     eventually(lambda: read(1), 60)
     source.close()
     assert taken == [b'second']
+
+
+def poll_on(source: KafkaSource) -> None:
+    while True:
+        source.poll(500, 0.1)
+
+
+def test_a_client_that_does_not_read_what_its_partition_holds_is_given_up(
+    bench: Bench, topic_name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As it was seen with a topic whose leader was not known yet: no error, and no records."""
+    monkeypatch.setattr('ros2_kafka_bridge.kafka.consumer._STUCK_LOOK_S', 0.3)
+    bench.create_topic(topic_name, partitions=2)
+    bench.produce(topic_name, [b'first'], partition=0)
+    taken: list[bytes | None] = []
+
+    def read(count: int) -> bool:
+        taken.extend(record.value() for record in source.poll(500, 0.1))
+        return len(taken) >= count
+
+    with opened(bench, topic_name) as source:
+        eventually(lambda: read(1) and source.ends == {0: 1, 1: 0}, 30)
+        source.commit({0: 1})
+        assert source._consumer is not None
+        source._consumer.pause([TopicPartition(topic_name, 0)])
+        bench.produce(topic_name, [b'second'], partition=0)
+        with pytest.raises(RouteError, match='that the Kafka client does not read: begins anew'):
+            poll_on(source)
+    with opened(bench, topic_name) as source:
+        eventually(lambda: read(2), 30)
+    assert taken == [b'first', b'second']
+
+
+def test_a_partition_that_ends_with_the_mark_of_a_transaction_is_read_to_its_end(
+    bench: Bench, topic_name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.kafka.consumer._STUCK_LOOK_S', 0.1)
+    bench.create_topic(topic_name)
+    with Producer(
+        {'bootstrap.servers': bench.bootstrap_servers, 'transactional.id': topic_name}
+    ) as producer:
+        producer.init_transactions(30)
+        producer.begin_transaction()
+        producer.produce(topic_name, b'done')
+        producer.commit_transaction(30)
+        producer.begin_transaction()
+        producer.produce(topic_name, b'not yet')
+        producer.flush(30)
+        with opened(bench, topic_name) as source:
+            taken: list[bytes | None] = []
+            until_s = time.monotonic() + 8
+            while time.monotonic() < until_s:  # several looks, none of which finds it stuck
+                taken += [record.value() for record in source.poll(500, 0.1)]
+            producer.abort_transaction(30)
+            until_s = time.monotonic() + 2
+            while time.monotonic() < until_s:
+                taken += [record.value() for record in source.poll(500, 0.1)]
+    assert taken == [b'done']

@@ -31,6 +31,7 @@ _LOOK_S = 0.2
 _REJOIN_MS = 30_000
 _OUTSIDE_S = 45.0
 _CLOSE_S = 5.0
+_STUCK_LOOK_S = 10.0
 
 
 class KafkaSource:
@@ -76,6 +77,10 @@ class KafkaSource:
         self._fresh = False  # some partitions came while the others were held
         self._closing = False
         self._outside_since_s: float | None = None  # without a place in the group that it had
+        self._behind: dict[
+            int, int
+        ] = {}  # partitions that hold more than was read, at the last look
+        self._stuck_look_at_s = 0.0
         self.ends: dict[int, int] = {}
 
     @property
@@ -122,6 +127,8 @@ class KafkaSource:
 
         self._rebalance = rebalance
         self._outside_since_s = None
+        self._behind = {}
+        self._stuck_look_at_s = time.monotonic() + _STUCK_LOOK_S
         self._closing = self._held = False
         self._health.on_open()
         check_files(self._properties, f'topic {self._topic}')
@@ -243,6 +250,7 @@ class KafkaSource:
             self._look_for_broker()
         if first is None:
             self._look_whether_outside()
+            self._look_whether_stuck()
             return ()
         self._gone.clear()
         batch = [first, *self._client.consume(limit - 1, 0.0)] if limit > 1 else [first]
@@ -271,6 +279,39 @@ class KafkaSource:
                 f'topic {self._topic}: lost its partitions {_OUTSIDE_S:.0f} s ago and does not '
                 'get back into its group: begins anew'
             )
+
+    def _look_whether_stuck(self) -> None:
+        """Give up a client that does not read what its partitions hold.
+
+        Seen with topics whose leader was not known yet when their reading began: librdkafka says
+        nothing, and never asks for the records.
+        """
+        now_s = time.monotonic()
+        if now_s < self._stuck_look_at_s or self._held or self.away:
+            return
+        self._stuck_look_at_s = now_s + _STUCK_LOOK_S
+        behind = {p: at for p, at in self._reached().items() if self._holds_more(p, at)}
+        if any(self._behind.get(partition) == at for partition, at in behind.items()):
+            raise RouteError(
+                f'topic {self._topic}: holds records that the Kafka client does not read: '
+                'begins anew'
+            )
+        self._behind = behind
+
+    def _reached(self) -> dict[int, int]:
+        """How far each partition was read, of those where that is known."""
+        places = self._client.position(self._client.assignment())
+        known = {**self._committed, **self._positions}
+        reached = {p.partition: max(p.offset, known.get(p.partition, -1)) for p in places}
+        return {p: max(at, self.ends.get(p, -1)) for p, at in reached.items() if at >= 0}
+
+    def _holds_more(self, partition: int, at: int) -> bool:
+        here = TopicPartition(self._topic, partition)
+        try:
+            _, end = self._client.get_watermark_offsets(here, timeout=_LOOK_S)
+        except KafkaException:  # the broker does not answer: that is another matter
+            return False
+        return bool(end > at)
 
     def _look_for_broker(self) -> None:
         """Ask whether the broker is back: a quiet topic would not tell."""

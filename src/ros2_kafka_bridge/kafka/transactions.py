@@ -29,7 +29,13 @@ _FENCED: Final = {
     KafkaError.PRODUCER_FENCED,
     KafkaError.INVALID_PRODUCER_EPOCH,
 }
-_PURGED: Final = {KafkaError._PURGE_QUEUE, KafkaError._PURGE_INFLIGHT}  # noqa: SLF001
+_NO_CAUSE: Final = {
+    KafkaError._PURGE_QUEUE,  # noqa: SLF001
+    KafkaError._PURGE_INFLIGHT,  # noqa: SLF001
+    KafkaError._FATAL,  # noqa: SLF001
+    KafkaError._INCONSISTENT,  # noqa: SLF001
+    KafkaError.OUT_OF_ORDER_SEQUENCE_NUMBER,
+}
 
 
 class Send(NamedTuple):
@@ -93,12 +99,17 @@ class Transactions:
             RouteError: This user may not write transactions.
         """
         check_files(self._properties, 'the Kafka client')
+        self._begin_anew()
+        return self
+
+    def _begin_anew(self) -> None:
+        if self._producer is not None:
+            self._producer.purge()
         try:
             self._producer = Producer(self._properties, logger=client_log(__name__))
         except KafkaException as error:
             raise self._translated(error.args[0]) from error
         self._repeat(self._client.init_transactions, _OPEN_S)
-        return self
 
     def __exit__(self, *_: object) -> None:
         # What is open is left to the next one, or to the broker's time-out: never committed here.
@@ -171,14 +182,11 @@ class Transactions:
         """End a transaction that has failed; tells which parcels it failed for."""
         if error.code() in _FENCED:
             raise self._translated(error)
-        try:
-            if not error.fatal():
-                self._repeat_raw(self._client.abort_transaction, _COMMIT_S)
-        except KafkaException as second:
-            # One that Kafka has never begun, for a right is missing, cannot be ended either.
-            raise self._first_cause(error) from second
-        if error.fatal():
-            raise self._first_cause(error)
+        if error.fatal() or not self._abort():
+            # The next client of this name ends it.
+            with suppress(KafkaException):  # fatal, and known
+                self._client.flush(_STEP_S)
+            self._begin_anew()
         errors = {number: self._translated(failed) for number, failed in self._failed.items()}
         bad = [
             Refused(parcel, cause)
@@ -187,19 +195,16 @@ class Transactions:
         ]
         if bad:
             return bad
-        causes = [cause for cause in errors.values() if isinstance(cause, RouteError)]
-        raise causes[0] if causes else self._translated(error)
+        told = [failed for failed in self._failed.values() if failed.code() not in _NO_CAUSE]
+        raise self._translated(told[0] if told else error)
 
-    def _first_cause(self, error: KafkaError) -> BridgeError:
-        """What a record was refused for, if one was: it tells more than the end of them all."""
-        with suppress(KafkaException):  # fatal, and known
-            self._client.flush(_STEP_S)
-        refused = [
-            failed
-            for failed in self._failed.values()
-            if not failed.fatal() and failed.code() not in _PURGED
-        ]
-        return self._translated(refused[0] if refused else error)
+    def _abort(self) -> bool:
+        """Abort; False where Kafka never began the transaction, or refused a part of it."""
+        try:
+            self._repeat_raw(self._client.abort_transaction, _COMMIT_S)
+        except KafkaException:
+            return False
+        return True
 
     def _repeat(self, call: Callable[[float], Any], patience_s: float) -> None:
         try:
