@@ -89,6 +89,7 @@ class Transactions:
         self._stop = stop
         self._about = Client('WRITE', properties)
         self._producer: Producer | None = None
+        self._shut_out = False
         self._failed: dict[int, KafkaError] = {}
 
     def __enter__(self) -> Self:
@@ -114,7 +115,9 @@ class Transactions:
     def __exit__(self, *_: object) -> None:
         # What is open is left to the next one, or to the broker's time-out: never committed here.
         if self._producer is not None:
-            self._producer.purge()
+            # librdkafka has ended the process where a client that was shut out was purged, too.
+            if not self._shut_out:
+                self._producer.purge()
             self._producer = None
 
     def write(self, parcels: Sequence[Parcel]) -> list[Refused]:
@@ -181,6 +184,7 @@ class Transactions:
     def _after(self, error: KafkaError, parcels: Sequence[Parcel]) -> list[Refused]:
         """End a transaction that has failed; tells which parcels it failed for."""
         if error.code() in _FENCED:
+            self._shut_out = True
             raise self._translated(error)
         if error.fatal() or not self._abort():
             # The next client of this name ends it.
