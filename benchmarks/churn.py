@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.machine import machine, versions
-from benchmarks.numbers import Count, count_topic
+from benchmarks.numbers import BOTH_WAYS, Count, count_topic
 from benchmarks.processes import Process, ProcessError
 from benchmarks.topics import EndOffset, topics
 from benchmarks.vitals import Slope, Vitals, slope, vitals
@@ -42,21 +42,6 @@ ROUND: Final = 25
 RATE: Final = 100.0
 LEASE_S: Final = 2.0  # of the visitors: a killed one holds the bridge back for so long
 WARM_UP_SHARE: Final = 0.2
-
-FILE: Final = """\
-name: churn
-kafka: {{bootstrap.servers: '{servers}'}}
-defaults: {{drain_s: 60}}
-routes:
-  - name: to_ros
-    from: {{kafka: {mark}.source, start: earliest}}
-    to: {{ros: /to_ros_{mark}, type: std_msgs/msg/String}}
-    format: text
-  - name: to_kafka
-    from: {{ros: /to_kafka_{mark}, type: std_msgs/msg/String}}
-    to: {{kafka: {mark}.sink}}
-    format: text
-"""
 
 
 class Result(NamedTuple):
@@ -107,7 +92,9 @@ def play(servers: str, place: Path, domain: int, times: int) -> Result:
     with ExitStack() as stack:
         stack.enter_context(topics(servers, [f'{mark}.source', f'{mark}.sink']))
         file = place / 'churn.yaml'
-        file.write_text(FILE.format(servers=servers, mark=mark))
+        file.write_text(
+            f'defaults: {{drain_s: 60}}\n{BOTH_WAYS.format(servers=servers, mark=mark)}'
+        )
         command = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(file)]
         bridge = stack.enter_context(Process('bridge', command, place / 'bridge.log', environ))
         bridge.wait_for('subscribes to', START_S)

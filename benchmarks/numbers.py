@@ -23,6 +23,21 @@ FLUSH_S: Final = 60.0
 READ_S: Final = 120.0
 _PADDING: Final = 'x' * (BYTES - 13)
 
+BOTH_WAYS: Final = """\
+name: numbers
+kafka: {{bootstrap.servers: '{servers}'}}
+routes:
+  - name: to_ros
+    from: {{kafka: {mark}.source, start: earliest}}
+    to: {{ros: /to_ros_{mark}, type: std_msgs/msg/String}}
+    format: text
+  - name: to_kafka
+    from: {{ros: /to_kafka_{mark}, type: std_msgs/msg/String}}
+    to: {{kafka: {mark}.sink}}
+    format: text
+"""
+"""A bridge for numbers, with a route each way."""
+
 
 class Count(NamedTuple):
     """What has arrived of the numbers from 0 on.

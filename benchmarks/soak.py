@@ -27,7 +27,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.machine import machine, versions
-from benchmarks.numbers import Count, count_topic
+from benchmarks.numbers import BOTH_WAYS, Count, count_topic
 from benchmarks.processes import Process, ProcessError
 from benchmarks.topics import EndOffset, topics
 from benchmarks.vitals import Slope, Vitals, means, slope, watched
@@ -48,20 +48,6 @@ BOX_S: Final = 10.0
 LOOK_AROUND_S: Final = 15.0
 WARM_UP_SHARE: Final = 0.2
 REQUEST_S: Final = 10.0
-
-FILE: Final = """\
-name: soak
-kafka: {{bootstrap.servers: '{servers}'}}
-routes:
-  - name: to_ros
-    from: {{kafka: {mark}.source, start: earliest}}
-    to: {{ros: /to_ros_{mark}, type: std_msgs/msg/String}}
-    format: text
-  - name: to_kafka
-    from: {{ros: /to_kafka_{mark}, type: std_msgs/msg/String}}
-    to: {{kafka: {mark}.sink}}
-    format: text
-"""
 
 
 class Rates(NamedTuple):
@@ -174,7 +160,7 @@ def staged(servers: str) -> Iterator[Stage]:
         place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='soak-')))
         stack.enter_context(topics(servers, [f'{mark}.source', f'{mark}.sink']))
         file = place / 'bridge.yaml'
-        file.write_text(FILE.format(servers=servers, mark=mark))
+        file.write_text(BOTH_WAYS.format(servers=servers, mark=mark))
         command = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(file)]
         bridge = stack.enter_context(Process('bridge', command, place / 'bridge.log', _environ()))
         bridge.wait_for('subscribes to', START_S)
