@@ -201,7 +201,7 @@ def most(servers: str) -> float:
 def _delivered(stage: Stage) -> tuple[int, int]:
     """How many messages have been confirmed, each way; to ROS as far as is committed."""
     source = TopicPartition(f'{stage.mark}.source', 0)
-    config = {'bootstrap.servers': stage.servers, 'group.id': 'soak.to_ros'}
+    config = {'bootstrap.servers': stage.servers, 'group.id': 'numbers.to_ros'}
     with (
         closing(Consumer(config)) as consumer,
         closing(EndOffset(stage.servers, f'{stage.mark}.sink')) as end_offset,
