@@ -3,8 +3,8 @@
 PYTHON ?= python3
 T ?= tests
 A ?=
-# Most tests wait for other processes, so that three at once keep two cores busy.
-JOBS ?= 3
+# Most tests wait for other processes, so that four at once keep two cores busy.
+JOBS ?= 4
 PORT ?= 9092
 TOPICS ?=
 
@@ -15,12 +15,14 @@ LOCK := $(BIN)/uv pip compile pyproject.toml --all-extras --group dev --universa
 	--python-version 3.11 --generate-hashes --no-header --quiet
 
 # A sourced ROS 2 must not mix with the ROS 2 wheels in .venv.
+# Tests start hundreds of processes, which would compile all their Python each time.
+unexport PYTHONDONTWRITEBYTECODE
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTATION
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 export ROS2_KAFKA_BRIDGE_KAFKA_JARS ?= $(CURDIR)/.kafka/jars
 
-.PHONY: help setup demo test check lint format types locked kafka bench experiment faults soak
+.PHONY: help setup demo warehouse test check lint format types locked kafka bench experiment faults soak
 .PHONY: fuzz churn routes docs lock java
 .DEFAULT_GOAL := help
 
@@ -31,6 +33,9 @@ setup: $(READY) ## .venv with the locked dependencies and this project
 
 demo: $(READY) ## orders through Kafka and ROS 2 and back, with Python alone (A='--compare')
 	@$(BIN)/ros2-kafka-bridge demo $(A)
+
+warehouse: $(READY) ## orders, robots and a live page: a whole warehouse (A='--robots 30', A=--help)
+	@$(BIN)/warehouse run --orders-per-minute 5 $(A)
 
 test: $(if $(filter-out tests/unit%,$(T)),java $(JAZZY)) $(READY) ## all tests (some: T=tests/unit, A='-k name')
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(T) $(A)
@@ -60,8 +65,10 @@ kafka: java $(READY) ## a real one-node Kafka in the foreground (PORT=9092)
 	@$(BIN)/python -m ros2_kafka_bridge.testing.local_kafka --port $(PORT) \
 		$(if $(TOPICS),--topics $(TOPICS)) $(A)
 
-bench: java $(READY) ## drain a topic through both directions, three contestants side by side
+bench: java $(READY) ## drain a topic both ways, convert messages, plan a warehouse: side by side
 	$(BIN)/python -m benchmarks.drain $(A)
+	$(BIN)/python -m benchmarks.formats
+	$(BIN)/warehouse benchmark
 
 experiment: java $(READY) ## the paper's experiment, repeated and widened: half an hour, a report
 	$(BIN)/python -m benchmarks.experiment $(A)
@@ -72,7 +79,8 @@ faults: java $(READY) ## numbered orders both ways while everything breaks at ra
 soak: java $(READY) ## both ways at half the maximum rate for 10 minutes: memory, threads, files
 	$(BIN)/python -m benchmarks.soak $(A)
 
-fuzz: java $(READY) ## a million hostile records: each is delivered or a dead letter
+fuzz: java $(READY) ## hostile records: decoders under atheris for a minute, a million through a bridge
+	$(BIN)/python -m benchmarks.fuzz_decoders --seconds 60
 	$(BIN)/python -m benchmarks.fuzz $(A)
 
 churn: java $(READY) ## subscribers that come and go 1,000 times

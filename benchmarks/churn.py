@@ -97,7 +97,8 @@ def play(servers: str, place: Path, domain: int, times: int) -> Result:
         )
         command = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(file)]
         bridge = stack.enter_context(Process('bridge', command, place / 'bridge.log', environ))
-        bridge.wait_for('subscribes to', START_S)
+        for what in ('subscribes to', 'reads '):
+            bridge.wait_for(what, START_S)
         counted = place / 'counted.json'
         counter = stack.enter_context(peer('count', str(counted), read))
         to_kafka = stack.enter_context(peer('ros', write, '--rate', str(RATE)))

@@ -3,10 +3,14 @@
     python -m benchmarks.drain --rounds 3
 
 Three contestants take turns in one run, each on topics and in a ROS domain of its own, each with
-one process for each direction: `paper`, `bridge` and `bare` (see `contestants`). The source topic
-is full before they start. Measured is the time between the first and the last record in the sink
-topic, by the broker's clock; what arrived is counted afterwards, so that no reader takes part in
-the race. CPU time is per delivered order, from the first record on.
+one process for each direction: `paper`, `bridge` and `bare` (see `contestants`). A fourth shows
+what it costs to watch the bridge, and its metrics are read each second:
+
+    python -m benchmarks.drain --rounds 5 --contestants bridge,monitored
+
+The source topic is full before they start. Measured is the time between the first and the last
+record in the sink topic, by the broker's clock; what arrived is counted afterwards, so that no
+reader takes part in the race. CPU time is per delivered order, from the first record on.
 """
 
 import argparse
@@ -14,23 +18,23 @@ import contextlib
 import itertools
 import json
 import signal
-import statistics
 import sys
 import tempfile
 import time
+import urllib.error
+import urllib.request
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from confluent_kafka import KafkaException
 from rich.console import Console
-from rich.table import Table
 
-from benchmarks.contestants import CONTESTANTS, Contestant, Ends
-from benchmarks.machine import machine, versions
-from benchmarks.processes import Process, ProcessError, Usage
+from benchmarks.contestants import CONTESTANTS, Commands, Ends
+from benchmarks.drain_table import Result, Side, report, show, show_machine
+from benchmarks.processes import Process, ProcessError, Usage, usage
 from benchmarks.topics import EndOffset, count, fill, topics
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
@@ -39,46 +43,34 @@ from ros2_kafka_bridge.testing.orders import encode, orders
 ORDERS: Final = 150_000
 SEED: Final = 1
 DOMAINS: Final = (215, 216, 217)
+DEFAULT: Final = ('paper', 'bridge', 'bare')
+PAGE_S: Final = 1.0
 START_S: Final = 60.0
 FIRST_LOOK_S: Final = 0.02
 LOOK_S: Final = 0.2
 STABLE_S: Final = 3.0
 
 
-class Side(NamedTuple):
-    """What one process has used.
+class Pages:
+    """What is asked for each second meanwhile, as a Prometheus does it."""
 
-    Args:
-        cpu_us: Microseconds of CPU time per delivered order.
-        anon_mib: Most anonymous memory seen.
-    """
+    def __init__(self, addresses: Sequence[str]) -> None:
+        self._addresses = addresses
+        self._at_s = time.monotonic() + PAGE_S
 
-    cpu_us: float
-    anon_mib: float
+    def look(self) -> None:
+        """Ask, if it is time for that; one that does not listen yet is left out."""
+        now_s = time.monotonic()
+        if now_s >= self._at_s:
+            self._at_s = now_s + PAGE_S
+            for address in self._addresses:
+                with contextlib.suppress(urllib.error.URLError):
+                    _read(address)
 
 
-class Result(NamedTuple):
-    """What one contestant did in one round."""
-
-    contestant: str
-    round: int
-    orders: int
-    delivered: int
-    duplicated: int
-    out_of_order: int
-    seconds: float
-    kafka_to_ros: Side
-    ros_to_kafka: Side
-
-    @property
-    def lost(self) -> int:
-        """Orders that never arrived."""
-        return self.orders - self.delivered
-
-    @property
-    def rate(self) -> float:
-        """Orders delivered per second."""
-        return self.delivered / self.seconds
+def _read(address: str) -> bytes:
+    with urllib.request.urlopen(address, timeout=START_S) as page:  # noqa: S310 (http)
+        return bytes(page.read())
 
 
 class Watched(NamedTuple):
@@ -88,8 +80,11 @@ class Watched(NamedTuple):
     seen: list[Usage]
 
     def look(self) -> None:
-        """Note what it has used."""
-        self.seen.append(self.process.usage())
+        """Note what it has used, with its children."""
+        self.process.check()
+        usages = [usage(pid) for pid in _family(self.process.pid)]
+        cpu_s, anon_mib = map(sum, zip(*usages, strict=True))
+        self.seen.append(Usage(cpu_s, anon_mib))
 
     def side(self, first: int, last: int, delivered: int) -> Side:
         """Sum up, between two looks."""
@@ -127,8 +122,9 @@ def drain(name: str, number: int, ends: Ends, values: Sequence[bytes], domain: i
     with topics(ends.bootstrap_servers, [ends.source, ends.sink]):
         fill(ends.bootstrap_servers, ends.source, values)
         with contextlib.closing(EndOffset(ends.bootstrap_servers, ends.sink)) as end_offset:
-            with _started(CONTESTANTS[name], ends, domain) as sides:
-                first, last = _watch(end_offset, sides)
+            commands = CONTESTANTS[name].commands(ends)
+            with _started(CONTESTANTS[name].what, commands, ends.place, domain) as sides:
+                first, last = _watch(end_offset, sides, Pages(commands.pages))
             end = end_offset()
         tally = count(ends.bootstrap_servers, ends.sink, end)
     return Result(
@@ -144,13 +140,14 @@ def drain(name: str, number: int, ends: Ends, values: Sequence[bytes], domain: i
 
 
 @contextmanager
-def _started(contestant: Contestant, ends: Ends, domain: int) -> Iterator[tuple[Watched, Watched]]:
+def _started(
+    what: str, commands: Commands, place: Path, domain: int
+) -> Iterator[tuple[Watched, Watched]]:
     """Start the two processes, the one that publishes last."""
     environ = {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-    commands = contestant.commands(ends)
 
     def process(name: str, command: list[str]) -> Process:
-        return Process(f'{contestant.what}, {name},', command, ends.place / name, environ)
+        return Process(f'{what}, {name},', command, place / name, environ)
 
     with process('ROS -> Kafka', commands.ros_to_kafka) as ros_to_kafka:
         ros_to_kafka.wait_for(commands.subscribed, START_S)
@@ -158,27 +155,37 @@ def _started(contestant: Contestant, ends: Ends, domain: int) -> Iterator[tuple[
             yield Watched(kafka_to_ros, []), Watched(ros_to_kafka, [])
 
 
-def _watch(end_offset: Callable[[], int], sides: Sequence[Watched]) -> tuple[int, int]:
-    """Wait until the sink has its last record; returns the looks at its first and its last."""
+def _family(pid: int) -> list[int]:
+    """A process and its children, and theirs."""
+    lists = [
+        file.read_text().split() for file in Path('/proc', str(pid), 'task').glob('*/children')
+    ]
+    return [pid, *(one for child in itertools.chain(*lists) for one in _family(int(child)))]
+
+
+def _watch(
+    end_offset: Callable[[], int], sides: Sequence[Watched], pages: Pages
+) -> tuple[int, int]:
+    """Wait for the last record of the sink; returns the looks before its first and at its last."""
+    for side in sides:
+        side.look()
     first = last = end = 0
     changed_s = time.monotonic()
-    for number in itertools.count():
-        for side in sides:
-            side.look()
+    for number in itertools.count(1):
         before, end = end, end_offset()
+        for side in sides:  # behind the offset, so that what it took to come so far is seen
+            side.look()
         now_s = time.monotonic()
         if end != before:
-            first, last = (first if before else number), number
+            first, last = (first if before else number - 1), number
             changed_s = now_s
         if now_s - changed_s > (STABLE_S if end else START_S):
             break
+        pages.look()
         time.sleep(LOOK_S if end else FIRST_LOOK_S)
     if not end:
         raise TimeoutError(f'nothing has arrived within {START_S:.0f} s')
     return first, last
-
-
-# The report
 
 
 def _line(result: Result) -> str:
@@ -186,90 +193,6 @@ def _line(result: Result) -> str:
         f'{result.contestant} {result.rate:,.0f} orders/s, {result.delivered:,} delivered, '
         f'{result.lost:,} lost'
     )
-
-
-def show(results: Sequence[Result], console: Console) -> None:
-    """Print the table of medians, and the ratios."""
-    by_name = _by_contestant(results)
-    most = max(len(of_one) for of_one in by_name.values())
-    title = f'{results[0].orders:,} orders, ' + (
-        'one round' if most == 1 else f'medians of {most}'
-    )
-    table = Table(title=title)
-    table.add_column('')
-    for name in by_name:
-        table.add_column(name, justify='right')
-    for words, read, form in _ROWS:
-        table.add_row(words, *(form(map(read, of_one)) for of_one in by_name.values()))
-    console.print(table)
-    for words, ratios in _ratios(by_name).items():
-        low, high = min(ratios), max(ratios)
-        console.print(f'{words}: {statistics.median(ratios):.2f} ({low:.2f} to {high:.2f})')
-
-
-def _by_contestant(results: Sequence[Result]) -> dict[str, list[Result]]:
-    by_name: dict[str, list[Result]] = {}
-    for result in results:
-        by_name.setdefault(result.contestant, []).append(result)
-    return by_name
-
-
-def _ratios(by_name: dict[str, list[Result]]) -> dict[str, list[float]]:
-    """Rates of the bridge by those of another in the same round."""
-    bridge = by_name.get('bridge', [])
-    return {
-        f'bridge / {name}': [one.rate / two.rate for one, two in zip(bridge, of_one, strict=True)]
-        for name, of_one in by_name.items()
-        if bridge and name != 'bridge'
-    }
-
-
-def _whole(values: Iterator[float]) -> str:
-    return f'{statistics.median(values):,.0f}'
-
-
-def _tenths(values: Iterator[float]) -> str:
-    return f'{statistics.median(values):,.1f}'
-
-
-_ROWS: Final[Sequence[tuple[str, Callable[[Result], float], Callable[[Iterator[float]], str]]]] = (
-    ('orders/s delivered', lambda r: r.rate, _whole),
-    ('seconds', lambda r: r.seconds, _tenths),
-    ('delivered', lambda r: r.delivered, _whole),
-    ('lost', lambda r: r.lost, _whole),
-    ('duplicated', lambda r: r.duplicated, _whole),
-    ('out of order', lambda r: r.out_of_order, _whole),
-    ('CPU µs/order, Kafka -> ROS', lambda r: r.kafka_to_ros.cpu_us, _tenths),
-    ('CPU µs/order, ROS -> Kafka', lambda r: r.ros_to_kafka.cpu_us, _tenths),
-    ('RssAnon MiB, Kafka -> ROS', lambda r: r.kafka_to_ros.anon_mib, _tenths),
-    ('RssAnon MiB, ROS -> Kafka', lambda r: r.ros_to_kafka.anon_mib, _tenths),
-)
-
-
-def report(results: Sequence[Result], *, is_local_kafka: bool) -> dict[str, Any]:
-    """Make what `--json` writes."""
-    rounds = [
-        {
-            **result._asdict(),
-            'lost': result.lost,
-            'orders_per_s': result.rate,
-            'kafka_to_ros': result.kafka_to_ros._asdict(),
-            'ros_to_kafka': result.ros_to_kafka._asdict(),
-        }
-        for result in results
-    ]
-    return {
-        'machine': machine()._asdict(),
-        'versions': versions(is_local_kafka=is_local_kafka),
-        'ratios': _ratios(_by_contestant(results)),
-        'rounds': rounds,
-    }
-
-
-def _show_machine(report: dict[str, Any], console: Console) -> None:
-    here = report['machine']
-    console.print(f'{here["cores"]} cores of {here["cpu"]}, {here["memory_gib"]} GiB')
-    console.print(', '.join(f'{name} {number}' for name, number in report['versions'].items()))
 
 
 # The command line
@@ -285,12 +208,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             results = run_rounds(options, bootstrap_servers, console.print)
     except KeyboardInterrupt:
         return 130
-    except (ConfigError, TransportError, ProcessError, TimeoutError, KafkaException) as error:
+    except (ConfigError, TransportError, ProcessError, OSError, KafkaException) as error:
         print(error, file=sys.stderr)
         return 1
     made = report(results, is_local_kafka=options.bootstrap_servers is None)
     show(results, console)
-    _show_machine(made, console)
+    show_machine(made, console)
     if options.json:
         options.json.write_text(json.dumps(made, indent=2) + '\n', encoding='utf-8')
     return 0
@@ -314,8 +237,9 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         '--contestants',
         type=_names,
-        default=list(CONTESTANTS),
-        help=f'separated by commas, in turn (default: {",".join(CONTESTANTS)})',
+        default=list(DEFAULT),
+        help=f'of {", ".join(CONTESTANTS)}: separated by commas, in turn (default: '
+        f'{",".join(DEFAULT)})',
     )
     parser.add_argument(
         '--ros-domains',

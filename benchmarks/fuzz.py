@@ -40,9 +40,11 @@ from benchmarks.topics import EndOffset
 from benchmarks.vitals import watched
 from ros2_kafka_bridge.errors import ConfigError, RecordError, TransportError
 from ros2_kafka_bridge.formats import FORMATS
+from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.ros.types import load_type
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
+SCOPE = Scope('topic')
 DOMAIN: Final = 219
 START_S: Final = 60.0
 STALL_S: Final = 120.0
@@ -293,7 +295,7 @@ def _arrived(file: Path) -> Counter[bytes]:
 
 
 def _result(lane: Lane, letters: Counter[int], arrived: Counter[bytes]) -> Result:
-    decode = FORMATS[lane.name].make_decode(load_type(lane.message_type).layout)
+    decode = FORMATS[lane.name].make_decode(load_type(lane.message_type).layout, SCOPE)
     delivered = sum(arrived.values())
     lost = wrong = 0
     for offset, record in enumerate(lane.records()):

@@ -40,7 +40,7 @@ def main() -> None:
     publishers = [node.create_publisher(String, name, KEEP_ALL) for name in names]
     while not all(publisher.get_subscription_count() for publisher in publishers):
         time.sleep(0.05)
-    time.sleep(0.5)  # the writer knows of a match before the reader does
+    time.sleep(1.0)  # the writer knows of a match before the reader does
     for publisher, name in zip(publishers, names, strict=True):
         publisher.publish(String(data=name))
     print('written', flush=True)

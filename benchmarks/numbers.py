@@ -173,7 +173,7 @@ def _to_ros(topic: str, rate: float) -> None:
     publisher = node.create_publisher(String, topic, _keep_all())
     while not publisher.get_subscription_count() and not asked.to_end:
         time.sleep(0.01)
-    time.sleep(0.5)  # the writer knows of the match before the reader does
+    time.sleep(1.0)  # the writer knows of the match before the reader does
     print('ready', flush=True)
     sent = 0
     for number in _paced(rate, asked):
@@ -205,7 +205,10 @@ def _count(file: Path, topic: str) -> None:
     print('ready', flush=True)
     while not asked.to_end:
         executor.spin_once(timeout_sec=0.1)
-    file.write_text(json.dumps(counter.count()._asdict()))
+    counted = None
+    while counted != (counted := counter.count()):  # what waits in the reader's cache
+        executor.spin_once(timeout_sec=0.5)
+    file.write_text(json.dumps(counted._asdict()))
 
 
 def _keep_all() -> Any:

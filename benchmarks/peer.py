@@ -35,7 +35,7 @@ def main() -> None:
     publisher = node.create_publisher(String, args.topic, KEEP_ALL)
     while not publisher.get_subscription_count():
         time.sleep(0.01)
-    time.sleep(0.5)  # the writer knows of the match before the reader does
+    time.sleep(1.0)  # the writer knows of the match before the reader does
     print('ready', flush=True)
     message = String(data='x' * args.bytes)
     while True:

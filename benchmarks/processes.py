@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple, Self
 
-_TICK_S: Final = 1 / os.sysconf('SC_CLK_TCK')
+_CPUCLOCK_SCHED: Final = 2  # linux/posix-timers.h
 _END_S: Final = 5.0
 _TAIL_LINES: Final = 15
 
@@ -147,15 +147,21 @@ def usage(pid: int) -> Usage:
     Raises:
         ProcessLookupError: It has ended.
     """
-    place = Path('/proc', str(pid))
     try:
-        # The name of the command, in parentheses, can hold spaces; numbers follow it.
-        fields = (place / 'stat').read_text().rpartition(')')[2].split()
-        lines = (place / 'status').read_text().splitlines()
-    except FileNotFoundError as error:
+        cpu_s = time.clock_gettime(_cpu_clock(pid))
+        lines = Path('/proc', str(pid), 'status').read_text().splitlines()
+    except OSError as error:
         raise ProcessLookupError(f'process {pid} has ended') from error
     status = dict(line.split(':', 1) for line in lines)
     if 'RssAnon' not in status:
         raise ProcessLookupError(f'process {pid} has ended')
-    ticks = int(fields[11]) + int(fields[12])
-    return Usage(ticks * _TICK_S, int(status['RssAnon'].split()[0]) / 1024)
+    return Usage(cpu_s, int(status['RssAnon'].split()[0]) / 1024)
+
+
+def _cpu_clock(pid: int) -> int:
+    """The clock of all CPU time of a process: clock_getcpuclockid(3), which Python does not have.
+
+    It counts in nanoseconds, where /proc/PID/stat counts in hundredths of a second: a small drain
+    takes no more than a few of those.
+    """
+    return ~pid << 3 | _CPUCLOCK_SCHED

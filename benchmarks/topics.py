@@ -1,6 +1,7 @@
 """Kafka topics that are filled, watched and counted."""
 
 import contextlib
+import signal
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -44,13 +45,28 @@ def topics(bootstrap_servers: str, names: Sequence[str]) -> Iterator[None]:
     admin = AdminClient({'bootstrap.servers': bootstrap_servers, 'log_level': _QUIET})
     config = {'message.timestamp.type': 'LogAppendTime'}
     new = [NewTopic(name, num_partitions=1, config=config) for name in names]
-    for made in admin.create_topics(new).values():
+    with _ctrl_c_held_back():
+        asked = admin.create_topics(new)
+    for made in asked.values():
         made.result(_REQUEST_S)
     try:
         yield
     finally:
         for deleted in admin.delete_topics(list(names)).values():
             deleted.result(_REQUEST_S)
+
+
+@contextmanager
+def _ctrl_c_held_back() -> Iterator[None]:
+    """Let Ctrl-C wait: the C code of confluent-kafka would make a ValueError of it."""
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if came:
+        raise KeyboardInterrupt
 
 
 def fill(bootstrap_servers: str, topic: str, values: Sequence[bytes]) -> None:

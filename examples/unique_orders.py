@@ -35,8 +35,9 @@ joined: list[object] = []
 consumer.subscribe([args.topic], on_assign=lambda *partitions: joined.append(partitions))
 try:
     while True:
+        is_member = bool(joined)
         first = consumer.poll(args.idle or 1.0)
-        if first is None and args.idle and joined:
+        if first is None and args.idle and is_member:
             break
         records = [] if first is None else [first, *consumer.consume(499, 0.0)]
         orders = [record for record in records if record.error() is None]

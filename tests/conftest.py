@@ -1,8 +1,13 @@
 """What tests share: names and ROS domains of their own, and a real Kafka."""
 
+import contextlib
 import fcntl
+import gc
 import itertools
 import os
+import re
+import shutil
+import signal
 import tempfile
 import uuid
 from collections.abc import Callable, Iterator
@@ -12,10 +17,74 @@ from typing import Final
 import pytest
 from harness import Bench
 
+from ros2_kafka_bridge.testing.kafka_node import new_id
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+
+UNIT: Final = Path(__file__).parent / 'unit'
 
 # The ports of the other ids lie where Linux gives ports to clients.
 ROS_DOMAINS: Final = (*range(1, 102), *range(215, 233))
+
+# How long some modules take, in seconds, and how long a test of the others does about.
+LONG: Final = {
+    'test_secured_kafka_faults': 310,
+    'test_kafka_to_ros_kills': 200,
+    'test_reload': 180,
+    'test_dead_letters': 165,
+    'test_ros_control': 135,
+    'test_demo': 130,
+    'test_take_over': 120,
+    'test_ros_to_kafka_kills': 105,
+    'test_bridge_page': 95,
+    'test_lifecycle': 90,
+    'test_depth': 90,
+    'test_recovery': 90,
+    'test_worker_kills': 85,
+    'test_fault_bench': 65,
+    'test_chain': 60,
+    'test_own_module': 60,
+    'test_cluster': 55,
+    'test_fuzzed_records': 35,
+}
+USUAL: Final = 5
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Give each worker a like share of the long tests first, the longest before the others.
+
+    One that began last would leave the other workers idle. pytest-xdist (worksteal) cuts the
+    list into as many parts as there are workers, and moves what is left at the end of one: the
+    short tests.
+    """
+    workers = getattr(config, 'workerinput', {'workercount': 1})['workercount']
+    if workers == 1:
+        return
+    modules = [list(tests) for _, tests in itertools.groupby(items, lambda item: item.path)]
+    short = [item for item in items if UNIT in item.path.parents]
+    long = [module for module in modules if UNIT not in module[0].path.parents]
+    shares: list[list[pytest.Item]] = [[] for _ in range(workers)]
+    taken = [0] * workers
+    for module in sorted(long, key=_seconds, reverse=True):
+        least = taken.index(min(taken))
+        taken[least] += _seconds(module)
+        shares[least] += module
+    left = len(items)
+    for number, share in enumerate(shares):
+        room = max(0, left // (workers - number) - len(share))
+        share.extend(short[:room])
+        del short[:room]
+        left -= len(share)
+    items[:] = [*itertools.chain.from_iterable(shares), *short]
+
+
+def pytest_collection_finish() -> None:
+    """Keep the collector off the thousands of tests, which it would look through each time."""
+    gc.collect()
+    gc.freeze()
+
+
+def _seconds(module: list[pytest.Item]) -> int:
+    return LONG.get(module[0].path.stem, USUAL * len(module))
 
 
 @pytest.fixture(autouse=True, scope='session')
@@ -25,18 +94,62 @@ def _ros_stays_on_this_machine() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(autouse=True, scope='session')
+def _processes_keep_what_python_compiles(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[None]:
+    # Where the environment forbids it, half of each start goes into compiling the same again.
+    place = tmp_path_factory.getbasetemp()
+    shared = place.parent if 'PYTEST_XDIST_WORKER' in os.environ else place
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv('PYTHONDONTWRITEBYTECODE', raising=False)
+        patch.setenv('PYTHONPYCACHEPREFIX', str(shared / 'bytecode'))
+        yield
+
+
+@pytest.fixture(autouse=True, scope='session')
+def _processes_heed_signals() -> Iterator[None]:
+    # In the background, or under nohup, they would inherit that these are ignored.
+    hang_up = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    interrupt = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGHUP, hang_up)
+    signal.signal(signal.SIGINT, interrupt)
+
+
+# A node that is never killed need not tell so often that it lives: that alone takes 4 % of a core.
+CALM: Final = {
+    'broker.heartbeat.interval.ms': '2000',
+    'broker.session.timeout.ms': '9000',
+    'metadata.max.idle.interval.ms': '5000',
+}
+
+
 @pytest.fixture(scope='session')
 def kafka() -> Iterator[LocalKafka]:
     """One real Kafka for all tests that leave it running."""
-    with LocalKafka() as node:
+    with LocalKafka(properties=CALM) as node:
         yield node
 
 
 @pytest.fixture
-def own_kafka() -> Iterator[LocalKafka]:
+def own_kafka(kafka: LocalKafka, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalKafka]:
     """A real Kafka for one test, which may stop, kill and start it."""
-    with LocalKafka() as node:
+    place = tmp_path_factory.mktemp('kafka')
+    _format_like(kafka.directory / 'data', place / 'data')
+    with LocalKafka(place) as node:
         yield node
+    shutil.rmtree(place, ignore_errors=True)
+
+
+def _format_like(model: Path, data: Path) -> None:
+    """Make the directory of a new node; Kafka's own tool takes as long for it as a start."""
+    data.mkdir()
+    shutil.copy(model / 'bootstrap.checkpoint', data)
+    meta = (model / 'meta.properties').read_text()
+    for name in ('cluster.id', 'directory.id'):
+        meta = re.sub(rf'(?m)^{name}=.*$', f'{name}={new_id()}', meta)
+    (data / 'meta.properties').write_text(meta)
 
 
 @pytest.fixture
@@ -89,12 +202,14 @@ def _claim(domain: int) -> int | None:
 
 
 @pytest.fixture
-def bench(tmp_path: Path, kafka: LocalKafka, ros_domain: int) -> Bench:
+def bench(tmp_path: Path, kafka: LocalKafka, ros_domain: int) -> Iterator[Bench]:
     """The session's Kafka, a ROS domain of one's own, and a place for files."""
-    return Bench(tmp_path, kafka.bootstrap_servers, ros_domain)
+    with contextlib.closing(Bench(tmp_path, kafka.bootstrap_servers, ros_domain)) as made:
+        yield made
 
 
 @pytest.fixture
-def own_bench(tmp_path: Path, own_kafka: LocalKafka, ros_domain: int) -> Bench:
+def own_bench(tmp_path: Path, own_kafka: LocalKafka, ros_domain: int) -> Iterator[Bench]:
     """The same with a Kafka of one's own, to be stopped and started."""
-    return Bench(tmp_path, own_kafka.bootstrap_servers, ros_domain)
+    with contextlib.closing(Bench(tmp_path, own_kafka.bootstrap_servers, ros_domain)) as made:
+        yield made

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,34 +11,45 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Self
 
-from confluent_kafka import Consumer, KafkaException, Message, Producer, TopicPartition
+from confluent_kafka import Consumer, KafkaError, KafkaException, Message, Producer, TopicPartition
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     AdminClient,
     NewTopic,
 )
 from ruamel.yaml import YAML
+from warm import Warm
 
 from ros2_kafka_bridge.ros.profile import FASTDDS_3, Endpoints, make_profile
 from ros2_kafka_bridge.testing.hosts import Host
 
 PEERS = Path(__file__).parent / 'peers'
+PATIENCE_S = 60.0  # a bridge alone may take 12 s to start on a busy machine
+READ_AT_THE_START = frozenset({'PYTHONPATH', 'LD_LIBRARY_PATH'})  # by Python and the linker
+WORKER = ('-P', '-m', 'ros2_kafka_bridge.worker', '--log-format=text', '--routes=')
 
 
 class Process:
-    """A process of the test, with what it printed in a file; ended at the end of `with`."""
+    """A process of the test, with what it printed in a file; ended at the end of `with`.
+
+    Args:
+        command: What to run.
+        log: Its output goes to the end of this file.
+        environ: Added to the environment of the tests.
+        warm: The command are the arguments of Python, which begins with its imports done.
+    """
 
     def __init__(
-        self, command: list[str], log: Path, environ: dict[str, str] | None = None
+        self,
+        command: list[str],
+        log: Path,
+        environ: dict[str, str] | None = None,
+        *,
+        warm: bool = False,
     ) -> None:
         self.log = log
-        with log.open('ab') as output:
-            self._popen = subprocess.Popen(
-                command,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                stdin=subprocess.DEVNULL,
-                env={**os.environ, **(environ or {})},
-            )
+        log.touch()
+        environment = {**os.environ, **(environ or {})}
+        self._popen = (Warm if warm else _cold)(command, log, environment)
 
     def __enter__(self) -> Self:
         return self
@@ -56,12 +68,12 @@ class Process:
         self._popen.kill()
         self._popen.wait()
 
-    def end(self, timeout_s: float = 20.0) -> int:
+    def end(self, timeout_s: float = 40.0) -> int:
         """SIGTERM; returns the exit status."""
         self._popen.terminate()
         return self.wait(timeout_s)
 
-    def wait(self, timeout_s: float = 20.0) -> int:
+    def wait(self, timeout_s: float = PATIENCE_S) -> int:
         """Wait for its own end; returns the exit status."""
         try:
             return self._popen.wait(timeout_s)
@@ -82,12 +94,19 @@ class Process:
         """What it has printed so far."""
         return self.log.read_text()
 
-    def wait_for(self, text: str, timeout_s: float = 20.0, count: int = 1) -> None:
+    def wait_for(self, text: str, timeout_s: float = PATIENCE_S, count: int = 1) -> None:
         """Wait until it has printed `text` (`count` times)."""
         eventually(
             lambda: self.output().count(text) >= count,
             timeout_s,
             lambda: f'{text!r} did not come:\n{self.output()}',
+        )
+
+
+def _cold(command: list[str], log: Path, environ: dict[str, str]) -> 'subprocess.Popen[bytes]':
+    with log.open('ab') as output:
+        return subprocess.Popen(
+            command, stdout=output, stderr=output, stdin=subprocess.DEVNULL, env=environ
         )
 
 
@@ -99,6 +118,24 @@ def eventually(
     while not condition():
         assert time.monotonic() < deadline, what()
         time.sleep(0.02)
+
+
+def within(condition: Callable[[], bool], seconds: float, what: Callable[[], str]) -> None:
+    """Wait until a condition holds, as long as is said to a user.
+
+    It counts its own looks: a machine that stands still costs nobody time.
+    """
+    for _ in range(int(seconds / 0.02)):
+        if condition():
+            return
+        time.sleep(0.02)
+    raise AssertionError(what())
+
+
+def wait_until_it_reads(bridge: Process, topic: str) -> None:
+    """Wait until a bridge has got a partition: a group begins with giving it none."""
+    reads = re.compile(rf'reads {re.escape(topic)}\[\d')
+    eventually(lambda: bool(reads.search(bridge.output())), PATIENCE_S, bridge.output)
 
 
 class Bench:
@@ -113,12 +150,22 @@ class Bench:
         self._environ = {'ROS_DOMAIN_ID': str(domain)}
         self._host = host
         self._count = 0
+        self._clients: dict[str, Consumer] = {}
+        self._producers: list[Producer] = []
 
     def on(self, host: Host) -> 'Bench':
         """The same, but what it starts runs on that host."""
         place = self.place / host.name
         place.mkdir(exist_ok=True)
         return Bench(place, self.bootstrap_servers, self.domain, host)
+
+    @property
+    def patient_kafka(self) -> dict[str, Any]:
+        """`kafka` of a bridge that stays in its groups while a busy machine stands still.
+
+        What Kafka takes for dead may commit no more: then a stop repeats what was in flight.
+        """
+        return {'bootstrap.servers': self.bootstrap_servers, 'session.timeout.ms': 60_000}
 
     @property
     def environ(self) -> dict[str, str]:
@@ -138,19 +185,25 @@ class Bench:
             YAML(typ='safe').dump(content, file)
         return path
 
-    def bridge(
-        self, config: Path, *options: str, python: Path | None = None, **environ: str
-    ) -> Process:
-        """Start the bridge, with another Python than that of the tests where one is given."""
-        command = ('-m', 'ros2_kafka_bridge', 'run', str(config), *options)
+    def bridge(self, config: Path, *, python: Path | None = None, **environ: str) -> Process:
+        """Start the bridge, with another Python than that of the tests where one is given.
+
+        It begins as the process that `run` becomes (`test_cli` looks at its words), and warm:
+        hundreds of times from nothing would be a third of what all tests take.
+        """
+        command = (*WORKER, '--', str(config))
         if python is None:
-            return self._start(*command, **environ)
+            return self._begin(*command, **environ)
         # The wheels of ROS 2 have set these to their own libraries.
         own = {'_ROS_WHEELS_BOOTSTRAP_COMPLETE': '', 'LD_LIBRARY_PATH': ''}
         environ = {**self._environ, **own, **environ}
         return Process([str(python), *command], self._file('log'), environ)
 
-    def command(self, *arguments: str, timeout_s: float = 30.0) -> tuple[int, str, str]:
+    def run(self, config: Path, *options: str, **environ: str) -> Process:
+        """Start the bridge by the command line."""
+        return self._start('-m', 'ros2_kafka_bridge', 'run', str(config), *options, **environ)
+
+    def command(self, *arguments: str, timeout_s: float = 120.0) -> tuple[int, str, str]:
         """Run the command line to its end; returns status, standard output, standard error."""
         done = subprocess.run(
             [sys.executable, '-m', 'ros2_kafka_bridge', *arguments],
@@ -164,7 +217,7 @@ class Bench:
 
     def publisher(self, topic: str, *options: str) -> Process:
         """Start a ROS node that publishes (tests/peers/ros_publisher.py)."""
-        return self._start(str(PEERS / 'ros_publisher.py'), topic, *options)
+        return self._begin(str(PEERS / 'ros_publisher.py'), topic, *options)
 
     def subscriber(
         self,
@@ -185,11 +238,17 @@ class Bench:
             profile = self._file('xml')
             profile.write_text(make_profile(Endpoints({}, readers, lease_s)))
             environ[FASTDDS_3.variable] = str(profile)
-        return self._start(str(PEERS / 'ros_subscriber.py'), topic, str(file), *options, **environ)
+        return self._begin(str(PEERS / 'ros_subscriber.py'), topic, str(file), *options, **environ)
 
     def script(self, name: str, *arguments: str) -> Process:
         """Start another script of tests/peers."""
-        return self._start(str(PEERS / name), *arguments)
+        return self._begin(str(PEERS / name), *arguments)
+
+    def _begin(self, *arguments: str, **environ: str) -> Process:
+        if self._host is not None or not READ_AT_THE_START.isdisjoint(environ):
+            return self._start(*arguments, **environ)
+        log = self._file('log')
+        return Process([*arguments], log, {**self._environ, **environ}, warm=True)
 
     def _start(self, *arguments: str, **environ: str) -> Process:
         command = [sys.executable, *arguments]
@@ -208,7 +267,10 @@ class Bench:
         properties = {key.replace('_', '.'): value for key, value in config.items()}
         new = NewTopic(topic, num_partitions=partitions, replication_factor=1, config=properties)
         admin = self.admin()  # kept: its futures fail when it goes
-        admin.create_topics([new])[topic].result(10)
+        admin.create_topics([new])[topic].result(PATIENCE_S)
+        # Until its leader has begun, it may pass over the first record of a test's producer.
+        for partition in range(partitions):
+            self.end_offset(topic, partition)
 
     def admin(self) -> AdminClient:
         """A client for administration."""
@@ -216,21 +278,34 @@ class Bench:
 
     def produce(self, topic: str, values: Iterable[bytes | None], **more: Any) -> None:
         """Produce records in order, and wait until all are there."""
-        producer = Producer(
-            {
-                'bootstrap.servers': self.bootstrap_servers,
-                'enable.idempotence': True,
-                'message.max.bytes': 20_000_000,
-            }
-        )
+        # One that is kept, as a new one needs half a second; another thread may have it just now.
+        producer = self._producers.pop() if self._producers else self._new_producer()
+        errors: list[str] = []
+
+        def reported(error: KafkaError | None, _: Message) -> None:
+            if error is not None:
+                errors.append(error.str())
+
         for value in values:
             while True:
                 try:
-                    producer.produce(topic, value, **more)
+                    producer.produce(topic, value, on_delivery=reported, **more)
                     break
                 except BufferError:
                     producer.poll(0.1)
         assert producer.flush(60) == 0
+        assert errors == []
+        self._producers.append(producer)
+
+    def _new_producer(self) -> Producer:
+        config = {
+            'bootstrap.servers': self.bootstrap_servers,
+            'enable.idempotence': True,
+            'message.max.bytes': 20_000_000,
+            'reconnect.backoff.max.ms': 500,
+            'log_level': 0,
+        }
+        return Producer(config)
 
     def records(self, topic: str, count: int, timeout_s: float = 60.0) -> list[Message]:
         """Read a topic from its beginning until `count` records came, and a little longer."""
@@ -250,20 +325,22 @@ class Bench:
                 found += [m for m in consumer.consume(1000, 0.1) if m.error() is None]
             # One too many would be a duplicate: give it the time to show.
             found += [m for m in consumer.consume(1000, 0.5) if m.error() is None]
+        assert len(found) >= count, f'{topic} holds {len(found)} records, not {count}'
         return found
 
     def end_offset(self, topic: str, partition: int = 0) -> int:
         """How far a partition reaches."""
-        config = {'bootstrap.servers': self.bootstrap_servers, 'group.id': 'test-end'}
+        here = TopicPartition(topic, partition)
         deadline = time.monotonic() + 30
-        with contextlib.closing(Consumer(config)) as consumer:
-            here = TopicPartition(topic, partition)
-            while True:
-                try:
-                    return int(consumer.get_watermark_offsets(here, timeout=10)[1])
-                except KafkaException:  # a topic that is new has its leader a moment later
-                    assert time.monotonic() < deadline, f'no leader of {topic}[{partition}]'
-                    time.sleep(0.1)
+        while True:
+            try:
+                return self._asked(
+                    'test-end',
+                    lambda client, s: int(client.get_watermark_offsets(here, timeout=s)[1]),
+                )
+            except KafkaException:  # a topic that is new has its leader a moment later
+                assert time.monotonic() < deadline, f'no leader of {topic}[{partition}]'
+            time.sleep(0.1)
 
     def reaches(self, topic: str, offset: int, partition: int = 0) -> bool:
         """Whether a partition holds that offset or more."""
@@ -271,10 +348,51 @@ class Bench:
 
     def committed(self, group: str, topic: str, partition: int = 0) -> int:
         """The committed offset of a group; negative where there is none."""
-        config = {'bootstrap.servers': self.bootstrap_servers, 'group.id': group}
-        with contextlib.closing(Consumer(config)) as consumer:
-            [answer] = consumer.committed([TopicPartition(topic, partition)], timeout=10)
-            return int(answer.offset)
+        here = TopicPartition(topic, partition)
+        return self._asked(
+            group, lambda client, s: int(client.committed([here], timeout=s)[0].offset)
+        )
+
+    def close(self) -> None:
+        """Let its Kafka clients go, before their broker does."""
+        self._producers.clear()
+        while self._clients:
+            self._clients.popitem()[1].close()
+
+    def _asked(self, group: str, question: Callable[[Consumer, float], int]) -> int:
+        """Put a question to the client of a group that is kept, or else to a new one.
+
+        One that has met a topic before its leader, or whose broker has died, may be wrong for
+        long: it goes at its first error.
+
+        Raises:
+            KafkaException: A new client has got no answer.
+        """
+        kept = self._clients.pop(group, None)
+        if kept is not None:
+            with contextlib.suppress(KafkaException):
+                answer = question(kept, 1.0)
+                self._clients[group] = kept
+                return answer
+            kept.close()
+        config = {
+            'bootstrap.servers': self.bootstrap_servers,
+            'group.id': group,
+            'log_level': 0,  # that its broker is away is what some tests are about
+        }
+        deadline = time.monotonic() + 10
+        while True:
+            client = Consumer(config)
+            try:
+                answer = question(client, 10.0)
+                break
+            except KafkaException:  # a broker that is new has its coordinator a moment later
+                client.close()
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.2)
+        self._clients[group] = client
+        return answer
 
 
 def values(records: list[Message]) -> list[bytes]:

@@ -1,5 +1,6 @@
 """As much of JSON Schema 2020-12 as the schema of a configuration uses."""
 
+import re
 from typing import Any
 
 _TYPES: dict[str, tuple[type, ...]] = {
@@ -11,10 +12,12 @@ _TYPES: dict[str, tuple[type, ...]] = {
     'array': (list,),
     'object': (dict,),
 }
-_SILENT = {'$schema', '$defs', 'default', 'description', 'title'}
+_SILENT = {'$schema', '$defs', 'default', 'description', 'title', 'format', 'writeOnly',
+           'contentEncoding'}  # fmt: skip
 _CHECKED = {
     '$ref', 'anyOf', 'type', 'enum', 'const', 'minimum', 'maximum', 'exclusiveMinimum',
     'minLength', 'minItems', 'items', 'required', 'properties', 'additionalProperties',
+    'maxLength', 'maxItems', 'pattern',
 }  # fmt: skip
 
 
@@ -24,7 +27,7 @@ def schema_problems(root: dict[str, Any], value: Any) -> list[str]:
 
 
 def _problems(root: dict[str, Any], schema: dict[str, Any], value: Any, path: str) -> list[str]:
-    unknown = schema.keys() - _SILENT - _CHECKED
+    unknown = {name for name in schema if not name.startswith('ros.')} - _SILENT - _CHECKED
     assert not unknown, f'keywords that this check does not know: {unknown}'
     found = []
     if '$ref' in schema:
@@ -67,6 +70,11 @@ def _list_problems(
         schema.get('minLength', 0) * isinstance(value, str),
     ):
         return [f'{path}: too short']
+    most = schema.get('maxItems' if isinstance(value, list) else 'maxLength')
+    if isinstance(value, str | list) and most is not None and len(value) > most:
+        return [f'{path}: too long']
+    if isinstance(value, str) and not re.search(schema.get('pattern', ''), value):
+        return [f'{path}: does not match']
     if not isinstance(value, list) or 'items' not in schema:
         return []
     return [

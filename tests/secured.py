@@ -28,7 +28,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 )
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
-from harness import Bench, Process, to_kafka, to_ros
+from harness import Bench, Process, eventually, to_kafka, to_ros
 from ruamel.yaml import YAML
 
 from ros2_kafka_bridge.testing.local_kafka import HOST, LocalKafka, free_port
@@ -289,24 +289,21 @@ class SecuredKafka:
         self._alter_user(user, UserScramCredentialDeletion(user, ScramMechanism.SCRAM_SHA_512))
 
     def allow(self, user: str, rights: Sequence[Right]) -> None:
-        """Give permissions."""
+        """Give permissions, and wait until the broker heeds them."""
         admin = self.admin  # kept: its futures fail when it goes
-        made = admin.create_acls([_binding(user, right) for right in dict.fromkeys(rights)])
-        for future in made.values():
+        made = [_binding(user, right) for right in dict.fromkeys(rights)]
+        for future in admin.create_acls(made).values():
             future.result(_PATIENCE_S)
+        wanted = [_filter(binding) for binding in made]
+        eventually(lambda: all(_found(admin, one) for one in wanted), _PATIENCE_S)
 
     def forbid(self, user: str, rights: Sequence[Right]) -> None:
-        """Take permissions back."""
+        """Take permissions back, and wait until the broker heeds it."""
         admin = self.admin
-        wanted = [
-            AclBindingFilter(
-                b.restype, b.name, b.resource_pattern_type, b.principal, b.host,
-                b.operation, b.permission_type,
-            )
-            for b in (_binding(user, right) for right in rights)
-        ]  # fmt: skip
+        wanted = [_filter(_binding(user, right)) for right in rights]
         for future in admin.delete_acls(wanted).values():
             assert future.result(_PATIENCE_S), 'there was no such permission'
+        eventually(lambda: not any(_found(admin, one) for one in wanted), _PATIENCE_S)
 
     def _alter_user(self, user: str, change: Any) -> None:
         admin = self.admin
@@ -403,7 +400,7 @@ def watched(
     bench: Bench, config: Path, secrets: Sequence[str], *options: str, **environ: Any
 ) -> Iterator[Process]:
     """A bridge that keeps its secrets: from its output, and from `ps`, with its children."""
-    with bench.bridge(config, *options, **environ) as bridge:
+    with bench.run(config, *options, **environ) as bridge:
         yield bridge
         shown = ''.join(_command_lines(bridge.pid)) + bridge.output()
         assert not [secret for secret in secrets if secret in shown], 'a secret was shown'
@@ -433,6 +430,19 @@ def _binding(user: str, right: Right) -> AclBinding:
         right.kind, right.name, pattern, f'User:{user}', '*',
         right.operation, AclPermissionType.ALLOW,
     )  # fmt: skip
+
+
+def _filter(binding: AclBinding) -> AclBindingFilter:
+    """What finds that permission, and no other."""
+    return AclBindingFilter(
+        binding.restype, binding.name, binding.resource_pattern_type, binding.principal,
+        binding.host, binding.operation, binding.permission_type,
+    )  # fmt: skip
+
+
+def _found(admin: AdminClient, wanted: AclBindingFilter) -> bool:
+    """Whether the broker itself knows of it: it learns of changes from the controller, later."""
+    return bool(admin.describe_acls(wanted).result(_PATIENCE_S))
 
 
 def _java_key_store(certificate: trustme.LeafCert) -> trustme.Blob:

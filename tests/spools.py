@@ -1,8 +1,9 @@
 """Spools and rows for tests."""
 
 import logging
+import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -75,3 +76,12 @@ def reopened(path: Path) -> Found:
         assert spool.count == len(held)
         certain = spool.damage is None or spool.damage.certain
         return Found(held, spool.take_lost(), certain)
+
+
+def newest_on_disk(file: Path) -> int:
+    """The number, at its publisher, of the newest message in the spool of a bridge that runs."""
+    if not file.exists():
+        return 0
+    reader = sqlite3.connect(f'file:{file}?mode=ro', uri=True)
+    with closing(reader):
+        return int(reader.execute('SELECT max(seq) FROM rows').fetchone()[0] or 0)

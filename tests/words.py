@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from harness import Bench, Process, eventually, lines
+from harness import PATIENCE_S, Bench, Process, eventually, lines
 
 GROUP = 'test.to_ros'
 ROS_TOPIC = '/words'
@@ -16,7 +16,9 @@ def texts(found: list[bytes | None]) -> list[str]:
     return [(value or b'').decode() for value in found]
 
 
-def wait_for(file: Path, expected: list[str], bridge: Process, timeout_s: float = 30.0) -> None:
+def wait_for(
+    file: Path, expected: list[str], bridge: Process, timeout_s: float = PATIENCE_S
+) -> None:
     """Wait until all has arrived, once and in order."""
     eventually(
         lambda: len(lines(file)) >= len(expected),
@@ -31,6 +33,6 @@ def wait_for_commit(
 ) -> None:
     eventually(
         lambda: bench.committed(GROUP, topic, partition) == offset,
-        10,
+        PATIENCE_S,
         lambda: f'{bench.committed(GROUP, topic, partition)}, not {offset}\n{bridge.output()}',
     )

@@ -1,6 +1,7 @@
 """What tests of several workers share: which processes they are, whether they are gone."""
 
 import re
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,11 @@ def there_and_back(kafka: str, **more: Any) -> list[dict[str, Any]]:
 
 def bridge(bench: Bench, config: Path) -> Process:
     """Start a bridge with workers, and wait until both routes run."""
-    process = bench.bridge(config)
-    process.wait_for('subscribes to', 60)
-    process.wait_for('reads ', 60)
+    with ExitStack() as stack:
+        process = stack.enter_context(bench.bridge(config))
+        process.wait_for('subscribes to', 60)
+        process.wait_for('reads ', 60)
+        stack.pop_all()
     return process
 
 

@@ -1,28 +1,37 @@
 """Writes docs/configuration.md and docs/bridge.schema.json from the settings classes.
 
+The drawings of docs/warehouse.md come from the topics of the warehouse.
+
 With --check it writes nothing and fails where one of them is out of date.
 """
 
 import argparse
 import json
 import sys
+from inspect import cleandoc
 from pathlib import Path
 from typing import Any
 
 from pydantic_core import PydanticUndefined
+from warehouse_docs import fill
 
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.settings import (
     Config,
+    JsonSettings,
     KafkaSink,
     KafkaSource,
     KafkaToRosRoute,
+    MonitoringSettings,
     QoS,
     RosSettings,
     RosSink,
     RosSource,
     RosToKafkaRoute,
+    SchemaRegistrySettings,
+    SchemaSettings,
     SpoolSettings,
+    TracingSettings,
 )
 from ros2_kafka_bridge.config.words import Settings
 from ros2_kafka_bridge.errors import ConfigError
@@ -102,12 +111,17 @@ gives
 SECTIONS: tuple[tuple[str, type[Settings]], ...] = (
     ('The bridge', Config),
     ('`ros`', RosSettings),
+    ('`schema_registry`', SchemaRegistrySettings),
+    ('`monitoring`', MonitoringSettings),
+    ('`tracing`', TracingSettings),
     ('A route from Kafka to ROS', KafkaToRosRoute),
     ('`from: {kafka: ...}`', KafkaSource),
     ('`to: {ros: ...}`', RosSink),
     ('A route from ROS to Kafka', RosToKafkaRoute),
     ('`from: {ros: ...}`', RosSource),
     ('`to: {kafka: ...}`', KafkaSink),
+    ('`json`', JsonSettings),
+    ('`schema`', SchemaSettings),
     ('`spool`', SpoolSettings),
     ('`qos`', QoS),
 )
@@ -159,7 +173,7 @@ def _section(title: str, model: type[Settings]) -> str:
     )
     rows = [_row(model, name, schema['properties'][name]) for name in names]
     head = '| field | type | default | meaning |\n|---|---|---|---|'
-    return '\n'.join([f'## {title}', '', model.__doc__ or '', '', head, *rows, ''])
+    return '\n'.join([f'## {title}', '', cleandoc(model.__doc__ or ''), '', head, *rows, ''])
 
 
 def _row(model: type[Settings], name: str, schema: dict[str, Any]) -> str:
@@ -199,6 +213,7 @@ def main() -> int:
     texts = {
         'configuration.md': configuration_page(),
         'bridge.schema.json': json.dumps(json_schema(), indent=2) + '\n',
+        'warehouse.md': fill((DOCS / 'warehouse.md').read_text('utf-8')),
     }
     stale = []
     for name, text in texts.items():

@@ -4,6 +4,7 @@ All get the same ends: `Ends` names the broker, the two Kafka topics and the ROS
 them. Everyone is two processes, one for each direction.
 """
 
+import socket
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -47,11 +48,13 @@ class Commands(NamedTuple):
 
     Args:
         subscribed: What `ros_to_kafka` prints when it has made its subscription.
+        pages: What is asked for each second while they run.
     """
 
     kafka_to_ros: list[str]
     ros_to_kafka: list[str]
     subscribed: str
+    pages: tuple[str, ...] = ()
 
 
 class Contestant(NamedTuple):
@@ -73,6 +76,34 @@ def bridge(depth: int | None = None) -> Contestant:
 
     words = 'default settings' if depth is None else f'KEEP_LAST {depth}'
     return Contestant(f'this bridge, {words}', commands)
+
+
+def monitored() -> Contestant:
+    """This bridge with metrics, health, page and node, each direction beside a monitor."""
+
+    def commands(ends: Ends) -> Commands:
+        one, two = (f'127.0.0.1:{_free_port()}' for _ in range(2))
+        pages = (f'http://{one}/metrics', f'http://{two}/metrics')
+        return Commands(
+            _run(ends, 'kafka_to_ros', one),
+            _run(ends, 'ros_to_kafka', two),
+            'subscribes to',
+            pages,
+        )
+
+    def _run(ends: Ends, route: str, address: str) -> list[str]:
+        text = BRIDGE_FILE.format(**ends._asdict(), qos='')
+        file = ends.place / f'{route}.yaml'
+        file.write_text(f'{text}monitoring: {{listen: {address}}}\n', encoding='utf-8')
+        return [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(file), '--routes', route]
+
+    return Contestant('this bridge, with monitoring', commands)
+
+
+def _free_port() -> int:
+    with socket.create_server(('127.0.0.1', 0)) as server:
+        port: int = server.getsockname()[1]
+        return port
 
 
 def paper(depth: int, *of_ros_kafka: str) -> Contestant:
@@ -109,5 +140,5 @@ def _both(kafka_ros: list[str], ros_kafka: list[str]) -> Callable[[Ends], Comman
 
 
 CONTESTANTS: Final[Mapping[str, Contestant]] = MappingProxyType(
-    {'paper': paper(10), 'bridge': bridge(), 'bare': bare()}
+    {'paper': paper(10), 'bridge': bridge(), 'bare': bare(), 'monitored': monitored()}
 )

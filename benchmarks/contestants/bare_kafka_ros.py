@@ -24,7 +24,7 @@ from ros2_kafka_bridge.ros.qos import profile
 BATCH = 500
 HISTORY = 500
 NAP_S = 0.0005
-SETTLE_S = 0.5
+SETTLE_S = 1.0
 
 
 def main() -> None:

@@ -16,24 +16,32 @@ from ros2_kafka_bridge.config.settings import (
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.lane import Lane
-from ros2_kafka_bridge.logs import route_log
+from ros2_kafka_bridge.logs import RouteLog, route_log
 from ros2_kafka_bridge.memory import give_back
 from ros2_kafka_bridge.metrics import Snapshot
+from ros2_kafka_bridge.pause import Pause
 from ros2_kafka_bridge.plural import count
 from ros2_kafka_bridge.ros.node import RosNode, middleware, open_node, worker_name
 from ros2_kafka_bridge.ros.probe import Abilities, limits, probe, probe_topic
 from ros2_kafka_bridge.ros.successor import Successor
 from ros2_kafka_bridge.status import totals
 from ros2_kafka_bridge.status_log import StatusLog
-from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.stop import Part, Stop
+from ros2_kafka_bridge.supervision.orders import Begun, Ended, Event, Failed, Loaded
 from ros2_kafka_bridge.term import OVERLAP_S, Meanwhile, Term
+from ros2_kafka_bridge.tracing.routes import open_tracing
 from ros2_kafka_bridge.wiring import Route, Wiring, endpoints_of
 
 _CLOSING_S = 10.0
 _AT_ONCE_S = 2.0
+_BEGIN_S = 0.02
 
 
-def _tell_nobody() -> None:
+Tell = Callable[[Event], None]
+"""Told of what happens, by the thread in which it does."""
+
+
+def _tell_nobody(_event: Event) -> None:
     pass
 
 
@@ -45,10 +53,15 @@ class Bridge:
         routes: Names of the routes to run; None runs all.
         worker: Number of this process among the workers of one bridge, from 1; 0 where it is the
             only one. A worker leaves to its supervisor what is said once for all of them.
+        paused: Names of routes that begin paused.
     """
 
     def __init__(
-        self, config: Config, routes: frozenset[str] | None = None, worker: int = 0
+        self,
+        config: Config,
+        routes: frozenset[str] | None = None,
+        worker: int = 0,
+        paused: frozenset[str] = frozenset(),
     ) -> None:
         self.config = _of_worker(config, worker)
         self.stop = Stop()
@@ -59,21 +72,25 @@ class Bridge:
         self._lanes = [
             Lane(
                 route,
-                self.stop if isinstance(route, KafkaToRosRoute) else self._stop_takers,
+                Part(self.stop if isinstance(route, KafkaToRosRoute) else self._stop_takers),
                 _lock_of(route, self.config),
+                Pause(asked=route.name in paused),
             )
             for route in config.routes
             if routes is None or route.name in routes
         ]
+        self._ending: set[str] = set()  # changed by single calls: two threads do
+        self._may_begin = threading.Event()
         self._log = route_log()
         self._crashed = False
 
-    def run(self, tell: Callable[[], None] = _tell_nobody) -> int:
+    def run(self, tell: Tell = _tell_nobody, *, waits: bool = False) -> int:
         """Run until a stop is asked for; returns the exit status.
 
         Args:
-            tell: Called by a route that has failed for good, before anything else happens: whoever
+            tell: Told of a route that has failed for good before anything else happens: whoever
                 restarts this process must know it. The snapshots say so by then.
+            waits: Whether to load all and join the graph, and to wait for `begin` then.
 
         Raises:
             ConfigError: Nothing was started.
@@ -82,10 +99,17 @@ class Bridge:
         routes = [lane.route for lane in self._lanes]
         endpoints = endpoints_of(routes, probed, self.config.ros.lease_s)
         name = worker_name(self.config.name, self._worker)
-        with open_node(name, self.config.ros.domain_id, endpoints) as node:
+        with (
+            open_node(name, self.config.ros.domain_id, endpoints) as node,
+            open_tracing(self.config, self._worker, self._log) as tracing,
+        ):
             abilities = self._start(node, probed)
             give_back()
-            wiring = Wiring(self.config, node, abilities, endpoints)
+            wiring = Wiring(self.config, node, abilities, endpoints, tracing)
+            tell(Loaded())
+            if waits and not self._wait_for_begin():
+                return 0
+            self._say_what_runs()
             for lane in self._lanes:
                 lane.thread = threading.Thread(
                     target=self._keep_running,
@@ -94,13 +118,59 @@ class Bridge:
                     daemon=True,
                 )
                 lane.thread.start()
-            self._watch()
+            tell(Begun())
+            self._watch(tell)
             self._shut_down()
         return 1 if self._crashed or any(lane.final for lane in self._lanes) else 0
 
     def snapshots(self) -> list[Snapshot]:
         """The counters of every route, each at one moment of its own."""
         return [lane.snapshot() for lane in self._lanes]
+
+    def begin(self) -> None:
+        """Let a bridge go on that waits for it."""
+        self._may_begin.set()
+
+    def end(self, routes: frozenset[str]) -> None:
+        """Drain these routes and forget them; the others go on untouched.
+
+        `Ended` is told of each. Any thread may call.
+        """
+        self._ending.update(routes)
+        for lane in self._lanes:
+            if lane.route.name in routes:
+                lane.stop.ask()
+
+    @property
+    def runs(self) -> bool:
+        """Whether a route of it runs."""
+        return any(lane.runs for lane in self._lanes)
+
+    @property
+    def paused(self) -> frozenset[str]:
+        """Names of the routes that were asked to pause."""
+        return frozenset(lane.route.name for lane in self._lanes if lane.paused)
+
+    def pause(self, route: str) -> bool:
+        """Ask a route to take and publish nothing; what is in flight is confirmed.
+
+        It stays a member of its group, and holds the publishers back that wait for it.
+
+        Returns:
+            Whether this bridge runs a route of that name.
+        """
+        return self._ask_to_pause(route, asked=True)
+
+    def resume(self, route: str) -> bool:
+        """Let a paused route go on; tells whether this bridge runs a route of that name."""
+        return self._ask_to_pause(route, asked=False)
+
+    def _ask_to_pause(self, route: str, *, asked: bool) -> bool:
+        for lane in self._lanes:
+            if lane.route.name == route:
+                lane.ask_to_pause(asked=asked)
+                return True
+        return False
 
     # Start-up
 
@@ -109,18 +179,25 @@ class Bridge:
         if self._worker <= 1:
             for warning in (*warnings(self.config), *limits(abilities)):
                 self._log.warning('%s', warning)
+        return abilities
+
+    def _wait_for_begin(self) -> bool:
+        """Wait until the routes may begin; False where a stop comes first."""
+        while not self._may_begin.wait(_BEGIN_S):
+            if self.stop.asked:
+                return False
+        return True
+
+    def _say_what_runs(self) -> None:
         worker = f', worker {self._worker},' if self._worker else ''
         self._log.info(
             'bridge %s%s runs %s on %s',
             self.config.name, worker, count(len(self._lanes), 'route'), middleware(),
         )  # fmt: skip
-        return abilities
 
     # Run
 
-    def _keep_running(
-        self, lane: Lane, wiring: Wiring, node: RosNode, tell: Callable[[], None]
-    ) -> None:
+    def _keep_running(self, lane: Lane, wiring: Wiring, node: RosNode, tell: Tell) -> None:
         """Run one route until a stop; in a thread of its own."""
         try:
             if lane.lock is None or not isinstance(lane.route, RosToKafkaRoute):
@@ -134,13 +211,13 @@ class Bridge:
             if not self.stop.asked:
                 self.stop.ask()
 
-    def _run_on(self, lane: Lane, wiring: Wiring, tell: Callable[[], None], stop: Stop) -> None:
+    def _run_on(self, lane: Lane, wiring: Wiring, tell: Tell, stop: Stop) -> None:
         """Run a route until a stop, again and again while it fails."""
         with ExitStack() as stack:
             while error := self._run_once(lane, wiring, stack, stop):
                 lane.fail(error, stop)
                 if lane.for_good:
-                    tell()
+                    tell(Failed())
                 lane.say_failure()
                 if lane.final or lane.is_given_away(stop):
                     break
@@ -156,7 +233,7 @@ class Bridge:
                 lane.use(wiring.make(lane.route, lane.log, stop, stack))
             lane.failure = ''
             if lane.direction is not None:
-                lane.direction.run(stop)
+                lane.direction.run(stop, lane.pause)
         except BridgeError as error:
             return error
         return None
@@ -169,7 +246,7 @@ class Bridge:
         lock: GroupLock,
         wiring: Wiring,
         successor: Successor,
-        tell: Callable[[], None],
+        tell: Tell,
     ) -> None:
         """Run a route whenever this bridge is the one to do so.
 
@@ -217,11 +294,31 @@ class Bridge:
                 lane.end_term()
         lane.has_delivered = True
 
-    def _watch(self) -> None:
+    def _watch(self, tell: Tell) -> None:
         status = StatusLog(self.snapshots)
-        while not self.stop.asked and any(lane.runs for lane in self._lanes):
-            if not self.stop.wait(0.2) and not self._worker:
+        while not self.stop.asked and self.runs:
+            self._forget_ended(tell)
+            for log in self._logs():
+                log.tick()
+            if not self.stop.wait(_BEGIN_S if self._ending else 0.2) and not self._worker:
                 status.say()
+        self._forget_ended(tell)
+
+    def _logs(self) -> list[RouteLog]:
+        return [self._log, *(lane.log for lane in self._lanes)]
+
+    def _forget_ended(self, tell: Tell) -> None:
+        """Forget the routes that were to end and have."""
+        ended = [x for x in self._lanes if x.route.name in self._ending and not x.runs]
+        if not ended:
+            return
+        self._lanes = [lane for lane in self._lanes if lane not in ended]
+        self._ending.difference_update(lane.route.name for lane in ended)
+        for lane in ended:
+            lane.log.close()
+            self._crashed = self._crashed or (lane.final and not lane.for_good)
+            lane.log.info('stopped: %s', totals(lane.snapshot()))
+        tell(Ended(tuple(lane.route.name for lane in ended)))
 
     # Shutdown
 
@@ -229,12 +326,14 @@ class Bridge:
         """Drain the routes to ROS, then those from ROS; what does not end in time is left."""
         if not self._worker and any(lane.runs for lane in self._lanes):
             self._log.info('stopping: draining; once more stops at once')
-        longest_s = max(lane.route.drain_s for lane in self._lanes)
+        longest_s = max((lane.route.drain_s for lane in self._lanes), default=0.0)
         overlap_s = OVERLAP_S if any(lane.lock is not None for lane in self._lanes) else 0.0
         deadline_s = time.monotonic() + longest_s + overlap_s + _CLOSING_S
-        self._join([lane for lane in self._lanes if lane.stop is self.stop], deadline_s)
+        self._join([x for x in self._lanes if isinstance(x.route, KafkaToRosRoute)], deadline_s)
         self._stop_takers.ask()
         self._join(self._lanes, deadline_s)
+        for log in self._logs():
+            log.close()
         for lane in self._lanes:
             lane.log.info('stopped: %s', totals(lane.snapshot()))
         if any(lane.runs for lane in self._lanes):

@@ -1,14 +1,14 @@
 """The command line: text -> configuration -> the process that runs it."""
 
 import enum
-import os
 import sys
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
 
-from ros2_kafka_bridge import __version__, cli_dead_letters
+from ros2_kafka_bridge import __version__, cli_dead_letters, cli_depth
+from ros2_kafka_bridge.cli_options import AsJson, Servers
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
 
 app = typer.Typer(
@@ -31,13 +31,20 @@ class LogFormat(enum.StrEnum):
     JSON = 'json'
 
 
+class SchemaFormat(enum.StrEnum):
+    """A format that has a schema."""
+
+    JSON = 'json'
+    AVRO = 'avro'
+    PROTOBUF = 'protobuf'
+
+
 File = Annotated[Path, typer.Argument(help='Configuration (YAML).', show_default=False)]
 Names = Annotated[
     str, typer.Option('--routes', help='Names of the routes to run, with commas; all without it.')
 ]
 Log = Annotated[LogFormat, typer.Option(help='How a line of the log is written.')]
 Connect = Annotated[bool, typer.Option('--connect', help='Ask the broker and the ROS graph, too.')]
-Servers = Annotated[str, typer.Option('--bootstrap-servers', help='Kafka brokers, with commas.')]
 
 
 def _version(asked: bool) -> None:  # noqa: FBT001 (typer's callback)
@@ -58,21 +65,39 @@ def _main(
 
 
 @app.command()
-def run(file: File, routes: Names = '', log_format: Log = LogFormat.TEXT) -> None:
+def run(
+    file: File,
+    routes: Names = '',
+    log_format: Log = LogFormat.TEXT,
+    *,
+    ask: Annotated[
+        bool, typer.Option('--status', help='Ask the bridge that runs, as the command status.')
+    ] = False,
+) -> None:
     """Run the bridge until SIGTERM or Ctrl-C, then drain; a second one stops at once.
 
     Exit status: 0 done, 1 failed while running, 2 could not start.
     """
-    from ros2_kafka_bridge import shares, worker  # noqa: PLC0415 (--help must be quick)
+    if ask:
+        status(file)
 
-    config = worker.load_checked(file)
-    names = worker.chosen(config, routes)
-    if not file.is_file():
-        raise ConfigError([f'{file}: can be read only once: save it as a file, to be run'])
-    more = ['--log-format', log_format.value]
-    if several := shares.supervised(config, names):
-        _become('supervisor', *more, *several, '--', str(file.resolve()))
-    _become('worker', *more, f'--routes={routes}', '--', str(file.resolve()))
+    from ros2_kafka_bridge.supervision.child import become  # noqa: PLC0415 (--help must be quick)
+
+    # What runs for long holds none of the libraries of a command line.
+    options = [f'--log-format={log_format.value}', f'--routes={routes}']
+    become('worker', [*options, '--', str(file)])
+
+
+@app.command()
+def status(file: File, *, as_json: AsJson = False) -> NoReturn:
+    """Ask the running bridge of FILE how it is doing; needs monitoring.listen in it.
+
+    Exit status: 0 ready, 1 not ready, 2 it does not answer, or the file is wrong.
+    """
+    from ros2_kafka_bridge.commands.status import report  # noqa: PLC0415 (--help must be quick)
+    from ros2_kafka_bridge.worker import load_checked  # noqa: PLC0415
+
+    raise typer.Exit(report(load_checked(file, with_ros=False), file, as_json=as_json))
 
 
 @app.command()
@@ -164,7 +189,7 @@ def topics(
             'that is load on the network.',
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option('--json', help='For programs.')] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show the topics of both sides, and which routes and nodes would match.
 
@@ -188,79 +213,7 @@ def topics(
     raise typer.Exit(report(sides, seconds=rates, as_json=as_json))
 
 
-@app.command()
-def depth(
-    *,
-    kafka: Annotated[
-        str | None, typer.Option(metavar='TOPIC', help='Arrivals: the records of a Kafka topic.')
-    ] = None,
-    ros: Annotated[
-        str | None, typer.Option(metavar='TOPIC', help='Arrivals: a live ROS topic.')
-    ] = None,
-    arrivals: Annotated[
-        Path | None, typer.Option(help='Arrivals: a file, one time in nanoseconds a line.')
-    ] = None,
-    recording: Annotated[
-        Path | None,
-        typer.Option(help='Arrivals and service times: a file of ServiceTimes.'),
-    ] = None,
-    service: Annotated[
-        str, typer.Option(metavar='TIME', help='How long the reader takes for each, as 0.8ms.')
-    ] = '',
-    service_file: Annotated[
-        Path | None, typer.Option(help='Service times: a file of ServiceTimes, or one a line.')
-    ] = None,
-    wake: Annotated[
-        str,
-        typer.Option(metavar='TIME', help='How long an idle reader takes to begin, as 0.2ms.'),
-    ] = '',
-    loss: Annotated[float, typer.Option(help='Share of messages that may be lost.')] = 1e-6,
-    at: Annotated[
-        list[int], typer.Option('--depth', help='Show the loss at this depth, too; repeatable.')
-    ] = [10, 100, 200],  # noqa: B006 (typer copies it)
-    servers: Servers = '',
-    partition: Annotated[
-        int | None, typer.Option(help='Of the Kafka topic.  [default: all]')
-    ] = None,
-    last: Annotated[int, typer.Option(min=2, help='How many records of Kafka.')] = 100_000,
-    seconds: Annotated[float, typer.Option(min=0.1, help='How long to listen to ROS.')] = 30.0,
-    config: Annotated[
-        Path | None, typer.Option(help='Configuration (YAML), for its kafka section.')
-    ] = None,
-    properties: Annotated[
-        list[str],
-        typer.Option('--property', '-X', metavar='NAME=VALUE', help='Of librdkafka; repeatable.'),
-    ] = [],  # noqa: B006 (typer copies it)
-    plot: Annotated[
-        Path | None, typer.Option(help='Draw into this file (.png, .svg, .pdf).')
-    ] = None,
-    as_json: Annotated[bool, typer.Option('--json', help='For programs.')] = False,
-) -> None:
-    """Tell which KEEP_LAST depth a ROS reader needs for its traffic.
-
-    Replays the arrivals through the queue of one reader, and estimates beyond what they show.
-    Needs the extra: pip install 'ros2-kafka-bridge[depth]'. docs/depth.md explains it.
-
-    Exit status: 0 a depth was found, 1 none can be recommended, 2 something is missing or wrong.
-    """
-    from ros2_kafka_bridge.commands import depth as command  # noqa: PLC0415 (--help must be quick)
-
-    of_kafka = kafka and command.Kafka(kafka, servers, partition, last, config, properties)
-    of_ros = ros and command.Ros(ros, seconds)
-    asked = command.Asked(
-        kafka=of_kafka or None,
-        ros=of_ros or None,
-        arrivals=arrivals,
-        recording=recording,
-        service=service,
-        service_file=service_file,
-        wake=wake,
-        loss=loss,
-        depths=at,
-        plot=plot,
-        as_json=as_json,
-    )
-    raise typer.Exit(command.report(asked))
+app.command()(cli_depth.depth)
 
 
 @app.command()
@@ -278,7 +231,7 @@ def spool(
     values: Annotated[
         bool, typer.Option('--values', help='With the beginning of their values.')
     ] = False,
-    as_json: Annotated[bool, typer.Option('--json', help='For programs.')] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show what waits on disk for Kafka; touches nothing, also while a bridge runs.
 
@@ -290,6 +243,52 @@ def spool(
     raise typer.Exit(command.report(path, command.Asked(messages, values, as_json)))
 
 
+@app.command()
+def schema(
+    message_type: Annotated[
+        str,
+        typer.Argument(metavar='TYPE', help='Message type, as std_msgs/msg/String.'),
+    ] = '',
+    *,
+    schema_format: Annotated[
+        SchemaFormat | None, typer.Option('--format', help="Without it the route's.")
+    ] = None,
+    message_path: Annotated[
+        list[Path],
+        typer.Option(metavar='DIR', help='Folder of .msg files; repeatable.'),
+    ] = [],  # noqa: B006 (typer copies it)
+    config: Annotated[
+        Path | None, typer.Option(help='Configuration (YAML): its ros.message_path and routes.')
+    ] = None,
+    route: Annotated[
+        str, typer.Option(help='Its type, its format and the settings of that.')
+    ] = '',
+    output: Annotated[
+        Path | None,
+        typer.Option(metavar='DIR', help='Write files into this folder instead of printing.'),
+    ] = None,
+) -> None:
+    """Print the schema of a message type: JSON Schema, an Avro schema, or .proto files.
+
+    It is what a route with that format uses and registers, with the comments of the message
+    definition. Neither Kafka nor a Schema Registry is asked, and no ROS is loaded.
+
+    Exit status: 0 printed, 2 there is no such type, route or schema.
+    """
+    from ros2_kafka_bridge.commands import schema as command  # noqa: PLC0415 (--help must be quick)
+    from ros2_kafka_bridge.worker import load_checked  # noqa: PLC0415
+
+    asked = command.Asked(
+        message_type,
+        schema_format.value if schema_format else '',
+        message_path,
+        None if config is None else load_checked(config, with_ros=False),
+        route,
+        output,
+    )
+    raise typer.Exit(command.report(asked))
+
+
 def main() -> None:
     """Run the command line; a mistake of the user ends with its sentences, not a traceback."""
     try:
@@ -297,20 +296,3 @@ def main() -> None:
     except BridgeError as error:  # only the start raises one: a route keeps its own
         typer.echo(str(error), err=True)
         sys.exit(2)
-
-
-def _become(module: str, *arguments: str) -> NoReturn:
-    """Replace this process, so that what runs for long holds none of this one's libraries.
-
-    What is asked for on the way by a signal is kept for the program that takes over.
-    """
-    import signal  # noqa: PLC0415 (only here)
-
-    from ros2_kafka_bridge.stop import SIGNALS  # noqa: PLC0415
-
-    sys.stdout.flush()
-    sys.stderr.flush()
-    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    # -P: a directory that happens to be the current one is not searched for modules.
-    program = [sys.executable, '-P', '-m', f'ros2_kafka_bridge.{module}']
-    os.execv(sys.executable, [*program, *arguments])  # noqa: S606 (no shell is wanted)

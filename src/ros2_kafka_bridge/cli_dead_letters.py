@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ros2_kafka_bridge.cli_options import AsJson
 from ros2_kafka_bridge.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def list_(
     offset: Offset = None,
     limit: Limit = None,
     topic: Topic = '',
-    as_json: Annotated[bool, typer.Option('--json', help='For programs.')] = False,
+    as_json: AsJson = False,
 ) -> None:
     """A line for each letter, and how many there are of each route and reason.
 
@@ -205,7 +206,7 @@ def _asked(
         offset=offset,
         limit=limit,
     )
-    config = load_checked(file)
+    config = load_checked(file, with_ros=False)
 
     from ros2_kafka_bridge.commands.dead_letters import Asked  # noqa: PLC0415 (heavy)
 

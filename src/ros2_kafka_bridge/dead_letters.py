@@ -4,6 +4,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from typing import Generic, NamedTuple
 
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, RecordSink, Token
@@ -122,6 +123,12 @@ class DeadLetters(Generic[Token]):
         self._delivered: list[Token] = []
         self._again_at_s = 0.0
         self._backoff_s = _FIRST_BACKOFF_S
+        self._error: BridgeError | None = None  # that nobody was told of
+
+    def take_error(self) -> BridgeError | None:
+        """Return why the topic could not be written, once for each time."""
+        error, self._error = self._error, None
+        return error
 
     def add(self, record: Outgoing, token: Token) -> None:
         """Take a record, explained already; `poll` returns the token once it is confirmed."""
@@ -135,6 +142,9 @@ class DeadLetters(Generic[Token]):
                 self._deliver()
             except BridgeError as error:
                 self._fail(error)
+        elif self._open:  # a client that nobody polls keeps all it has to tell
+            with suppress(BridgeError):
+                self._sink.poll(0.0)
         delivered, self._delivered = self._delivered, []
         return delivered
 
@@ -192,6 +202,7 @@ class DeadLetters(Generic[Token]):
 
     def _fail(self, error: BridgeError) -> None:
         self.problem = f'the dead-letter topic {self.topic} cannot be written: {error}'
+        self._error = error
         self._log.error('failed: %s; tried again in %.0f s', self.problem, self._backoff_s)
         self._again_at_s = time.monotonic() + self._backoff_s
         self._backoff_s = min(_LONGEST_BACKOFF_S, 2 * self._backoff_s)

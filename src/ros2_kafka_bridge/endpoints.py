@@ -74,8 +74,27 @@ class Rebalance(Protocol):
     def revoked(self, partitions: frozenset[int]) -> None:
         """Finish and commit what can be, then forget these partitions."""
 
-    def lost(self, partitions: frozenset[int]) -> None:
-        """Forget these partitions; others have them already."""
+    def lost(self, partitions: frozenset[int]) -> Mapping[int, int]:
+        """Forget these partitions, others may have them already; tell the next to read of each."""
+
+
+class Load(NamedTuple):
+    """What a sink holds.
+
+    Args:
+        queued: Messages in the history of a writer, or the queue of a producer.
+        limit: How many it may hold; 0 where that is not known.
+    """
+
+    queued: int = 0
+    limit: int = 0
+
+
+class Matches(NamedTuple):
+    """The endpoints of a ROS topic on the other side: those that match the route's, and others."""
+
+    matched: int = 0
+    mismatched: int = 0
 
 
 class RecordSource(Protocol):
@@ -89,6 +108,11 @@ class RecordSource(Protocol):
     @property
     def lost_upstream(self) -> int:
         """Records that the topic no longer held when the bridge came to read them."""
+        ...
+
+    @property
+    def rebalances(self) -> int:
+        """How often partitions came or went."""
         ...
 
     @property
@@ -143,6 +167,16 @@ class RecordSink(Protocol[Token]):
         """Why nothing can be produced just now; empty when all is well."""
         ...
 
+    @property
+    def load(self) -> Load:
+        """What is on its way."""
+        ...
+
+    @property
+    def round_trip_s(self) -> tuple[float, float] | None:
+        """To the broker, 50th and 99th percentile of the last seconds; None where not known."""
+        ...
+
     def open(self) -> None:
         """Make the client; it connects in the background."""
 
@@ -180,8 +214,16 @@ class MessageSource(Protocol):
         """Whether the last take has found nothing more to take."""
         ...
 
+    @property
+    def matches(self) -> Matches:
+        """Its publishers, as far as the graph knows."""
+        ...
+
     def open(self) -> None:
         """Subscribe."""
+
+    def look(self) -> None:
+        """Follow the publishers of the topic; a take does so, too."""
 
     def take(self, limit: int, timeout_s: float) -> Sequence[Message]:
         """Wait up to `timeout_s` for messages, then take at most `limit`."""
@@ -207,6 +249,16 @@ class Readers(NamedTuple):
 
 class MessageSink(Protocol):
     """Where messages are published."""
+
+    @property
+    def load(self) -> Load:
+        """What its history holds."""
+        ...
+
+    @property
+    def matches(self) -> Matches:
+        """Its subscribers, as far as the graph knows."""
+        ...
 
     def open(self) -> None:
         """Make the publisher."""

@@ -12,6 +12,11 @@ BridgeError
 A bug (AssertionError, TypeError, ...) is none of these and is never swallowed by a policy.
 """
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.about import About
+
 
 class BridgeError(Exception):
     """The root of everything that the bridge raises on purpose."""
@@ -59,11 +64,13 @@ class RouteError(BridgeError):
     Args:
         message: What happened, and what to do.
         final: True where trying again cannot help (`on_error: stop`).
+        about: The record or message that it is for, if it is for one.
     """
 
-    def __init__(self, message: str, *, final: bool = False) -> None:
+    def __init__(self, message: str, *, final: bool = False, about: 'About | None' = None) -> None:
         super().__init__(message)
         self.final = final
+        self.about = about
 
 
 class TransportError(BridgeError):

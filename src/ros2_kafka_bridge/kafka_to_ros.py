@@ -2,39 +2,37 @@
 
     poll -> decode -> publish -> confirm -> commit
 
-Everything taken and not ended is in `window`, in the order of consumption. An entry waits in
-`pending` until the history takes it, then in `unconfirmed` until its readers have it. An entry
+Everything taken and not ended is in the window, in the order of consumption. An entry waits in
+its `pending` until the history takes it, then in its `unconfirmed` until its readers have it. One
 that has ended leaves the window once all before it have: only then does its offset count.
 """
 
 import logging
 import time
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
-from ros2_kafka_bridge.dead_letters import DeadLetters, explain, from_kafka
-from ros2_kafka_bridge.endpoints import (
-    HeaderList,
-    MessageSink,
-    Outgoing,
-    Readers,
-    Record,
-    RecordSource,
-)
+from ros2_kafka_bridge.dead_letters import DeadLetters
+from ros2_kafka_bridge.endpoints import HeaderList, MessageSink, Readers, Record, RecordSource
 from ros2_kafka_bridge.errors import RecordError, RouteError
 from ros2_kafka_bridge.formats import Decode
-from ros2_kafka_bridge.kafka.headers import headers_of
-from ros2_kafka_bridge.logs import Occasional
+from ros2_kafka_bridge.kafka.headers import source_time_ns
+from ros2_kafka_bridge.logs import summed
+from ros2_kafka_bridge.measuring import Meter
 from ros2_kafka_bridge.metrics import Counters, Outcome
 from ros2_kafka_bridge.pace import Pace, expires
+from ros2_kafka_bridge.pause import Pause
+from ros2_kafka_bridge.record_window import Entry, RecordWindow
+from ros2_kafka_bridge.refused import letter_of_record, refused_record
 from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.telling import Telling
+from ros2_kafka_bridge.tracing.records import NO_RECORD_TRACES, RecordTraces
+from ros2_kafka_bridge.type_hash import CheckHeaders
 
 BATCH = 500
 COMMIT_S = 0.2  # what a SIGKILL makes come twice; more often would cost requests
-SNAPSHOT_S = 1.0
-SETTLE_S = 0.5
+SETTLE_S = 1.0
 REVOKE_S = 5.0
 HOLD_AFTER_S = 1.0
 _IDLE_S = 0.1
@@ -42,23 +40,7 @@ _BUSY_S = 0.01
 _LAST_COMMIT_S = 1.0
 _SHORTEST_NAP_S = 0.0005
 _LONGEST_NAP_S = 0.02
-_ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small records count too
-
-
-class Entry:
-    """One record on its way; it holds nothing of the record that is not counted as its size."""
-
-    timestamp: tuple[int, int]  # only where records age
-
-    __slots__ = ('cdr', 'failure', 'offset', 'outcome', 'partition', 'size_bytes', 'timestamp')
-
-    def __init__(self, record: Record) -> None:
-        self.partition = record.partition() or 0
-        self.offset = record.offset() or 0
-        self.size_bytes = len(record.value() or b'') + _ENTRY_BYTES
-        self.cdr = b''
-        self.outcome: Outcome | None = None
-        self.failure: RouteError | None = None  # ends the route once all before it have ended
+_NS_PER_MS = 1_000_000
 
 
 class KafkaToRos:
@@ -69,9 +51,12 @@ class KafkaToRos:
         origin: Name of the bridge; its own records are skipped.
         source: Where the records come from.
         sink: Where the messages go; open already, and stays open when the route fails.
-        decode: Makes the CDR bytes of a message from a record's value.
+        check_headers: Refuses a record that was written with another type.
+        decode: Makes the CDR bytes of a message from a record's value. It may raise a RouteError,
+            too, where it has to ask somebody who is away.
         dead_letters: Where records go that can never be delivered.
         log: Where to say what happens.
+        traces: What follows the records that are sampled.
     """
 
     def __init__(
@@ -80,44 +65,52 @@ class KafkaToRos:
         origin: str,
         source: RecordSource,
         sink: MessageSink,
+        check_headers: CheckHeaders,
         decode: Decode,
         dead_letters: DeadLetters[Entry],
         log: logging.LoggerAdapter[logging.Logger],
+        traces: RecordTraces = NO_RECORD_TRACES,
     ) -> None:
         self.counters = Counters(route.name)
         self.snapshot = self.counters.snapshot(0)
+        self._meter = Meter()
+        self._telling = Telling(self.counters, self._meter, dead_letters)
+        self._pause = Pause()
         self._route = route
         self._origin = origin.encode()
         self._source = source
         self._sink = sink
+        self._check_headers = check_headers
         self._decode = decode
+        self._failure: RouteError | None = None  # of a record: none behind it is looked at
         self._dead_letters = dead_letters
         self._log = log
-        self._occasional = Occasional(log)
-        self._window: deque[Entry] = deque()
-        self._window_bytes = 0
-        self._pending: deque[Entry] = deque()
-        self._unconfirmed: deque[Entry] = deque()
-        self._confirmed = 0  # of those published since a reader was lost last
-        self._positions: dict[int, int] = {}
+        self._occasional = summed(log)
+        self._traces = traces
+        self._read_headers = traces.reader(lambda: self._window.entries[-1])
+        self._window = RecordWindow(route.max_in_flight, route.max_in_flight_bytes)
         self._ready_at_s: float | None = None
         self._blocked_since_s: float | None = None
         self._nap_s = _SHORTEST_NAP_S
         self._commit_at_s = 0.0
-        self._tick_at_s = 0.0
+        self._paces = route.max_rate is not None
         self._pace = Pace(route.max_rate)
         self._ages = route.max_age_s is not None
         self._expired = expires(route.max_age_s)
 
-    def run(self, stop: Stop) -> None:
+    def run(self, stop: Stop, pause: Pause | None = None) -> None:
         """Move records until a stop is asked for, then drain.
 
         Raises:
             RouteError: This route cannot go on; nothing is lost by running it again.
         """
+        self._pause = pause or self._pause
         with self._opened():
             while not stop.asked:
-                self._step()
+                if self._pause.asked:
+                    self._rest()
+                else:
+                    self._step()
             self._drain(stop)
 
     def _step(self) -> None:
@@ -131,71 +124,104 @@ class KafkaToRos:
         else:
             self._wait(obstacle)
         self._settle()
-        if self._window and (failure := self._window[0].failure) is not None:
+        if self._window and (failure := self._window.entries[0].failure) is not None:
             raise failure
         self._tick(obstacle)
+
+    def _rest(self) -> None:
+        """Stay in the group, and finish what was published."""
+        self._blocked_since_s = None
+        self._confirm()
+        self._hold()
+        self._settle()
+        self._tick(None)
+        time.sleep(_LONGEST_NAP_S)
 
     # 1. Kafka -> entries
 
     def _poll(self, timeout_s: float) -> None:
-        for record in self._source.poll(BATCH, timeout_s):
-            self._accept(record)
+        records = self._source.poll(BATCH, timeout_s)
+        taken_s = time.monotonic()
+        for record in records:
+            self._accept(record, taken_s)
 
-    def _accept(self, record: Record) -> None:
-        entry = Entry(record)
+    def _hold(self) -> None:
+        taken_s = time.monotonic()
+        for record in self._source.hold():
+            self._accept(record, taken_s)
+
+    def _accept(self, record: Record, taken_s: float) -> None:
+        window, value = self._window, record.value()
+        entry = Entry(record, value, taken_s)
         self.counters.taken += 1
-        self._positions.setdefault(entry.partition, entry.offset)
-        self._window.append(entry)
-        self._window_bytes += entry.size_bytes
-        headers = headers_of(record)
+        window.positions.setdefault(entry.partition, entry.offset)
+        window.entries.append(entry)
+        window.size_bytes += entry.size_bytes
+        if self._failure is not None:
+            self._end_at(entry, self._failure)
+            return
+        headers = self._read_headers(record)
         if headers and ('bridge.origin', self._origin) in headers:
             entry.outcome = Outcome.SKIPPED
             return
         try:
-            entry.cdr = self._decode(record.value())
+            if headers:
+                self._check_headers(headers)
+            entry.cdr = self._decode(value)
         except RecordError as error:
             self._refuse(entry, record, headers, error)
+        except RouteError as error:
+            self._end_at(entry, error)
         else:
+            if len(entry.cdr) > entry.size_bytes:
+                window.grow(entry)
+            timestamp = record.timestamp()
+            entry.made_ms = timestamp[1]
+            if headers and (made_ns := source_time_ns(headers)):
+                entry.made_ms = made_ns // _NS_PER_MS
             if self._ages:
-                entry.timestamp = record.timestamp()
-            self._pending.append(entry)
+                entry.timestamp = timestamp
+            window.pending.append(entry)
+
+    def _end_at(self, entry: Entry, failure: RouteError) -> None:
+        """End the route at this record, once all before it have ended; it is read again."""
+        entry.failure = failure
+        self._failure = failure
+        self._window.pending.append(entry)
 
     def _refuse(
         self, entry: Entry, record: Record, headers: HeaderList | None, error: RecordError
     ) -> None:
-        where = f'{self._route.source.kafka}[{entry.partition}]@{entry.offset}'
+        refused = refused_record(self._route, entry, headers, error)
+        self._meter.troubles.note(error, refused.where)
+        self._traces.refused(entry, error)
         if self._route.on_error == 'stop':
-            text = f'{where}: {error}; stopped, as on_error says'
-            entry.failure = RouteError(text, final=True)
-            self._pending.append(entry)
+            self._end_at(entry, refused.failure())
             return
-        self._occasional.warning(f'{self._route.on_error}: {where}: {error}')
+        self._occasional.warning(f'{self._route.on_error}: {refused.text}', about=refused.about)
         if self._route.on_error == 'drop':
             entry.outcome = Outcome.DROPPED
             return
-        origin = from_kafka(
-            self._route.name, self._route.source.kafka, entry.partition, entry.offset
-        )
-        letter = Outgoing('', record.key(), record.value(), headers or [])
-        unread = '' if headers is not None else 'a name is not UTF-8'
-        self._dead_letters.add(explain(letter, error, origin, unread), entry)
+        letter = letter_of_record(self._route, entry, record, headers, error)
+        self._dead_letters.add(letter, entry)
 
     # 2. entries -> ROS
 
     def _publish_pending(self, readers: Readers) -> str | None:
         """Publish what waits; tells what stands in the way, None when nothing is left."""
-        if not self._pending:
+        pending, unconfirmed = self._window.pending, self._window.unconfirmed
+        if not pending:
             return self._no_room()
         if not self._enough(readers):
             return f'{readers.matched} of {self._route.min_subscribers} subscribers are there'
-        pending, unconfirmed, publish = self._pending, self._unconfirmed, self._sink.publish
+        publish = self._sink.publish
         while pending:
             entry = pending[0]
             if entry.failure is not None:
-                return 'on_error: stop'
+                return str(entry.failure)
             if self._ages and self._expired(entry.timestamp):
                 entry.outcome = Outcome.DROPPED
-            elif not self._pace.go():
+            elif self._paces and not self._pace.go():
                 return 'max_rate'
             elif not publish(entry.cdr):
                 return 'the history is full: a subscriber does not take'
@@ -209,7 +235,7 @@ class KafkaToRos:
         """Tell what keeps the bridge from reading on, None if nothing does."""
         if self._dead_letters.problem:
             return self._dead_letters.problem
-        if self._window_bytes > self._route.max_in_flight_bytes:
+        if self._window.size_bytes > self._window.max_bytes:
             return 'the window is full (max_in_flight_bytes)'
         return None
 
@@ -232,23 +258,15 @@ class KafkaToRos:
         drops = self._route.when_full == 'drop_oldest' and not self._dead_letters.problem
         if drops and obstacle != 'max_rate':
             self._poll(_BUSY_S)
-            self._drop_oldest()
+            self._count(self._window.drop_oldest())
         elif now_s - self._blocked_since_s > HOLD_AFTER_S:
-            for record in self._source.hold():
-                self._accept(record)
+            self._hold()
         if obstacle == 'max_rate':
             time.sleep(min(_LONGEST_NAP_S, self._pace.wait_s))
             return
         time.sleep(self._nap_s)
         self._nap_s = min(_LONGEST_NAP_S, self._nap_s * 2)
-
-    def _drop_oldest(self) -> None:
-        room_bytes = self._route.max_in_flight_bytes
-        while (self._pending and self._pending[0].failure is None) and (
-            len(self._pending) > self._route.max_in_flight or self._window_bytes > room_bytes
-        ):
-            self._pending.popleft().outcome = Outcome.DROPPED
-            self._settle()
+        self._meter.waited_s += time.monotonic() - now_s
 
     # 3. confirmations -> positions -> commit
 
@@ -257,104 +275,105 @@ class KafkaToRos:
         if readers.lost:
             self._ready_at_s = None  # another one may have come in its place just now
             self._publish_again()
-        for _ in range(readers.confirmed - self._confirmed):
-            entry = self._unconfirmed.popleft()
-            if entry.outcome is None:
-                entry.outcome = Outcome.CONFIRMED
-        self._confirmed = readers.confirmed
+        self._window.confirm(readers.confirmed)
         for entry in self._dead_letters.poll():
             entry.outcome = Outcome.DEAD_LETTERED
         return readers
 
     def _publish_again(self) -> None:
-        again = [entry for entry in self._unconfirmed if entry.outcome is None]
-        self._unconfirmed.clear()
-        self._confirmed = 0
-        self._pending.extendleft(reversed(again))
-        self.counters.repeated += len(again)
+        again = self._window.take_back()
+        self.counters.repeated += again
         if again:
             self._log.warning(
                 'a subscriber of %s has gone: %d messages that it had not acknowledged are '
                 'published again',
-                self._route.sink.ros, len(again),
+                self._route.sink.ros, again,
             )  # fmt: skip
 
     def _settle(self) -> None:
-        window, positions, end = self._window, self._positions, self.counters.end
-        while window and (outcome := window[0].outcome) is not None:
-            entry = window.popleft()
-            self._window_bytes -= entry.size_bytes
-            positions[entry.partition] = entry.offset + 1
-            end(outcome)
-        if not window:
-            for partition, offset in self._source.ends.items():
-                if positions.get(partition, offset) < offset:
-                    positions[partition] = offset
+        if ended := self._window.settle():
+            self._count(ended)
+        if not self._window:
+            self._window.skip_to(self._source.ends)
+        self._traces.look()
+
+    def _count(self, ended: list[Entry]) -> None:
+        good = Outcome.CONFIRMED
+        confirmed = [entry for entry in ended if entry.outcome is good]
+        self.counters.end(good, len(confirmed))
+        self._meter.confirm_records(confirmed)
+        if len(confirmed) == len(ended):
+            return
+        for entry in ended:
+            if entry.outcome is not None and entry.outcome is not good:
+                self._meter.bytes_taken += entry.value_bytes
+                self.counters.end(entry.outcome)
 
     def _tick(self, obstacle: str | None) -> None:
         now_s = time.monotonic()
         if now_s >= self._commit_at_s:
             self._commit_at_s = now_s + COMMIT_S
-            self._source.commit(self._positions)
-        if now_s < self._tick_at_s:
+            self._source.commit(self._window.positions)
+        if not self._telling.is_due(self._pause):
             return
-        self._tick_at_s = now_s + SNAPSHOT_S
         waiting = ''
         if self._blocked_since_s is not None and now_s - self._blocked_since_s > HOLD_AFTER_S:
             waiting = obstacle or ''
         self._show(waiting or self._source.away)
 
     def _show(self, reason: str) -> None:
-        self.counters.tell(self._dead_letters.problem, reason)
+        self._telling.tell(reason, self._source.away, self._pause)
+        self._take_snapshot(self._source.lag(self._window.positions))
+
+    def _take_snapshot(self, lag: int | None) -> None:
         self.counters.lost_upstream = self._source.lost_upstream
-        lag = self._source.lag(self._positions)
-        self.snapshot = self.counters.snapshot(len(self._window), lag)
+        measures = self._meter.measures(
+            self._sink.load,
+            self._sink.matches,
+            bytes_held=self._window.value_bytes,
+            rebalances=self._source.rebalances,
+        )
+        self.snapshot = self.counters.snapshot(len(self._window), lag, measures=measures)
 
     # Hand-over, failure, end
 
     def revoked(self, partitions: frozenset[int]) -> None:
         """Wait for what these partitions have in flight, commit it, forget the rest."""
         deadline_s = time.monotonic() + REVOKE_S
-        while time.monotonic() < deadline_s and self._has_unconfirmed(partitions):
+        while time.monotonic() < deadline_s and self._window.holds_unconfirmed(partitions):
             self._confirm()
             time.sleep(_BUSY_S)
         self._settle()
-        self._source.commit_before_revoke(self._positions)
+        self._source.commit_before_revoke(self._window.positions)
         self.lost(partitions)
 
-    def lost(self, partitions: frozenset[int]) -> None:
-        """Forget these partitions; others have them already."""
-        self._give_back(lambda entry: entry.partition in partitions)
-        for partition in partitions:
-            self._positions.pop(partition, None)
+    def lost(self, partitions: frozenset[int]) -> Mapping[int, int]:
+        """Forget these partitions, others may have them already; tell the next to read of each."""
+        self._confirm()
+        self._settle()
+        positions = {p: at for p, at in self._window.positions.items() if p in partitions}
+        self._give_back(self._window.of(partitions))
+        self._window.forget(partitions)
+        return positions
 
-    def _has_unconfirmed(self, partitions: frozenset[int]) -> bool:
-        return any(e.outcome is None and e.partition in partitions for e in self._unconfirmed)
-
-    def _give_back(self, condition: Callable[[Entry], bool]) -> None:
+    def _give_back(self, entries: list[Entry]) -> None:
         """Return entries to Kafka: their offsets are not committed, they are read again."""
-        kept: deque[Entry] = deque()
-        for entry in self._window:
-            if condition(entry):
-                entry.outcome = Outcome.RETURNED
-                self._window_bytes -= entry.size_bytes
-                self.counters.end(Outcome.RETURNED)
-            else:
-                kept.append(entry)
-        self._window = kept
-        self._pending = deque(e for e in self._pending if e.outcome is None)
+        if entries:
+            self._window.give_back(entries)
+            self.counters.end(Outcome.RETURNED, len(entries))
+            self._meter.bytes_taken += sum([entry.value_bytes for entry in entries])
 
     def _drain(self, stop: Stop) -> None:
         deadline_s = time.monotonic() + self._route.drain_s
-        self._give_back_pending()
+        self._give_back(self._window.unpublished())
         while self._window and time.monotonic() < deadline_s and not stop.at_once:
             self._confirm()
-            self._give_back_pending()
+            self._give_back(self._window.unpublished())
             self._settle()
             time.sleep(_BUSY_S)
         left = len(self._window)
         patience_s = 0.0 if stop.at_once else max(1.0, deadline_s - time.monotonic())
-        committed = self._source.commit_now(self._positions, patience_s)
+        committed = self._source.commit_now(self._window.positions, patience_s)
         if left:
             self._log.warning(
                 'gave up waiting for %d records in flight: they are read again next time', left
@@ -362,30 +381,18 @@ class KafkaToRos:
         if not committed:
             self._log.warning('the last offsets are not committed: some records are repeated')
 
-    def _give_back_pending(self) -> None:
-        """Return what was not published, and what lies behind it: it is read again with it."""
-        waiting = set(map(id, self._pending))
-        holes: set[int] = set()
-
-        def at_or_behind_a_hole(entry: Entry) -> bool:
-            if id(entry) in waiting:
-                holes.add(entry.partition)
-            return entry.partition in holes
-
-        if waiting:
-            self._give_back(at_or_behind_a_hole)
-
     @contextmanager
     def _opened(self) -> Iterator[None]:
+        self._failure = None
         self._source.open(self)
         try:
             yield
         finally:
-            self._give_back(lambda _: True)
-            self._source.commit_now(self._positions, _LAST_COMMIT_S)
+            self._give_back(list(self._window.entries))
+            self._traces.look()
+            self._source.commit_now(self._window.positions, _LAST_COMMIT_S)
             self._source.close()
             self._dead_letters.close()
-            self._positions.clear()
-            self.counters.lost_upstream = self._source.lost_upstream
+            self._window.positions.clear()
             self.counters.tell_end()
-            self.snapshot = self.counters.snapshot(len(self._window))
+            self._take_snapshot(None)

@@ -3,18 +3,23 @@
 from collections.abc import Callable
 
 from ros2_kafka_bridge.config.checks import KeyPart, key_parts
-from ros2_kafka_bridge.endpoints import Message
+from ros2_kafka_bridge.endpoints import HeaderList, Message
 from ros2_kafka_bridge.errors import EncodeError
 from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.formats.walk import make_reader
-from ros2_kafka_bridge.ros_to_kafka import MakeHeaders, MakeKey
+
+MakeKey = Callable[[Message], bytes | None]
+"""Message -> key of its record."""
+
+MakeHeaders = Callable[[Message], HeaderList]
+"""Message -> headers of its record."""
 
 KEY_LIMIT_BYTES = 8192
 """The longest key that a message's own fields may make."""
 
 
 def make_headers(
-    topic: str, message_type: str, origin: str, type_hash: Callable[[bytes], str]
+    topic: str, message_type: str, origin: str, type_hash: Callable[[bytes], str | None]
 ) -> MakeHeaders:
     """Make the function that writes a record's headers.
 
@@ -22,24 +27,28 @@ def make_headers(
         topic: The ROS topic.
         message_type: Its type.
         origin: Name of the bridge.
-        type_hash: REP-2011 hash of what the publisher with that gid sends, or empty.
+        type_hash: REP-2011 hash of what the publisher with that gid sends, or empty; None while
+            that publisher is not known.
     """
-    by_publisher: dict[bytes, list[tuple[str, str | bytes | None]]] = {}
+    by_publisher: dict[bytes, HeaderList] = {}
 
-    def for_publisher(gid: bytes) -> list[tuple[str, str | bytes | None]]:
+    def for_publisher(gid: bytes) -> HeaderList:
+        known_hash = type_hash(gid)
         told = {
             'ros.topic': topic,
             'ros.type': message_type,
-            'ros.type_hash': type_hash(gid),
+            'ros.type_hash': known_hash or '',
             'ros.gid': gid.hex(),
             'bridge.origin': origin,
         }
         if len(by_publisher) > 1000:
             by_publisher.clear()
-        same = by_publisher[gid] = [(n, value.encode()) for n, value in told.items() if value]
+        same: HeaderList = [(n, value.encode()) for n, value in told.items() if value]
+        if known_hash is not None:
+            by_publisher[gid] = same
         return same
 
-    def headers(message: Message) -> list[tuple[str, str | bytes | None]]:
+    def headers(message: Message) -> HeaderList:
         same = by_publisher.get(message.gid) or for_publisher(message.gid)
         time_ns = ('ros.source_time_ns', b'%d' % message.source_time_ns)
         if not message.seq:

@@ -4,10 +4,12 @@ import time
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from ros2_kafka_bridge.backoff import Backoff
-from ros2_kafka_bridge.errors import BridgeError, RouteError
+from ros2_kafka_bridge.errors import BridgeError, ConfigError, RouteError
 from ros2_kafka_bridge.kafka.lock import GroupLock
-from ros2_kafka_bridge.logs import Repeated, route_log
+from ros2_kafka_bridge.logs import route_log, summed
+from ros2_kafka_bridge.measuring import Troubles
 from ros2_kafka_bridge.metrics import Counters, Snapshot, State
+from ros2_kafka_bridge.pause import Pause
 from ros2_kafka_bridge.plural import count
 from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.term import Term
@@ -16,6 +18,8 @@ from ros2_kafka_bridge.wiring import Direction, Route
 if TYPE_CHECKING:
     import threading
 
+    from ros2_kafka_bridge.about import About
+
 _LISTEN_S: Final = 0.1
 # A route that fails for so long goes to a bridge that may be able to run it. What it holds in
 # memory is given up for that, so it is given away only to a bridge that stands by.
@@ -23,6 +27,7 @@ _FAILING_S: Final = 30.0
 # A run that was longer than this was well, also where there was nothing to send. Not less: an
 # unknown topic is noticed after half a minute of nothing.
 _WELL_S: Final = 180.0
+_SAID_AGAIN_S: Final = 60.0
 _STANDS_BY: Final = 'stands by: another bridge runs this route'
 _JOINS: Final = 'asks Kafka which bridge runs this route'
 
@@ -34,12 +39,16 @@ class Lane:
         route: Its settings.
         stop: Asks it to drain.
         lock: Its exclusive right; None where no other bridge runs it.
+        pause: Asks it to pause, perhaps from the start on.
     """
 
-    def __init__(self, route: Route, stop: Stop, lock: GroupLock | None) -> None:
+    def __init__(
+        self, route: Route, stop: Stop, lock: GroupLock | None, pause: Pause | None = None
+    ) -> None:
         self.route = route
         self.stop = stop
         self.lock = lock
+        self.pause = pause or Pause()
         self.thread: threading.Thread | None = None
         self.log = route_log(route.name)
         self.failure = ''
@@ -48,10 +57,12 @@ class Lane:
         self.final = False
         self.for_good = False  # final, and not for the end of a drain
         self.backoff = Backoff()
-        self._errors = Repeated(self.log)
+        self._about: About | None = None  # what the failure is about
+        self._errors = summed(self.log, 1, _SAID_AGAIN_S)
         self._began_s = 0.0
         self._failing_since_s: float | None = None
-        self._confirmed = 0  # at the last failure
+        self._failed = ''  # the last failure
+        self._confirmed = 0  # at that one
         self._draining = False
         # One attribute, so that others see both at one moment.
         self._work = _Work(Counters(route.name).snapshot(0), None)
@@ -60,6 +71,18 @@ class Lane:
     def runs(self) -> bool:
         """Whether its thread has not ended."""
         return self.thread is not None and self.thread.is_alive()
+
+    @property
+    def paused(self) -> bool:
+        """Whether it was asked to pause."""
+        return self.pause.asked
+
+    def ask_to_pause(self, *, asked: bool) -> None:
+        """Ask it to pause, or to go on; called by another thread."""
+        if asked != self.pause.asked:
+            self.pause.asked = asked
+            words = 'takes nothing until it is resumed' if asked else 'goes on'
+            self.log.info('%s by an operator: %s', 'paused' if asked else 'resumed', words)
 
     @property
     def direction(self) -> Direction | None:
@@ -105,10 +128,20 @@ class Lane:
             self._failing_since_s = now_s
         self._confirmed = confirmed
         handed_over = isinstance(stop, Term) and stop.over and not self.stop.asked
-        for_good = isinstance(error, RouteError) and error.final and not handed_over
+        final = isinstance(error, ConfigError) or (isinstance(error, RouteError) and error.final)
+        for_good = final and not handed_over
+        self._note(error)
         self.for_good = for_good and not self.stop.asked
-        self.failure = str(error)
+        self.failure = self._failed = str(error)
+        self._about = error.about if isinstance(error, RouteError) else None
         self.final = self._draining or for_good
+
+    def _note(self, error: BridgeError) -> None:
+        troubles = Troubles()
+        troubles.note(error)
+        before, direction = self._work
+        measures = before.measures.plus(troubles.measures())
+        self._work = _Work(before._replace(measures=measures), direction)
 
     def fail_meanwhile(self, error: BridgeError) -> None:
         """Note what has failed while another bridge runs the route: that is always tried again."""
@@ -119,9 +152,10 @@ class Lane:
         """Log why the last run has failed."""
         text = f'failed: {self.failure}'
         if self.final or self.stop.asked:
-            self.log.error('%s', text)
+            self.log.error('%s', text, extra={'about': self._about})
         else:
-            self._errors.error(text, f'; tried again in {self.backoff.wait_s:.0f} s')
+            again = f'; tried again in {self.backoff.wait_s:.0f} s'
+            self._errors.error(text, again, kind=text, about=self._about)
 
     def is_given_away(self, stop: Stop) -> bool:
         """Whether a failed route is left to another bridge, for this one has tried for long."""
@@ -156,10 +190,16 @@ class Lane:
     def snapshot(self) -> Snapshot:
         """The counters of the route, at one moment of its own."""
         total = self._total()
+        if self.failure or self.waits or self.stop.asked or self.direction is None:
+            total = total._replace(beat_s=0.0)
         if self.failure:
             return total._replace(state=State.FAILED, reason=self.failure, final=self.for_good)
         if self.waits:
             return total._replace(state=State.WAITING, reason=self.waits)
+        if self.direction is None and self.paused and total.state is State.STARTING:
+            return total._replace(state=State.PAUSED, reason=self.pause.reason)
+        if total.state is State.WAITING and self._failed and total.confirmed == self._confirmed:
+            return total._replace(reason=f'{total.reason}; has failed before: {self._failed}')
         return total
 
     def _total(self) -> Snapshot:
@@ -179,12 +219,14 @@ _SUMMED = [name for name, kind in Snapshot.__annotations__.items() if kind is in
 
 def _sum(before: Snapshot, now: Snapshot) -> Snapshot:
     sums = {name: getattr(before, name) + getattr(now, name) for name in _SUMMED}
-    return now._replace(**sums)
+    return now._replace(**sums, measures=before.measures.plus(now.measures))
 
 
 def _given_up(total: Snapshot) -> Snapshot:
     """Count as given up what was in flight."""
-    return total._replace(given_up=total.given_up + total.in_flight, in_flight=0)
+    return total._replace(
+        given_up=total.given_up + total.in_flight, in_flight=0, measures=total.measures.sums
+    )
 
 
 def _without_spooled(before: Snapshot) -> Snapshot:

@@ -2,28 +2,83 @@
 
 import json
 import logging
+import os
 import sys
 import textwrap
-import time
+from collections.abc import MutableMapping
 from datetime import UTC, datetime
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
-from ros2_kafka_bridge.plural import count
 from ros2_kafka_bridge.printable import printable, printable_lines
+from ros2_kafka_bridge.summed import FIRST, PERIOD_S, Summed
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.about import About
 
 LogFormat = Literal['text', 'json']
 
-_OFTEN = 5
-_PERIOD_S = 10.0
-_AGAIN_S = 60.0
+
+class RouteLog(logging.LoggerAdapter[logging.Logger]):
+    """The log of one route, with the sums of what repeats in it.
+
+    A call may say which record or message it is about: `extra={'about': About(...)}`.
+    """
+
+    def __init__(self, logger: logging.Logger, route: str | None) -> None:
+        super().__init__(logger, {'route': route})
+        self._sums: dict[tuple[int, float], Summed] = {}
+
+    def process(
+        self, msg: Any, kwargs: MutableMapping[str, Any]
+    ) -> tuple[Any, MutableMapping[str, Any]]:
+        """Add the route to what the call itself brings along."""
+        kwargs['extra'] = {**(self.extra or {}), **(kwargs.get('extra') or {})}
+        return msg, kwargs
+
+    def summed(self, first: int, period_s: float) -> Summed:
+        """What sums lines in this way, the same for all who ask."""
+        return self._sums.setdefault((first, period_s), Summed(self, first, period_s))
+
+    def tick(self) -> None:
+        """Say what was kept back for a period."""
+        for sums in list(self._sums.values()):
+            sums.tick()
+
+    def close(self) -> None:
+        """Say all that was kept back."""
+        for sums in list(self._sums.values()):
+            sums.close()
+
+
+def route_log(route: str | None = None) -> RouteLog:
+    """Make the log of one route; without a name, that of the bridge."""
+    return RouteLog(logging.getLogger('ros2_kafka_bridge'), route)
+
+
+def summed(
+    log: logging.LoggerAdapter[logging.Logger], first: int = FIRST, period_s: float = PERIOD_S
+) -> Summed:
+    """What sums the lines of a log that repeat; see `Summed`."""
+    if isinstance(log, RouteLog):
+        return log.summed(first, period_s)
+    return Summed(log, first, period_s)
 
 
 class _JsonFormatter(logging.Formatter):
+    def __init__(self, worker: int) -> None:
+        super().__init__()
+        self._same = {'pid': os.getpid(), 'worker': worker or None}
+
     def format(self, record: logging.LogRecord) -> str:
+        about: About | None = getattr(record, 'about', None)
         line = {
             'time': datetime.fromtimestamp(record.created, UTC).isoformat(timespec='milliseconds'),
             'level': record.levelname.lower(),
+            **self._same,
+            'thread': record.threadName,
             'route': getattr(record, 'route', None),
+            **({} if about is None else about._asdict()),
+            'times': getattr(record, 'times', None),
             'message': printable(record.getMessage()),
         }
         if record.exc_info:
@@ -34,11 +89,13 @@ class _JsonFormatter(logging.Formatter):
 class _TextFormatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         route = getattr(record, 'route', None)
-        record.about = f'{route}: ' if route else ''
+        record.head = f'{route}: ' if route else ''
         return super().format(record)
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 (logging's name)
-        record.message = printable(record.message)
+        about: About | None = getattr(record, 'about', None)
+        trace = f' (trace {about.trace_id})' if about and about.trace_id else ''
+        record.message = printable(record.message) + trace
         return super().formatMessage(record)
 
     def formatException(self, ei: Any) -> str:  # noqa: N802 (logging's name)
@@ -46,58 +103,35 @@ class _TextFormatter(logging.Formatter):
         return textwrap.indent(printable_lines(super().formatException(ei)), '    ')
 
 
-def set_up(log_format: LogFormat) -> None:
-    """Send the bridge's log to standard error, from the level INFO on."""
+def set_up(log_format: LogFormat, worker: int = 0) -> None:
+    """Send the bridge's log to standard error, from the level INFO on.
+
+    Args:
+        log_format: How a line looks.
+        worker: Number of this process among the workers of one bridge; 0 where it is none.
+    """
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(
-        _JsonFormatter()
+        _JsonFormatter(worker)
         if log_format == 'json'
-        else _TextFormatter('%(asctime)s %(levelname)-7s %(about)s%(message)s')
+        else _TextFormatter('%(asctime)s %(levelname)-7s %(head)s%(message)s')
     )
     logger = logging.getLogger('ros2_kafka_bridge')
     logger.handlers = [handler]
     logger.setLevel(logging.INFO)
     logger.propagate = False
     # The client's own lines repeat what the bridge says with the route and the cure.
-    for client in ('admin', 'broker', 'consumer', 'overview', 'producer', 'tail'):
+    for client in (
+        'admin',
+        'broker',
+        'consumer',
+        'overview',
+        'producer',
+        'tail',
+    ):
         logging.getLogger(f'ros2_kafka_bridge.kafka.{client}.librdkafka').setLevel(
             logging.CRITICAL
         )
-
-
-def route_log(route: str | None = None) -> logging.LoggerAdapter[logging.Logger]:
-    """Make the log of one route; without a name, that of the bridge."""
-    return logging.LoggerAdapter(logging.getLogger('ros2_kafka_bridge'), {'route': route})
-
-
-class Repeated:
-    """Says each error once, and again when a minute has passed."""
-
-    def __init__(self, log: logging.LoggerAdapter[logging.Logger]) -> None:
-        self._log = log
-        self._said: dict[str, _Said] = {}
-
-    def error(self, text: str, more: str = '') -> None:
-        """Say an error, unless it was said just now.
-
-        Args:
-            text: What has happened.
-            more: What follows it; it may differ each time.
-        """
-        now_s = time.monotonic()
-        before = self._said.get(text)
-        if before is not None and now_s - before.at_s < _AGAIN_S:
-            self._said[text] = before._replace(kept_back=before.kept_back + 1)
-            return
-        again = '' if before is None else f' ({count(before.kept_back + 1, "time")} more)'
-        self._log.error('%s%s%s', text, again, more)
-        recent = {t: said for t, said in self._said.items() if now_s - said.at_s < _AGAIN_S}
-        self._said = {**recent, text: _Said(now_s)}
-
-
-class _Said(NamedTuple):
-    at_s: float
-    kept_back: int = 0
 
 
 def client_log(module: str, level: int = logging.CRITICAL) -> logging.Logger:
@@ -110,30 +144,3 @@ def client_log(module: str, level: int = logging.CRITICAL) -> logging.Logger:
 def keep_clients_quiet() -> None:
     """Leave it to a command to say in its own words what the Kafka clients would log."""
     logging.getLogger('ros2_kafka_bridge').addHandler(logging.NullHandler())
-
-
-class Occasional:
-    """Says the first few lines of every ten seconds, then how many it kept back."""
-
-    def __init__(self, log: logging.LoggerAdapter[logging.Logger]) -> None:
-        self._log = log
-        self._since_s = 0.0
-        self._count = 0
-
-    def warning(self, message: str) -> None:
-        """Say a warning, unless there were many lines just now."""
-        self._say(logging.WARNING, message)
-
-    def error(self, message: str) -> None:
-        """Say an error, unless there were many lines just now."""
-        self._say(logging.ERROR, message)
-
-    def _say(self, level: int, message: str) -> None:
-        now_s = time.monotonic()
-        if now_s - self._since_s > _PERIOD_S:
-            if self._count > _OFTEN:
-                self._log.log(level, 'and %d more like the last ones', self._count - _OFTEN)
-            self._since_s, self._count = now_s, 0
-        self._count += 1
-        if self._count <= _OFTEN:
-            self._log.log(level, '%s', message)

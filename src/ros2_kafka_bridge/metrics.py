@@ -1,10 +1,13 @@
 """What a route counts, and the snapshot of it that others may read."""
 
-import json
+import operator
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+import msgspec
 
 
 class Outcome(StrEnum):
@@ -25,8 +28,130 @@ class State(StrEnum):
     STARTING = 'starting'
     RUNNING = 'running'
     WAITING = 'waiting'
+    PAUSED = 'paused'
     FAILED = 'failed'
     STOPPED = 'stopped'
+
+
+BOUNDS_S: Final = (
+    0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0,
+    300.0,
+)  # fmt: skip
+"""Upper bounds of the buckets of every `Distribution`, in seconds; the last bucket has none."""
+
+MOST_TROUBLES: Final = 20
+"""How many different errors a route remembers."""
+
+
+class Distribution(NamedTuple):
+    """How long something took, counted in buckets.
+
+    Args:
+        counts: How many fell into each bucket, one more than there are bounds; not cumulated.
+        sum_s: All of them together.
+    """
+
+    counts: tuple[int, ...] = (0,) * (len(BOUNDS_S) + 1)
+    sum_s: float = 0.0
+
+    def plus(self, other: 'Distribution') -> 'Distribution':
+        """Both together."""
+        counts = tuple(map(operator.add, self.counts, other.counts))
+        return Distribution(counts, self.sum_s + other.sum_s)
+
+
+class Trouble(NamedTuple):
+    """An error as a person would be told it.
+
+    Args:
+        time_s: When it came last, since 1970.
+        error: Its class in `errors.py` (`DecodeError`).
+        text: What happened, where, and what to do.
+        times: How often it came, as far as it was the same.
+    """
+
+    time_s: float
+    error: str
+    text: str
+    times: int = 1
+
+
+class Measures(NamedTuple):
+    """What a route measures beside its counters.
+
+    Args:
+        bytes_taken: Of values of records, or CDR bytes of messages.
+        bytes_confirmed: Of what was confirmed, as it was taken; what has come back from disk
+            counts with the length of its record's value.
+        errors: How many of each class of `errors.py`.
+        waited_s: For how long the sink held the route back.
+        rebalances: How often partitions came or went (Kafka -> ROS).
+        matched: DDS endpoints that match the route's own, now.
+        mismatched: DDS endpoints on its topic that do not match, now.
+        queued: What the sink holds: the history of the writer, the queue of the producer.
+        queue_limit: How much it may hold.
+        spool_bytes: What waits on disk.
+        in_bridge: From the take to the confirmation.
+        end_to_end: From the record's own time, or that of its publisher, to the confirmation.
+        round_trip: From `produce` to the delivery report (ROS -> Kafka).
+        broker_round_trip_s: As librdkafka measures it: the 50th and 99th percentile of the last
+            seconds, the largest of all brokers; None where it has not. ROS -> Kafka only, for
+            the requests of a consumer wait for records; and only in a bridge with `monitoring:`.
+        troubles: The last different errors, newest last, at most 20.
+    """
+
+    bytes_taken: int = 0
+    bytes_confirmed: int = 0
+    errors: dict[str, int] = {}  # noqa: RUF012 (never changed)
+    waited_s: float = 0.0
+    rebalances: int = 0
+    matched: int = 0
+    mismatched: int = 0
+    queued: int = 0
+    queue_limit: int = 0
+    spool_bytes: int = 0
+    in_bridge: Distribution = Distribution()
+    end_to_end: Distribution = Distribution()
+    round_trip: Distribution = Distribution()
+    broker_round_trip_s: tuple[float, float] | None = None
+    troubles: tuple[Trouble, ...] = ()
+
+    def plus(self, now: 'Measures') -> 'Measures':
+        """Add what was measured later; what is a state and no sum is as it is now."""
+        return now._replace(
+            bytes_taken=self.bytes_taken + now.bytes_taken,
+            bytes_confirmed=self.bytes_confirmed + now.bytes_confirmed,
+            errors={
+                error: self.errors.get(error, 0) + now.errors.get(error, 0)
+                for error in self.errors | now.errors
+            },
+            waited_s=self.waited_s + now.waited_s,
+            rebalances=self.rebalances + now.rebalances,
+            in_bridge=self.in_bridge.plus(now.in_bridge),
+            end_to_end=self.end_to_end.plus(now.end_to_end),
+            round_trip=self.round_trip.plus(now.round_trip),
+            troubles=_last_of((*self.troubles, *now.troubles)),
+        )
+
+    @property
+    def sums(self) -> 'Measures':
+        """Without what is a state and no sum."""
+        return self._replace(
+            matched=0, mismatched=0, queued=0, queue_limit=0, spool_bytes=0,
+            broker_round_trip_s=None,
+        )  # fmt: skip
+
+
+_NOTHING: Final = Measures()
+
+
+def _last_of(troubles: Iterable[Trouble]) -> tuple[Trouble, ...]:
+    last: dict[tuple[str, str], Trouble] = {}
+    for trouble in sorted(troubles):
+        before = last.pop((trouble.error, trouble.text), None)
+        times = trouble.times + (before.times if before is not None else 0)
+        last[trouble.error, trouble.text] = trouble._replace(times=times)
+    return tuple(last.values())[-MOST_TROUBLES:]
 
 
 class Snapshot(NamedTuple):
@@ -37,6 +162,9 @@ class Snapshot(NamedTuple):
     `in_flight` is the length of what the route holds, not a difference. `lag` is in records
     (Kafka -> ROS only), `lost_upstream` what was lost before the bridge could take it, `repeated`
     what was published again. `final` says that the route has failed and is not tried again.
+    `made_s` is when it was made, by the monotonic clock that all processes of a machine share.
+    `beat_s` is when the route's thread was seen at work last, by that clock; 0 while it waits on
+    purpose (for its next try, its turn, a type) or has ended.
     """
 
     route: str
@@ -56,6 +184,9 @@ class Snapshot(NamedTuple):
     repeated: int
     lag: int | None
     final: bool = False
+    made_s: float = 0.0
+    beat_s: float = 0.0
+    measures: Measures = Measures()
 
     @property
     def balanced(self) -> bool:
@@ -82,17 +213,29 @@ class Counters:
         """Count `count` records or messages that ended in `outcome`."""
         self.ended[outcome] += count
 
-    def tell(self, failure: str, obstacle: str) -> None:
-        """Note what the route is doing: it has failed, it waits, or, both empty, it runs."""
-        self.state = State.FAILED if failure else State.WAITING if obstacle else State.RUNNING
-        self.reason = failure or obstacle
+    def tell(self, failure: str, obstacle: str, pause: str = '') -> None:
+        """Note what the route is doing: it has failed, pauses, waits, or, all empty, it runs."""
+        if failure:
+            self.state = State.FAILED
+        elif pause:
+            self.state = State.PAUSED
+        else:
+            self.state = State.WAITING if obstacle else State.RUNNING
+        self.reason = failure or pause or obstacle
 
     def tell_end(self) -> None:
         """Note that the route does nothing any more."""
         self.state, self.reason = State.STOPPED, ''
 
-    def snapshot(self, in_flight: int, lag: int | None = None, spooled: int = 0) -> Snapshot:
+    def snapshot(
+        self,
+        in_flight: int,
+        lag: int | None = None,
+        spooled: int = 0,
+        measures: Measures = _NOTHING,
+    ) -> Snapshot:
         """Freeze the counters; `in_flight` is the length of what the route holds now."""
+        now_s = time.monotonic()
         return Snapshot(
             route=self.route,
             state=self.state,
@@ -110,15 +253,21 @@ class Counters:
             lost_upstream=self.lost_upstream,
             repeated=self.repeated,
             lag=lag,
+            made_s=now_s,
+            beat_s=0.0 if self.state is State.STOPPED else now_s,
+            measures=measures,
         )
 
 
 def to_line(snapshots: Iterable[Snapshot]) -> bytes:
     """Write snapshots as one line of JSON, as a worker sends them."""
-    return json.dumps({'snapshots': [s._asdict() for s in snapshots]}).encode() + b'\n'
+    return msgspec.json.encode(list(snapshots)) + b'\n'
 
 
 def from_line(line: bytes) -> list[Snapshot]:
-    """Read snapshots from a line of JSON."""
-    found = json.loads(line)['snapshots']
-    return [Snapshot(**{**fields, 'state': State(fields['state'])}) for fields in found]
+    """Read snapshots from a line of JSON.
+
+    Raises:
+        ValueError: It is none.
+    """
+    return msgspec.json.decode(line, type=list[Snapshot])

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
-from ros2_kafka_bridge.dead_letters import DeadLetters, explain, from_ros, without_value
-from ros2_kafka_bridge.endpoints import HeaderList, Message, MessageSource, Outgoing, RecordSink
+from ros2_kafka_bridge.dead_letters import DeadLetters
+from ros2_kafka_bridge.endpoints import Message, MessageSource, Outgoing, RecordSink
 from ros2_kafka_bridge.errors import (
     BridgeError,
     RecordError,
@@ -24,30 +24,26 @@ from ros2_kafka_bridge.errors import (
     TransportError,
 )
 from ros2_kafka_bridge.formats import Encode
-from ros2_kafka_bridge.logs import Occasional
+from ros2_kafka_bridge.gathering import Gathering
+from ros2_kafka_bridge.labels import MakeHeaders, MakeKey
+from ros2_kafka_bridge.logs import summed
+from ros2_kafka_bridge.measuring import Meter
 from ros2_kafka_bridge.metrics import Counters, Outcome
+from ros2_kafka_bridge.pause import Pause
+from ros2_kafka_bridge.refused import Refused, letter_of_message, refused_message
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.spooling import InKafka, Spooling
 from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.telling import Telling
+from ros2_kafka_bridge.tracing.messages import NO_MESSAGE_TRACES, MessageTraces
+from ros2_kafka_bridge.type_hash import CheckHeaders
 from ros2_kafka_bridge.window import Entry, Window
 
 BATCH = 500
-SNAPSHOT_S = 1.0
 _IDLE_S = 0.1
 _BUSY_S = 0.005
 _FULL_S = 0.02
-# A wake-up costs as much as ten messages, a request as much as a hundred. Where messages come
-# often, a short rest lets the next ones gather; where they come seldom, none waits for another.
-_OFTEN_PER_S = 2000.0
-_SMALL_BATCH = 50
-_GATHER_S = 0.001
 _LAST_TAKES = 100
-
-MakeKey = Callable[[Message], bytes | None]
-"""Message -> key of its record."""
-
-MakeHeaders = Callable[[Message], HeaderList]
-"""Message -> headers of its record."""
 
 
 class RosToKafka:
@@ -58,12 +54,16 @@ class RosToKafka:
         source: Where the messages come from; opened once, and held while the route has failed.
         in_kafka: Tells what was produced before a restart.
         sink: Where the records go.
-        encode: Makes a record's value from the CDR bytes of a message.
-        make_key: Makes a record's key from a message that `encode` accepted.
+        make_encode: Makes, when the route runs for the first time, what makes a record's value
+            from the CDR bytes of a message. It may raise a RouteError and be asked again: the
+            source holds the publishers back meanwhile.
+        make_key: Makes a record's key from a message that was encoded.
         make_headers: Makes a record's headers.
+        check_headers: Refuses a message of another version of its type.
         dead_letters: Where messages go that can never be delivered.
         backlog: What waits on disk.
         log: Where to say what happens.
+        traces: What follows the messages that are sampled.
     """
 
     def __init__(
@@ -72,12 +72,14 @@ class RosToKafka:
         source: MessageSource,
         in_kafka: InKafka,
         sink: RecordSink[Entry],
-        encode: Encode,
+        make_encode: Callable[[], Encode],
         make_key: MakeKey,
         make_headers: MakeHeaders,
+        check_headers: CheckHeaders,
         dead_letters: DeadLetters[Entry],
         backlog: Backlog,
         log: logging.LoggerAdapter[logging.Logger],
+        traces: MessageTraces = NO_MESSAGE_TRACES,
     ) -> None:
         self.counters = Counters(route.name)
         self.snapshot = self.counters.snapshot(0)
@@ -85,32 +87,46 @@ class RosToKafka:
         self._source = source
         self._in_kafka = in_kafka
         self._sink = sink
-        self._encode = encode
+        self._make_encode = make_encode
+        self._encode: Encode | None = None
         self._make_key = make_key
         self._make_headers = make_headers
+        self._check_headers = check_headers
         self._dead_letters = dead_letters
-        self._occasional = Occasional(log)
+        self._occasional = summed(log)
+        self._traces = traces
         self._window = Window(route.max_in_flight, route.max_in_flight_bytes)
         self._spooling = Spooling(
             route, self._window, self._put_in_line, backlog, in_kafka, self.counters, log
         )
+        self._meter = Meter()
+        self._telling = Telling(self.counters, self._meter, dead_letters)
+        self._gathering = Gathering(sink.hurry)
+        self._pause = Pause()
         self._producing = 0  # how many the producer has got
         self._alone: Entry | None = None
-        self._failed: str | None = None  # why the route ends, where on_error is stop
-        self._number = 0
-        self._taken_at_s = 0.0
-        self._tick_at_s = 0.0
+        self._failed: Refused | None = None  # what ends the route, where on_error is stop
 
-    def run(self, stop: Stop) -> None:
+    def run(self, stop: Stop, pause: Pause | None = None) -> None:
         """Move messages until a stop is asked for, then drain.
 
         Raises:
             RouteError: This route cannot go on; what it holds is kept for the next run.
+            ConfigError: The format of the route is not possible here; nothing was taken.
         """
+        self._pause = pause or self._pause
+        self._prepare()
         with self._opened():
             while not stop.asked:
-                self._step()
+                if self._pause.asked:
+                    self._rest()
+                else:
+                    self._step()
             self._drain(stop)
+
+    def _prepare(self) -> None:
+        if self._encode is None:
+            self._encode = self._make_encode()
 
     def deliver_backlog(self, stop: Stop) -> None:
         """Deliver what an earlier life has left on disk, and take nothing new.
@@ -130,19 +146,25 @@ class RosToKafka:
         if room > 0:
             taken = self._take(room, _BUSY_S if self._window else _IDLE_S)
             self._produce_pending()
-            self._send(taken)
-        self._confirm(0.0 if room > 0 else _FULL_S)
+            self._gathering.send(taken)
+            self._confirm(0.0)
+        else:
+            self._wait()
         self._tick()
 
-    def _send(self, taken: int) -> None:
-        """Send what was taken, at once where messages come seldom."""
-        now_s = time.monotonic()
-        if 0 < taken < _SMALL_BATCH:
-            if taken > _OFTEN_PER_S * (now_s - self._taken_at_s):
-                time.sleep(_GATHER_S)
-            else:
-                self._sink.hurry()
-        self._taken_at_s = now_s
+    def _wait(self) -> None:
+        """Take nothing for a moment, because there is no room."""
+        since_s = time.monotonic()
+        self._confirm(_FULL_S)
+        self._meter.waited_s += time.monotonic() - since_s
+
+    def _rest(self) -> None:
+        """Take nothing: DDS holds the publishers back. What was taken goes on to Kafka."""
+        self._spooling.step(self._sink.away or self._dead_letters.problem)
+        self._produce_pending()
+        self._source.look()
+        self._confirm(_FULL_S)
+        self._tick()
 
     # 1. ROS -> entries
 
@@ -154,45 +176,39 @@ class RosToKafka:
         if self._dead_letters.problem:
             return 0
         if self._route.when_full == 'drop_oldest' and not self._spooling.exists:
-            self._drop_oldest()
+            for entry in self._window.drop_oldest():
+                self._traces.ended(entry, Outcome.DROPPED)
+                self.counters.end(Outcome.DROPPED)
             return 0 if self._window.size_bytes > self._window.max_bytes else BATCH
         return min(BATCH, self._window.room)
 
     def _take(self, limit: int, timeout_s: float) -> int:
         messages = self._source.take(limit, timeout_s)
+        taken_s = time.monotonic()
+        self._meter.bytes_taken += sum([len(message.cdr) for message in messages])
+        queue = self._spooling.add if self._spooling.active else self._put_in_line
         for message in messages:
-            self._accept(message)
+            self._accept(message, taken_s, queue)
         self._spooling.write()
         return len(messages)
 
-    def _accept(self, message: Message) -> None:
+    def _accept(self, message: Message, taken_s: float, queue: Callable[[Entry], None]) -> None:
         self.counters.taken += 1
         if self._in_kafka.contains(message):
             self.counters.end(Outcome.SKIPPED)
             return
         headers = self._make_headers(message)
         topic = self._route.sink.kafka
+        assert self._encode is not None, 'the route runs'
         try:
+            self._check_headers(headers)
             value = self._encode(message.cdr)
             record = Outgoing(topic, self._make_key(message), value, headers)
         except RecordError as error:
-            entry = self._hold(Outgoing(topic, None, message.cdr, headers), message)
-            if self._is_dead(entry, error):
-                self._queue(entry)
+            record = Outgoing(topic, None, message.cdr, headers)
+            self._refuse(self._window.hold(record, message, taken_s), error, queue)
         else:
-            self._queue(self._hold(record, message))
-
-    def _hold(self, record: Outgoing, message: Message) -> Entry:
-        self._number += 1
-        entry = Entry(self._number, record, message.gid, message.seq)
-        self._window.put(entry)
-        return entry
-
-    def _queue(self, entry: Entry) -> None:
-        if self._spooling.active:
-            self._spooling.add(entry)
-        else:
-            self._put_in_line(entry)
+            queue(self._window.hold(record, message, taken_s))
 
     def _put_in_line(self, entry: Entry) -> None:
         if entry.number >= self._window.stop_at:
@@ -203,38 +219,30 @@ class RosToKafka:
         else:
             self._window.pending.append(entry)
 
-    def _is_dead(self, entry: Entry, error: RecordError) -> bool:
-        """Do what `on_error` says; tells whether the entry has become a dead letter."""
-        where = f'{self._route.source.ros} -> {self._route.sink.kafka}'
+    def _refuse(self, entry: Entry, error: RecordError, queue: Callable[[Entry], None]) -> None:
+        refused = refused_message(self._route, entry.record.headers, error)
+        self._meter.troubles.note(error, refused.where)
         if self._route.on_error == 'stop':
             entry.in_line, entry.refused = False, True
             if entry.number < self._window.stop_at:
                 self._window.stop_at = entry.number
-                self._failed = f'{where}: {error}'
-            return False
-        self._occasional.warning(f'{self._route.on_error}: {where}: {error}')
+                self._failed = refused
+            return
+        self._occasional.warning(f'{self._route.on_error}: {refused.text}', about=refused.about)
         if self._route.on_error == 'drop':
-            self._end(entry, Outcome.DROPPED)
-            return False
-        origin = from_ros(self._route.name, self._route.source.ros, self._route.sink.kafka)
-        letter = explain(entry.record, error, origin)
+            self._end(entry, Outcome.DROPPED, error)
+            return
         entry.dead = True
-        entry.record = without_value(letter) if isinstance(error, RecordTooLargeError) else letter
-        return True
-
-    def _drop_oldest(self) -> None:
-        window, pending = self._window, self._window.pending
-        while pending and (
-            len(pending) > window.max_entries or window.size_bytes > window.max_bytes
-        ):
-            self._end(pending.popleft(), Outcome.DROPPED)
+        entry.record = letter_of_message(self._route, entry.record, error)
+        queue(entry)
 
     # 2. entries -> Kafka
 
     def _produce_pending(self) -> None:
         pending, produce = self._window.pending, self._sink.produce
-        if self._alone is not None:
+        if self._alone is not None or not pending:
             return
+        now_s = time.monotonic()
         while pending:
             entry = pending[0]
             if entry.alone and self._producing:
@@ -243,25 +251,24 @@ class RosToKafka:
                 if not produce(entry.record, entry):
                     return
                 pending.popleft()
+                entry.produced_s = now_s
                 self._producing += 1
             except RecordTooLargeError as error:
                 pending.popleft()
-                self._refuse(entry, error)
+                self._refuse(entry, error, self._put_in_line)
                 continue
             if entry.alone:
                 self._alone = entry
                 return
-
-    def _refuse(self, entry: Entry, error: RecordError) -> None:
-        if self._is_dead(entry, error):
-            self._put_in_line(entry)
 
     # 3. delivery reports -> confirmed
 
     def _confirm(self, timeout_s: float) -> None:
         confirmed, failed = self._sink.poll(timeout_s)
         self._window.remove_all(confirmed)
+        self._traces.confirmed(confirmed)
         self.counters.end(Outcome.CONFIRMED, len(confirmed))
+        self._meter.confirm_messages(confirmed)
         self._producing -= len(confirmed) + len(failed)
         if not self._producing:
             self._alone = None
@@ -274,15 +281,16 @@ class RosToKafka:
         if self._failed is not None and not self._spooling.holds_before(self._window.stop_at):
             self._fail(self._failed)
 
-    def _fail(self, reason: str) -> None:
+    def _fail(self, refused: Refused) -> None:
         """End the route for good: all before what was refused has ended."""
         self._close_sinks()
         self._spooling.put_away()
         behind = len(self._window.entries.keys() - {self._window.stop_at})
         given_up = f', {behind} messages behind it are given up' if behind else ''
-        raise RouteError(f'{reason}; stopped, as on_error says{given_up}', final=True)
+        raise refused.failure(given_up)
 
-    def _end(self, entry: Entry, outcome: Outcome) -> None:
+    def _end(self, entry: Entry, outcome: Outcome, error: RecordError | None = None) -> None:
+        self._traces.ended(entry, outcome, error)
         self._window.remove(entry)
         self.counters.end(outcome)
 
@@ -294,7 +302,7 @@ class RosToKafka:
                 entry.alone = True
                 again.append(entry)
             elif isinstance(error, RecordError):
-                self._refuse(entry, error)
+                self._refuse(entry, error, self._put_in_line)
             elif isinstance(error, TransportError):
                 again.append(entry)
             else:
@@ -303,22 +311,29 @@ class RosToKafka:
         self._window.pending.extendleft(reversed(again))
 
     def _tick(self) -> None:
-        now_s = time.monotonic()
-        if now_s < self._tick_at_s:
+        if not self._telling.is_due(self._pause):
             return
-        self._tick_at_s = now_s + SNAPSHOT_S
         full = self._room() <= 0 or len(self._window.pending) >= self._window.max_entries
         away = self._sink.away if self._window else ''
         reason = away or ('the window is full: Kafka takes too slowly' if full else '')
         self._show(self._spooling.full or reason)
 
     def _show(self, reason: str) -> None:
-        self.counters.tell(self._dead_letters.problem, reason)
+        self._telling.tell(reason, self._sink.away, self._pause)
         self._take_snapshot()
 
     def _take_snapshot(self) -> None:
         self.counters.lost_upstream = self._source.lost_upstream
-        self.snapshot = self.counters.snapshot(len(self._window), spooled=self._spooling.waiting)
+        measures = self._meter.measures(
+            self._sink.load,
+            self._source.matches,
+            bytes_held=self._spooling.former_bytes,
+            spool_bytes=self._spooling.size_bytes,
+            broker_round_trip_s=self._sink.round_trip_s,
+        )
+        self.snapshot = self.counters.snapshot(
+            len(self._window), spooled=self._spooling.waiting, measures=measures
+        )
 
     # Failure, end
 
@@ -328,9 +343,11 @@ class RosToKafka:
         while time.monotonic() < deadline_s and not stop.at_once:
             self._spooling.begin_if_stuck(self._sink.away)
             empty = empty or self._take_last()
+            if empty and not self._window:
+                break  # nothing is owed to Kafka, also where it lets nobody in
             self._produce_pending()
             self._confirm(_BUSY_S if self._window else 0.0)
-            if empty and (not self._window or (self._sink.away and self._spooling.keep())):
+            if empty and self._sink.away and self._spooling.keep():
                 break
         empty = empty or self._take_rest()
         self._close_sinks()
@@ -364,7 +381,7 @@ class RosToKafka:
     @contextmanager
     def _opened(self) -> Iterator[None]:
         try:
-            self._number = max(self._number, self._spooling.open())
+            self._window.count_from(self._spooling.open())
             self._resume()
             self._sink.open()
             yield
@@ -377,8 +394,10 @@ class RosToKafka:
                 self._take_snapshot()
 
     def _close_sinks(self) -> None:
-        for entry in (*self._sink.close(), *self._dead_letters.close()):
+        delivered = [*self._sink.close(), *self._dead_letters.close()]
+        for entry in delivered:
             self._end(entry, Outcome.DEAD_LETTERED if entry.dead else Outcome.CONFIRMED)
+        self._meter.confirm_messages([entry for entry in delivered if not entry.dead])
 
     def _resume(self) -> None:
         """Put what a failed run left back in line, in the order of taking."""

@@ -12,7 +12,7 @@ from typing import Final, Protocol
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.errors import BridgeError
-from ros2_kafka_bridge.logs import Occasional
+from ros2_kafka_bridge.logs import summed
 from ros2_kafka_bridge.metrics import Counters, Outcome
 from ros2_kafka_bridge.plural import count as counted
 from ros2_kafka_bridge.spool.backlog import BATCH, Backlog
@@ -82,11 +82,13 @@ class Spooling:
         self._in_kafka = in_kafka
         self._counters = counters
         self._log = log
-        self._occasional = Occasional(log)
+        self._occasional = summed(log)
         self._unwritten: list[Entry] = []  # to be on disk before anything else becomes of them
         self._former = _Former.NONE
         self._ended_before = 0  # how many had ended when the first of them was loaded
         self._full_since_s: float | None = None
+        self.former_bytes = 0  # of values that an earlier life has left and that were loaded
+        self._former_last = 0  # number of the last of them
 
     @property
     def exists(self) -> bool:
@@ -102,6 +104,11 @@ class Spooling:
     def waiting(self) -> int:
         """How many messages are on disk and not in the window."""
         return self._backlog.waiting
+
+    @property
+    def size_bytes(self) -> int:
+        """What the messages on disk are accounted for."""
+        return self._backlog.size_bytes
 
     @property
     def full(self) -> str:
@@ -287,7 +294,11 @@ class Spooling:
             self._former = _Former.ASKED
             self._ended_before = self._ended
         for row in rows:
-            if row.number <= self._backlog.former and self._in_kafka.holds(row.gid, row.seq):
+            is_former = row.number <= self._backlog.former
+            if is_former and row.number > self._former_last:
+                self._former_last = row.number
+                self.former_bytes += len(row.record.value or b'')
+            if is_former and self._in_kafka.holds(row.gid, row.seq):
                 self._counters.end(Outcome.SKIPPED)
                 self._former = _Former.NONE  # the end of the topic is known already
                 continue

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from ros2_kafka_bridge.logs import route_log
-from ros2_kafka_bridge.metrics import Snapshot
+from ros2_kafka_bridge.metrics import Counters, Snapshot
 from ros2_kafka_bridge.status import status_line
 
 _PERIOD_S: Final = 10.0
@@ -15,7 +15,7 @@ class StatusLog:
     """A line for each route, again and again.
 
     Args:
-        snapshots: Makes the counters of all routes, each time the same routes.
+        snapshots: Makes the counters of all routes.
     """
 
     def __init__(self, snapshots: Callable[[], Iterable[Snapshot]]) -> None:
@@ -31,6 +31,7 @@ class StatusLog:
             return
         now = {snapshot.route: snapshot for snapshot in self._snapshots()}
         for route, snapshot in now.items():
-            line = status_line(snapshot, self._before[route], period_s)
+            before = self._before.get(route) or Counters(route).snapshot(0)
+            line = status_line(snapshot, before, period_s)
             route_log(route).info('%s', line)
         self._before, self._said_s = now, now_s

@@ -49,9 +49,31 @@ class Stop:
     def wait(self, timeout_s: float) -> bool:
         """Wait until a stop is asked for, at most `timeout_s`; tells whether it was."""
         deadline_s = time.monotonic() + timeout_s
-        while not self._drain and (left_s := deadline_s - time.monotonic()) > 0:
+        while not self.asked and (left_s := deadline_s - time.monotonic()) > 0:
             time.sleep(min(_STEP_S, left_s))
-        return self._drain
+        return self.asked
+
+
+class Part(Stop):
+    """The stop of one route: its own, or that of all.
+
+    Args:
+        whole: That of all.
+    """
+
+    def __init__(self, whole: Stop) -> None:
+        super().__init__()
+        self._whole = whole
+
+    @property
+    def asked(self) -> bool:
+        """Whether to drain."""
+        return self._drain or self._whole.asked
+
+    @property
+    def at_once(self) -> bool:
+        """Whether to give up what is still in flight."""
+        return self._now or self._whole.at_once
 
 
 def signals_to_heed() -> Sequence[signal.Signals]:

@@ -3,27 +3,39 @@
 import sys
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Sequence
 
-from ros2_kafka_bridge.endpoints import Outgoing
+from ros2_kafka_bridge.endpoints import Message, Outgoing
+from ros2_kafka_bridge.kafka.headers import source_time_ns
 from ros2_kafka_bridge.spool.store import Row
 
+_S_PER_NS = 1e-9
 _ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small messages count too
 
 
 class Entry:
-    """One message on its way."""
+    """One message on its way.
+
+    Args:
+        number: Given by the route, ascending.
+        record: What is to be produced.
+        message: What it was made of; it is not kept.
+        taken_s: When that was taken, by the monotonic clock.
+    """
+
+    produced_s: float  # when the producer took it last
 
     __slots__ = (
-        'alone', 'dead', 'gid', 'in_line', 'number', 'on_disk', 'record', 'refused', 'seq',
-        'size_bytes',
+        'alone', 'dead', 'gid', 'in_line', 'made_ns', 'number', 'on_disk', 'produced_s', 'record',
+        'refused', 'seq', 'size_bytes', 'taken_bytes', 'taken_s',
     )  # fmt: skip
 
-    def __init__(self, number: int, record: Outgoing, gid: bytes, seq: int) -> None:
+    def __init__(self, number: int, record: Outgoing, message: Message, taken_s: float) -> None:
         self.number = number
         self.record = record
-        self.gid = gid
-        self.seq = seq
+        cdr, self.gid, self.seq, self.made_ns = message
+        self.taken_bytes = len(cdr)
+        self.taken_s = taken_s
         self.size_bytes = len(record.value or b'') + _ENTRY_BYTES
         self.alone = False  # goes in a request of its own
         self.dead = False  # goes to the dead letters
@@ -38,7 +50,10 @@ class Entry:
 
 def from_row(row: Row) -> Entry:
     """An entry that was on disk."""
-    entry = Entry(row.number, row.record, row.gid, row.seq)
+    value = row.record.value or b''  # its length stands for that of the message
+    message = Message(value, row.gid, row.seq, source_time_ns(row.record.headers))
+    taken_s = time.monotonic() - _S_PER_NS * (time.time_ns() - row.taken_ns)
+    entry = Entry(row.number, row.record, message, taken_s)
     entry.dead, entry.on_disk = row.dead, True
     return entry
 
@@ -58,12 +73,25 @@ class Window:
         self.max_entries = max_entries
         self.max_bytes = max_bytes
         self.stop_at = sys.maxsize  # neither this number nor one behind it goes on to Kafka
+        self._number = 0  # of the newest
 
     def __len__(self) -> int:
         return len(self.entries)
 
+    def count_from(self, number: int) -> None:
+        """Give no number again, up to this one."""
+        self._number = max(self._number, number)
+
+    def hold(self, record: Outgoing, message: Message, taken_s: float) -> Entry:
+        """Make the next entry; the arguments are its own."""
+        self._number += 1
+        entry = Entry(self._number, record, message, taken_s)
+        self.entries[entry.number] = entry
+        self.size_bytes += entry.size_bytes
+        return entry
+
     def put(self, entry: Entry) -> None:
-        """Take in an entry."""
+        """Take in an entry that was on disk."""
         self.entries[entry.number] = entry
         self.size_bytes += entry.size_bytes
 
@@ -72,11 +100,21 @@ class Window:
         del self.entries[entry.number]
         self.size_bytes -= entry.size_bytes
 
-    def remove_all(self, entries: Iterable[Entry]) -> None:
+    def remove_all(self, entries: Sequence[Entry]) -> None:
         """Forget entries."""
+        held = self.entries
         for entry in entries:
-            del self.entries[entry.number]
-            self.size_bytes -= entry.size_bytes
+            del held[entry.number]
+        self.size_bytes -= sum([entry.size_bytes for entry in entries])
+
+    def drop_oldest(self) -> list[Entry]:
+        """Forget what is too much of that which waits; returns it."""
+        pending, dropped = self.pending, []
+        while pending and (len(pending) > self.max_entries or self.size_bytes > self.max_bytes):
+            entry = pending.popleft()
+            self.remove(entry)
+            dropped.append(entry)
+        return dropped
 
     @property
     def room(self) -> int:

@@ -9,8 +9,9 @@ from typing import Any
 
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters, Letter
-from ros2_kafka_bridge.endpoints import Message
-from ros2_kafka_bridge.formats import FORMATS, limited
+from ros2_kafka_bridge.endpoints import Matches, Message
+from ros2_kafka_bridge.errors import ConfigError, RouteError
+from ros2_kafka_bridge.formats import Encode
 from ros2_kafka_bridge.kafka.admin import ensure_topic, topic_limit_bytes
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.producer import KafkaSink
@@ -26,9 +27,12 @@ from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.subscription import RosSource, wait_for_type
 from ros2_kafka_bridge.ros.types import load_type
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
+from ros2_kafka_bridge.route_format import asks_registry, check_of, decode_of, encode_of
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.spool.store import Spool, file_of
 from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.tracing.routes import Tracing
+from ros2_kafka_bridge.type_hash import check_nothing
 from ros2_kafka_bridge.window import Entry
 
 _LARGEST_BATCH_BYTES = 1_000_000
@@ -64,11 +68,13 @@ class Wiring:
         node: RosNode,
         abilities: Abilities,
         endpoints: Endpoints,
+        tracing: Tracing,
     ) -> None:
         self._config = config
         self._node = node
         self._abilities = abilities
         self._endpoints = endpoints
+        self._tracing = tracing
 
     def make(self, route: Route, log: Log, stop: Stop, stack: ExitStack) -> Direction | None:
         """Make what runs a route; None when a stop came while its type was waited for.
@@ -96,12 +102,14 @@ class Wiring:
             _Silence(),
             self._produced(route, log),
             self._kafka_sink(route, log),
-            _encode_nothing,
+            lambda: _encode_nothing,
             lambda _: None,
             lambda _: [],
+            check_nothing,
             self._dead_letters(route, log),
             self._backlog(route, log),
             log,
+            self._tracing.messages(route, route.source.type or ''),
         )
 
     def _kafka_to_ros(
@@ -119,9 +127,7 @@ class Wiring:
         )
         room = self._endpoints.writers[route.sink.ros] if self._abilities.bounded else None
         sink = RosSink(self._node, route.sink.ros, message_type, route.sink.qos, room, log)
-        decode = limited(
-            FORMATS[route.format].make_decode(message_type.layout), route.max_message_bytes
-        )
+        decode = decode_of(route, self._config, message_type.layout)
         stack.enter_context(_open(sink))
         if route.max_rate is None:
             log.info(
@@ -130,7 +136,15 @@ class Wiring:
                 route.sink.ros,
             )
         return KafkaToRos(
-            route, self._config.name, source, sink, decode, self._dead_letters(route, log), log
+            route,
+            self._config.name,
+            source,
+            sink,
+            check_of(route, message_type.layout),
+            decode,
+            self._dead_letters(route, log),
+            log,
+            self._tracing.records(route),
         )
 
     def _ros_to_kafka(
@@ -140,9 +154,20 @@ class Wiring:
         stop: Stop,
         stack: ExitStack,
     ) -> RosToKafka | None:
-        name = route.source.type or wait_for_type(self._node, route.source.ros, stop.wait)
+        if route.source.type is not None:
+            return self._of_type(route.source.type, route, log, stack)
+        name = wait_for_type(self._node, route.source.ros, stop.wait)
         if name is None:
             return None
+        try:
+            return self._of_type(name, route, log, stack)
+        except ConfigError as error:
+            # What others publish may be mended there, and is no mistake of the configuration.
+            raise RouteError(str(error)) from error
+
+    def _of_type(
+        self, name: str, route: RosToKafkaRoute, log: Log, stack: ExitStack
+    ) -> RosToKafka:
         message_type = load_type(name)
         produced = self._produced(route, log)
         source = RosSource(
@@ -154,11 +179,21 @@ class Wiring:
             has_gid=self._abilities.gid,
             on_offer=produced.look,
         )
-        encode = limited(
-            FORMATS[route.format].make_encode(message_type.layout), route.max_message_bytes
-        )
+        asks = asks_registry(route)
+        encode = None if asks else encode_of(route, self._config, message_type.layout)
+
+        def make_encode() -> Encode:
+            try:
+                return encode or encode_of(route, self._config, message_type.layout)
+            except ConfigError as error:
+                if route.source.type is not None:
+                    raise
+                raise RouteError(str(error)) from error  # as where the type is learned
+
         make_value_key = make_key(route.sink.key, route.source.ros, message_type.layout)
-        headers = make_headers(route.source.ros, name, self._config.name, source.type_hash)
+        headers = self._tracing.headers(
+            make_headers(route.source.ros, name, self._config.name, source.type_hash)
+        )
         # Open before Kafka is asked anything: from here on DDS holds the publishers back.
         stack.enter_context(_open(source))
         return RosToKafka(
@@ -166,12 +201,14 @@ class Wiring:
             source,
             produced,
             self._kafka_sink(route, log),
-            encode,
+            make_encode,
             make_value_key,
             headers,
+            check_of(route, message_type.layout),
             self._dead_letters(route, log),
             self._backlog(route, log),
             log,
+            self._tracing.messages(route, name),
         )
 
     def _produced(self, route: RosToKafkaRoute, log: Log) -> Produced:
@@ -179,7 +216,7 @@ class Wiring:
         return Produced(Tail(properties, route.sink.kafka), log)
 
     def _kafka_sink(self, route: RosToKafkaRoute, log: Log) -> KafkaSink[Entry]:
-        return KafkaSink(self._producer_properties(route), f'topic {route.sink.kafka}', log)
+        return KafkaSink(self._producer_properties(route), route.sink.kafka, log)
 
     def _spool_of(self, route: RosToKafkaRoute) -> Path:
         assert route.spool is not None
@@ -225,7 +262,7 @@ class Wiring:
         }
         return DeadLetters(
             topic,
-            KafkaSink[Letter[Any]](properties, f'dead-letter topic {topic}', log),
+            KafkaSink[Letter[Any]](properties, topic, log),
             lambda: ensure_topic(properties, topic),
             log,
         )
@@ -236,9 +273,13 @@ class _Silence:
 
     lost_upstream = 0
     exhausted = True
+    matches = Matches()
 
     def open(self) -> None:
         """Nothing is subscribed."""
+
+    def look(self) -> None:
+        """Nobody is followed."""
 
     def take(self, limit: int, timeout_s: float) -> Sequence[Message]:
         """Wait for nothing."""

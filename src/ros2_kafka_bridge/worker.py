@@ -2,6 +2,8 @@
 
     python -m ros2_kafka_bridge.worker FILE [--routes a,b] [--snapshots FD] [--content FD]
 
+Where the configuration asks for several processes, the first one becomes their supervisor.
+
 With `--snapshots` it writes a line of JSON to that file descriptor each second, and a last one
 after the drain; `metrics.from_line` reads it. A reader that is slow misses some, one that is gone
 gets no more: neither holds the worker up. With `--content` the configuration is what that file
@@ -14,36 +16,46 @@ import gc
 import os
 import resource
 import signal
-import stat
 import sys
 import threading
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NoReturn, Self
+from typing import TYPE_CHECKING, Final, NoReturn
 
-from ros2_kafka_bridge import logs
+from ros2_kafka_bridge import logs, unattended
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
-from ros2_kafka_bridge.metrics import Snapshot, to_line
-from ros2_kafka_bridge.stop import SIGNALS, signals_to_heed
+from ros2_kafka_bridge.stop import SIGNALS
+from ros2_kafka_bridge.supervision.child import become
+from ros2_kafka_bridge.supervision.hangup import Signals
+from ros2_kafka_bridge.supervision.orders import (
+    ORDERS,
+    Begin,
+    Drain,
+    End,
+    Event,
+    Order,
+    Pause,
+    Resume,
+)
+from ros2_kafka_bridge.supervision.plan import Plan, content, plan_of, write_plan
+from ros2_kafka_bridge.supervision.sender import Sender
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.bridge import Bridge
     from ros2_kafka_bridge.config.settings import Config
 
-_PERIOD_S: Final = 1.0
-_LAST_S: Final = 1.0
-_BUSY_S: Final = 0.01
+_ORDERS_BYTES: Final = 65_536
 _OPEN_FILES: Final = 65_536
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a worker to its end; returns the exit status."""
     options = _parse(arguments)
-    _before_the_start(supervised=options.worker > 0)
+    signals = _before_the_start(supervised=options.worker > 0)
     allow_open_files()
     try:
-        return _run(options)
+        return _run(options, signals)
     except BridgeError as error:  # only the start raises one: a route keeps its own
         print(error, file=sys.stderr)  # noqa: T201 (the words for the user, as from the command line)
         return 2
@@ -61,23 +73,39 @@ def allow_open_files() -> None:
             resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
-def load_checked(file: Path, text: str | None = None) -> 'Config':
+def load_checked(file: Path, text: str | None = None, *, with_ros: bool = True) -> 'Config':
     """The configuration in a file, checked against the types and the Kafka client found here.
 
     Args:
         file: The file.
         text: What it held when it was read; None reads it now.
+        with_ros: Whether rclpy has to load the types; else a folder of .msg files is enough.
 
     Raises:
         ConfigError: With every mistake in the file.
     """
     from ros2_kafka_bridge.config.file import load, loads  # noqa: PLC0415 (heavy)
+    from ros2_kafka_bridge.formats.extras import missing_extra  # noqa: PLC0415
     from ros2_kafka_bridge.kafka.properties import property_problems  # noqa: PLC0415
-    from ros2_kafka_bridge.ros.types import unknown_type  # noqa: PLC0415
+    from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415
 
+    check_type = _not_installed if with_ros else unknown_type
     if text is not None:
-        return loads(text, str(file), os.environ, unknown_type, property_problems)
-    return load(file, os.environ, unknown_type, property_problems)
+        return loads(text, str(file), os.environ, check_type, property_problems, missing_extra)
+    return load(file, os.environ, check_type, property_problems, missing_extra)
+
+
+def _not_installed(name: str, message_path: Sequence[Path]) -> str | None:
+    """Say what is wrong with the type of a route, which rclpy has to load; None if it can."""
+    from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415 (reads files)
+
+    problem = unknown_type(name)
+    if problem and message_path and unknown_type(name, message_path) is None:
+        return (
+            f'{name} lies in ros.message_path only, which is enough without ROS: a route '
+            'that runs needs its package, built and sourced'
+        )
+    return problem
 
 
 def chosen(config: 'Config', routes: str) -> frozenset[str] | None:
@@ -113,56 +141,104 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         '--after', type=int, metavar='FD',
         help='a pipe whose end is waited for before a drain that no supervisor has asked for',
     )  # fmt: skip
+    parser.add_argument('--paused', default='', help='names of routes that begin paused')
+    parser.add_argument(
+        '--waits', action='store_true', help='load everything, and wait to be told to begin'
+    )
     return parser.parse_args(arguments)
 
 
-def _before_the_start(*, supervised: bool) -> None:
+def _before_the_start(*, supervised: bool) -> Signals:
     """Take over the signals, which whoever started this process may have held back."""
-    for number in SIGNALS if supervised else signals_to_heed():
-        # A supervisor passes them on in the right order; Ctrl-C and systemd send them to all.
-        signal.signal(number, signal.SIG_IGN if supervised else _end)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+    signals = Signals(_end)
+    if supervised:
+        for number in SIGNALS:
+            # A supervisor passes them on in the right order; Ctrl-C and systemd send them to all.
+            signal.signal(number, signal.SIG_IGN)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+    else:
+        signals.hear()
+    return signals
 
 
-def _end(_number: int, _frame: Any) -> NoReturn:
+def _end(_number: int) -> NoReturn:
     raise SystemExit(0)
 
 
 # Run
 
 
-def _run(options: argparse.Namespace) -> int:
-    text = None if options.content is None else _content(options.content)
+def _run(options: argparse.Namespace, signals: Signals) -> int:
+    text = _text(options)
     config = load_checked(options.file, text)
     routes = chosen(config, options.routes)
+    plan = None if options.worker else _plan(config, options.file, text, routes)
+    if plan is not None and plan.supervised and options.snapshots is None:
+        _become_supervisor(plan, options, signals)
 
     from ros2_kafka_bridge.bridge import Bridge  # noqa: PLC0415 (heavy: only for a right file)
 
-    logs.set_up(options.log_format)
-    bridge = Bridge(config, routes, options.worker)
-    if options.worker:
-        threading.Thread(target=_obey, args=(bridge, options.after), daemon=True).start()
-    else:
-        for number in signals_to_heed():
-            signal.signal(number, bridge.stop.on_signal)
+    logs.set_up(options.log_format, options.worker)
+    bridge = Bridge(config, routes, options.worker, frozenset(_names(options.paused)))
     # The windows hold thousands of live entries: by default they are walked all the time.
     gc.freeze()
     gc.set_threshold(50_000, 20, 100)
-    if options.snapshots is None:
-        return bridge.run()
-    with _Sender(options.snapshots, bridge.snapshots) as sender:
-        return bridge.run(sender.send_now)
+    with ExitStack() as stack:
+        tell = None
+        if options.snapshots is not None:
+            sender = Sender(options.snapshots, bridge.snapshots, events=options.worker > 0)
+            tell = stack.enter_context(sender).tell
+        if plan is None:
+            threading.Thread(target=_obey, args=(bridge, options.after), daemon=True).start()
+            return bridge.run(tell or _tell_nobody, waits=options.waits)
+
+        from ros2_kafka_bridge.supervision.standalone import Standalone  # noqa: PLC0415 (not for workers)
+
+        return Standalone(bridge, plan, signals, options.log_format).run(tell or _tell_nobody)
 
 
-def _content(descriptor: int) -> str:
-    """All that an inherited file holds, wherever another reader of it has come to."""
-    return os.pread(descriptor, os.fstat(descriptor).st_size, 0).decode()
+def _plan(config: 'Config', file: Path, text: str, routes: frozenset[str] | None) -> Plan:
+    if not file.is_file():
+        raise ConfigError([f'{file}: can be read only once: save it as a file, to be run'])
+    # A link is followed anew by each reload: a ConfigMap, or a release, is changed by its link.
+    return plan_of(config, file.absolute(), text, routes)
+
+
+def _become_supervisor(plan: Plan, options: argparse.Namespace, signals: Signals) -> NoReturn:
+    """Go on as the process above the workers, which holds nothing of what was needed so far."""
+    descriptor = write_plan(plan)
+    os.set_inheritable(descriptor, True)  # noqa: FBT003 (the standard library's)
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    if signals.take_reload():
+        os.kill(os.getpid(), signal.SIGHUP)  # it waits for who hears it next
+    words = [f'--log-format={options.log_format}', f'--plan={descriptor}', '--', plan.file]
+    become('supervision.supervisor', words)
+
+
+def _tell_nobody(_event: Event) -> None:
+    pass
+
+
+def _text(options: argparse.Namespace) -> str:
+    if options.content is not None:
+        return content(options.content).decode()
+
+    from ros2_kafka_bridge.config.file import read_text  # noqa: PLC0415 (heavy)
+
+    return read_text(options.file)
+
+
+def _names(words: str) -> list[str]:
+    return [name.strip() for name in words.split(',') if name.strip()]
 
 
 def _obey(bridge: 'Bridge', after: int | None) -> None:
-    """Pass on what the supervisor asks for; without a supervisor, drain in the same order."""
-    while os.read(sys.stdin.fileno(), 1):
-        bridge.stop.ask()
+    """Do what the supervisor asks for; without a supervisor, drain in the same order."""
+    rest = b''
+    while data := os.read(sys.stdin.fileno(), _ORDERS_BYTES):
+        *lines, rest = (rest + data).split(b'\n')
+        for line in lines:
+            _do(bridge, ORDERS.decode(line))
     if after is not None:
         os.read(after, 1)  # until the workers that publish to ROS have ended
     if not bridge.stop.asked:
@@ -170,67 +246,29 @@ def _obey(bridge: 'Bridge', after: int | None) -> None:
         bridge.stop.ask()
 
 
-class _Sender:
-    """Sends snapshots once a second, from a thread, and a last time at the end of `with`.
+def _do(bridge: 'Bridge', order: Order) -> None:
+    match order:
+        case Drain():
+            bridge.stop.ask()
+        case Begin():
+            bridge.begin()
+        case End(routes):
+            bridge.end(frozenset(routes))
+        case Pause(route):
+            bridge.pause(route)
+        case Resume(route):
+            bridge.resume(route)
 
-    A lock keeps the lines whole: a route may send one from its own thread.
-    """
 
-    def __init__(self, pipe: int, snapshots: Callable[[], list[Snapshot]]) -> None:
-        self._pipe = pipe
-        self._snapshots = snapshots
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._send_often, name='snapshots', daemon=True)
-        self._lock = threading.Lock()
-        self._rest = b''
-
-    def __enter__(self) -> Self:
-        mode = os.fstat(self._pipe).st_mode
-        if stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode):  # a terminal is shared with others
-            os.set_blocking(self._pipe, False)
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._ended.set()
-        self._thread.join(_LAST_S)
-        with contextlib.suppress(OSError):
-            self._send_last()
-
-    def send_now(self) -> None:
-        """Send what cannot wait; a pipe without room gets it in time."""
-        with contextlib.suppress(OSError), self._lock:
-            line = to_line(self._snapshots())
-            if self._send(line):  # the rest of another came first
-                self._send(line)
-
-    def _send_often(self) -> None:
-        with contextlib.suppress(OSError):  # nobody reads any more
-            while not self._ended.wait(_PERIOD_S):
-                with self._lock:
-                    self._send(to_line(self._snapshots()))
-
-    def _send_last(self) -> None:
-        deadline_s = time.monotonic() + _LAST_S
-        line = to_line(self._snapshots())
-        while time.monotonic() < deadline_s:
-            with self._lock:
-                line = self._send(line)
-                if not line and not self._rest:
-                    return
-            time.sleep(_BUSY_S)
-
-    def _send(self, line: bytes) -> bytes:
-        """Write the line, or first what is left of an older one; returns what was not begun."""
-        data = self._rest or line
-        try:
-            written = os.write(self._pipe, data)
-        except BlockingIOError:
-            return line
-        begun = not self._rest
-        self._rest = data[written:]
-        return b'' if begun else line
+def _leave(status: int) -> NoReturn:
+    """End the process, also where a thread is left that still waits for Kafka."""
+    if unattended.is_any_left():
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError):  # nobody reads it any more
+                stream.flush()
+        os._exit(status)
+    sys.exit(status)
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    _leave(main())

@@ -74,8 +74,11 @@ def test_guarantees_1_2_3_a_leader_killed_in_mid_stream_loses_and_doubles_nothin
     for _, publishers in groupby(told, key=lambda one: one[0]):
         assert [seq for _, seq in publishers] == list(range(1, EACH + 1))
     assert totals(bridge, 'to_kafka')['confirmed'] == len(expected)
-    assert totals(bridge)['confirmed'] == len(found)
-    assert totals(bridge).get('published again', 0) == 0
+    counted = totals(bridge)
+    # What was published, and not confirmed when the group gave the bridge up, counts as returned.
+    assert counted['confirmed'] <= len(found) <= counted['confirmed'] + counted.get('returned', 0)
+    assert given_up or counted['confirmed'] == len(found)
+    assert counted.get('published again', 0) == 0
     assert bench.committed(GROUP, down) == len(expected)
 
 

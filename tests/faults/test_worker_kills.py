@@ -13,7 +13,7 @@ from workers import pids, there_and_back, wait_until_gone
 
 COUNT = 6000
 RATE = 400.0
-LATCHED = ('--durability', 'transient_local', '--readers', '0', '--count', str(COUNT))
+LATCHED = ('--durability', 'transient_local', '--count', str(COUNT))
 
 
 def numbered(count: int) -> list[bytes]:
@@ -47,14 +47,14 @@ def test_guarantees_1_2_8_a_killed_worker_is_started_again_and_nothing_is_lost(
         eventually(lambda: len(lines(arrived)) > 500, 90, process.output)
         other = kill(process, 1)
         process.wait_for('worker 1 (to_ros) was ended by SIGKILL: started again in 1 s')
-        goes_on = bench.end_offset(written) + 500
+        goes_on = min(COUNT, bench.end_offset(written) + 500)  # a busy machine is late
         eventually(partial(bench.reaches, written, goes_on), 60, process.output)
         assert pids(process, 2) == [other]
 
         read = len(lines(arrived))
         other = kill(process, 2)
         process.wait_for('worker 2 (to_kafka) was ended by SIGKILL: started again in 1 s')
-        eventually(lambda: len(lines(arrived)) > read + 500, 60, process.output)
+        eventually(lambda: len(lines(arrived)) >= min(COUNT, read + 500), 60, process.output)
         assert pids(process, 1)[-1] == other
 
         records = bench.records(written, COUNT, timeout_s=120)
@@ -120,7 +120,8 @@ def test_guarantee_7_when_the_supervisor_is_killed_its_workers_drain_in_order_an
 ) -> None:
     sent = [value.ljust(500) for value in numbered(20_000)]
     returned = f'{topic_name}.returned'
-    config = bench.config(there_and_back(topic_name, max_rate=3000), workers=2)
+    routes = there_and_back(topic_name, max_rate=3000)
+    config = bench.config(routes, workers=2, kafka=bench.patient_kafka)
     bench.create_topic(topic_name)
     bench.create_topic(returned)
     bench.produce(topic_name, list(sent))
@@ -161,8 +162,10 @@ def test_a_worker_that_is_away_when_a_stop_comes_is_not_started_again(
     bench.create_topic(topic_name)
     with bench.bridge(config) as process:
         process.wait_for('subscribes to', 90)
-        os.kill(pids(process, 2)[0], signal.SIGKILL)
-        process.wait_for('was ended by SIGKILL: started again in')
+        for times, away_s in enumerate((1, 2, 4), 1):
+            process.wait_for('worker 2 (to_kafka) is process', count=times)
+            os.kill(pids(process, 2)[-1], signal.SIGKILL)
+            process.wait_for(f'was ended by SIGKILL: started again in {away_s} s')
         process.send(signal.SIGTERM)
         assert process.wait(40) == 1
-    assert len(pids(process, 2)) == 1
+    assert len(pids(process, 2)) == 3

@@ -19,7 +19,8 @@ def test_50000_orders_through_both_directions_arrive_once_and_in_order(
         [
             to_ros(topic_name, '/orders', name='orders'),
             to_kafka('/orders', returned, name='orders_returned'),
-        ]
+        ],
+        kafka=bench.patient_kafka,
     )
     bench.create_topic(topic_name)
     with bench.bridge(config) as bridge:
@@ -37,14 +38,14 @@ def test_guarantee_7_a_stop_in_mid_stream_loses_nothing_between_two_routes_of_on
     returned = f'{topic_name}.returned'
     # The rate leaves time to stop in mid-stream; what is in flight is in flight all the same.
     routes = [to_ros(topic_name, '/orders', max_rate=8000), to_kafka('/orders', returned)]
-    config = bench.config(routes)
+    config = bench.config(routes, kafka=bench.patient_kafka)
     bench.create_topic(topic_name)
     bench.create_topic(returned)
     bench.produce(topic_name, list(sent))
     for _ in range(3):
         goal = bench.end_offset(returned) + 2000
-        with bench.bridge(config) as bridge:
-            eventually(partial(bench.reaches, returned, goal), 30, bridge.output)
+        with bench.run(config) as bridge:
+            eventually(partial(bench.reaches, returned, goal), 60, bridge.output)
             assert bridge.end() == 0, bridge.output()
     committed = bench.committed('test.to_ros', topic_name)
     assert 0 < committed < COUNT, 'the stops came in mid-stream'

@@ -154,7 +154,7 @@ def test_it_says_how_much_a_group_has_to_deliver(bench: Bench, topic_name: str) 
     with bench.subscriber('/orders', bench.place / 'received') as subscriber:
         subscriber.wait_for('ready')
         with bench.bridge(file) as bridge:
-            eventually(lambda: len(lines(bench.place / 'received')) == 10, 30)
+            eventually(lambda: len(lines(bench.place / 'received')) == 10, 60)
             assert bridge.end() == 0
         bench.produce(topic_name, [b'10', b'11'])
         _, out, _ = bench.command('check', str(file), '--connect')
@@ -214,7 +214,7 @@ def test_ctrl_c_ends_it_without_a_traceback(bench: Bench, topic_name: str) -> No
         ]
         process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
         try:
-            eventually(lambda: 'rmw_fastrtps_cpp' in log.read_text(), 30)
+            eventually(lambda: 'rmw_fastrtps_cpp' in log.read_text(), 60)
             process.send_signal(signal.SIGINT)
             assert process.wait(20) == 130
         finally:

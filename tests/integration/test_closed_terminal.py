@@ -73,7 +73,8 @@ def test_guarantee_7_a_closed_terminal_is_a_drain(
 ) -> None:
     sent = [f'{number}'.encode().ljust(500) for number in range(COUNT)]
     returned = f'{topic_name}.returned'
-    config = bench.config(there_and_back(topic_name, max_rate=3000), workers=workers)
+    routes = there_and_back(topic_name, max_rate=3000)
+    config = bench.config(routes, workers=workers, kafka=bench.patient_kafka)
     bench.create_topic(topic_name)
     bench.create_topic(returned)
     bench.produce(topic_name, list(sent))

@@ -176,13 +176,13 @@ def test_a_live_topic_that_nobody_publishes_is_a_sentence(bench: Bench) -> None:
 
 def test_a_reader_that_records_itself_learns_its_depth(bench: Bench) -> None:
     file, log = bench.place / 'orders.times', bench.place / 'reader.log'
-    command = [sys.executable, str(EXAMPLE), '--file', str(file), '--work', '0.002']
+    command = [sys.executable, str(EXAMPLE), '--file', str(file), '--work', '0.004']
     with (
         Process([*command, '--depth', '500'], log, bench.environ) as reader,
-        bench.publisher('/orders', '--count', '1500', '--rate', '250') as publisher,
+        bench.publisher('/orders', '--count', '750', '--rate', '125') as publisher,
     ):
         reader.wait_for('ready')
-        publisher.wait_for('published 1500', timeout_s=60)
+        publisher.wait_for('published 750', timeout_s=60)
         reader.send(signal.SIGINT)
         assert reader.wait(60) == 0
         reader.wait_for(f'recorded {file}')
@@ -190,8 +190,8 @@ def test_a_reader_that_records_itself_learns_its_depth(bench: Bench) -> None:
     assert err == ''
     assert status in {0, 1}  # a busy machine may make the reader too slow
     # What it had not come to when it was told to end is all that may be missing.
-    assert 1000 < found['load']['messages'] <= 1500
-    assert found['load']['utilisation'] > 0.4  # 250 a second, 2 ms each, and the executor
+    assert 500 < found['load']['messages'] <= 750
+    assert found['load']['utilisation'] > 0.4  # 125 a second, 4 ms each, and the executor
     traffic, service = str(file), str(file)
     _, parted, _ = depth(bench, '--arrivals', traffic, '--service-file', service, '--loss', '0.05')
     assert parted['predictions'] == found['predictions']

@@ -15,7 +15,7 @@ COUNT = 2_000
 def test_a_small_drain_reports_every_contestant_and_the_bridge_loses_none(
     bench: Bench, ros_domain: int, tmp_path: Path
 ) -> None:
-    rounds = _drain(bench, ros_domain, tmp_path / 'drain.json')
+    rounds = _drain(bench, ros_domain, tmp_path / 'drain.json', 'paper')
     bridge, paper = rounds['bridge'], rounds['paper']
     assert (bridge['delivered'], bridge['lost']) == (COUNT, 0)
     assert (bridge['duplicated'], bridge['out_of_order']) == (0, 0)
@@ -26,10 +26,19 @@ def test_a_small_drain_reports_every_contestant_and_the_bridge_loses_none(
         assert measured['ros_to_kafka']['anon_mib'] > 0
 
 
-def _drain(bench: Bench, ros_domain: int, file: Path) -> dict[str, dict[str, Any]]:
+def test_a_small_drain_compares_a_bridge_that_is_watched(
+    bench: Bench, ros_domain: int, tmp_path: Path
+) -> None:
+    rounds = _drain(bench, ros_domain, tmp_path / 'drain.json', 'monitored')
+    for name in ('bridge', 'monitored'):
+        assert (rounds[name]['delivered'], rounds[name]['lost']) == (COUNT, 0)
+        assert (rounds[name]['duplicated'], rounds[name]['out_of_order']) == (0, 0)
+
+
+def _drain(bench: Bench, ros_domain: int, file: Path, other: str) -> dict[str, dict[str, Any]]:
     options = {
         '--orders': str(COUNT),
-        '--contestants': 'bridge,paper',
+        '--contestants': f'bridge,{other}',
         '--ros-domains': str(ros_domain),
         '--bootstrap-servers': bench.bootstrap_servers,
         '--json': str(file),
@@ -44,5 +53,6 @@ def _drain(bench: Bench, ros_domain: int, file: Path) -> dict[str, dict[str, Any
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert 'bridge / paper' in done.stdout
+    assert f'bridge / {other}' in done.stdout
+    assert f'CPU time for an order, {other} / bridge' in done.stdout
     return {one['contestant']: one for one in json.loads(file.read_text())['rounds']}

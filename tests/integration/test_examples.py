@@ -49,7 +49,7 @@ def test_orders_come_in_and_status_goes_out(own_bench: Bench) -> None:
     bench.produce('orders', orders)
     received = bench.place / 'received'
     with (
-        bench.bridge(example(bench, 'orders_and_status')) as bridge,
+        bench.run(example(bench, 'orders_and_status')) as bridge,
         bench.subscriber('/orders', received),
         bench.publisher('/robot_status', '--count', '50', '--prefix', 'done ') as robot,
     ):
@@ -57,7 +57,7 @@ def test_orders_come_in_and_status_goes_out(own_bench: Bench) -> None:
         records = bench.records('robots.status', 50)
         assert values(records) == status
         assert {record.key() for record in records} == {b'/robot_status'}
-        eventually(lambda: lines(received) == [order.decode() for order in orders], 30)
+        eventually(lambda: lines(received) == [order.decode() for order in orders], 60)
         assert bridge.end() == 0
 
 
@@ -66,7 +66,7 @@ def test_of_two_bridges_one_runs_the_route(own_bench: Bench) -> None:
     bench.create_topic('robots.status')
     file = example(bench, 'two_bridges')
     homes = [str(bench.place / machine) for machine in ('first', 'second')]
-    with bench.bridge(file, HOME=homes[0]) as active, bench.bridge(file, HOME=homes[1]) as other:
+    with bench.run(file, HOME=homes[0]) as active, bench.run(file, HOME=homes[1]) as other:
         eventually(lambda: 'takes over' in active.output() + other.output(), 60)
         eventually(lambda: 'stands by' in active.output() + other.output(), 60)
         with bench.publisher('/robot_status', '--count', '50', '--prefix', 'done ') as robot:
@@ -94,20 +94,20 @@ def test_a_map_and_fixed_transforms_reach_who_comes_later(own_bench: Bench) -> N
         mapper.wait_for('published')
         robot.wait_for('published')
         for _ in range(2):  # later than what it carries, and then again
-            with bench.bridge(example(bench, 'latched')) as bridge:
+            with bench.run(example(bench, 'latched')) as bridge:
                 bridge.wait_for('map: subscribes to /map')
                 bridge.wait_for('subscribes to /tf_static')
                 assert values(bench.records('site-1.map', 1)) == [site]
                 assert values(bench.records('site-1.tf_static', 5)) == transforms
                 assert bridge.end() == 0
     copy = bench.place / 'copy'
-    with bench.bridge(example(bench, 'latched_to_robots')) as bridge:
-        eventually(lambda: bench.committed('site-2.map', 'site-1.map') == 1, 30)
+    with bench.run(example(bench, 'latched_to_robots')) as bridge:
+        eventually(lambda: bench.committed('site-2.map', 'site-1.map') == 1, 60)
         with bench.script(
             'ros_raw_subscriber.py', '/site_1/map', map_type, str(copy),
             '--durability', 'transient_local',
         ):  # fmt: skip
-            eventually(lambda: len(lines(copy)) > 0, 30)
+            eventually(lambda: len(lines(copy)) > 0, 60)
         assert bridge.end() == 0
     assert [bytes.fromhex(line) for line in lines(copy)] == [site]
 
@@ -123,7 +123,7 @@ def test_pictures_at_best_effort_arrive_as_they_were(own_bench: Bench) -> None:
     topic, kind = '/camera/image_raw/compressed', 'sensor_msgs/msg/CompressedImage'
     options = ('--reliability', 'best_effort', '--period', '0.05')
     with (
-        bench.bridge(example(bench, 'camera')) as bridge,
+        bench.run(example(bench, 'camera')) as bridge,
         publisher(bench, topic, kind, file, *options),
     ):
         # What the network loses of them is lost: that is what best effort says.
@@ -147,7 +147,7 @@ def test_old_commands_do_not_move_a_robot(own_bench: Bench) -> None:
     received = bench.place / 'received'
     bench.produce('robot-7.velocity', [before])
     with (
-        bench.bridge(example(bench, 'commands')) as bridge,
+        bench.run(example(bench, 'commands')) as bridge,
         bench.script(
             'ros_raw_subscriber.py', '/cmd_vel', 'geometry_msgs/msg/TwistStamped', str(received)
         ) as robot,
@@ -163,6 +163,6 @@ def test_old_commands_do_not_move_a_robot(own_bench: Bench) -> None:
             producer.flush(10)
             return bool(lines(received))
 
-        eventually(moved, 30)
+        eventually(moved, 60)
         assert bridge.end() == 0
     assert {bytes.fromhex(line) for line in lines(received)} == {fresh}

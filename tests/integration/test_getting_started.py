@@ -38,8 +38,8 @@ def test_the_ten_minutes_go_as_they_are_written(own_bench: Bench, tmp_path: Path
         return result.stdout
 
     made = subprocess.run(
-        ['make', '-n', *shlex.split(demo)[1:]], cwd=ROOT, capture_output=True, text=True,
-        check=True,
+        ['make', '--no-print-directory', '-n', *shlex.split(demo)[1:]], cwd=ROOT,
+        capture_output=True, text=True, check=True,
     )  # fmt: skip
     *_, made_demo = made.stdout.strip().splitlines()
     assert 'lost 0 (0.00 %)' in done(made_demo, '--seconds', '3')

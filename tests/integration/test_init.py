@@ -67,7 +67,7 @@ def test_the_name_is_bridge_yaml_and_a_file_is_never_overwritten(bench: Bench) -
     def init(*options: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [*command, *options],
-            cwd=bench.place, capture_output=True, text=True, timeout=30, check=False,
+            cwd=bench.place, capture_output=True, text=True, timeout=120, check=False,
         )  # fmt: skip
 
     assert init().returncode == 0

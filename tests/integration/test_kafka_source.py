@@ -7,24 +7,15 @@ import time
 from collections.abc import Callable, Iterator
 
 import pytest
-from confluent_kafka import Consumer, Producer, TopicPartition
+from confluent_kafka import Consumer, KafkaError, Producer, TopicPartition
 from harness import Bench, eventually
+from nobody import Nobody
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.properties import consumer_properties
 
 LOG = logging.LoggerAdapter(logging.getLogger('test.source'), {})
-
-
-class Nobody:
-    """A direction that holds nothing."""
-
-    def revoked(self, partitions: frozenset[int]) -> None:
-        pass
-
-    def lost(self, partitions: frozenset[int]) -> None:
-        pass
 
 
 @contextlib.contextmanager
@@ -46,7 +37,7 @@ def trim(bench: Bench, topic: str) -> None:
     """Delete all that the topic holds now."""
     below = TopicPartition(topic, 0, -1)
     admin = bench.admin()  # kept: its futures fail when it goes
-    admin.delete_records([below])[below].result(10)
+    admin.delete_records([below])[below].result(60)
 
 
 def write(bench: Bench, topic: str, ended: threading.Event, sent: list[int]) -> None:
@@ -119,12 +110,11 @@ def poll_until_it_raises(consumer: Consumer, source: KafkaSource) -> None:
 def test_a_source_whose_name_in_the_group_was_taken_closes_and_reads_on_when_opened_again(
     bench: Bench, topic_name: str, unique: Callable[[str], str]
 ) -> None:
-    """As when a broker dies between taking a member in and telling it: the client has given up."""
+    """As when a broker dies between taking a member in and telling it, and the next one, too."""
     bench.create_topic(topic_name)
     bench.produce(topic_name, [b'first'])
     servers = {'bootstrap.servers': bench.bootstrap_servers}
     properties = consumer_properties(servers, client_id='test', group=unique('group'))
-    properties |= {'group.instance.id': 'one-name'}
     source = KafkaSource(properties, topic_name, 'earliest', LOG)
     source.open(Nobody())
     taken: list[bytes | None] = []
@@ -135,9 +125,10 @@ def test_a_source_whose_name_in_the_group_was_taken_closes_and_reads_on_when_ope
 
     eventually(lambda: read(1), 30)
     assert source.commit_now({0: 1}, 20)
-    with contextlib.closing(Consumer(properties)) as usurper:
+    source._anew_at_s = time.monotonic()
+    with contextlib.closing(Consumer(source._properties)) as usurper:
         usurper.subscribe([topic_name])
-        with pytest.raises(RouteError, match='fenced by other consumer'):
+        with pytest.raises(RouteError, match='taken a late request for another member'):
             poll_until_it_raises(usurper, source)
         source.close()
     bench.produce(topic_name, [b'second'])
@@ -148,8 +139,58 @@ def test_a_source_whose_name_in_the_group_was_taken_closes_and_reads_on_when_ope
     assert taken == [b'second']
 
 
+def is_shut_out(source: KafkaSource, usurper: Consumer) -> None:
+    """Let another client take its name in the group."""
+    usurper.subscribe([source._topic])
+    eventually(lambda: bool(usurper.poll(0.1)) or bool(usurper.assignment()), 60)
+
+
+def forgets_all_brokers(source: KafkaSource, _: Consumer) -> None:
+    source._health.has_lost_brokers = True
+
+
+@pytest.mark.parametrize('useless', [is_shut_out, forgets_all_brokers])
+def test_a_client_of_no_use_has_another_and_what_was_confirmed_does_not_come_again(
+    bench: Bench,
+    topic_name: str,
+    unique: Callable[[str], str],
+    useless: Callable[[KafkaSource, Consumer], None],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, [b'first', b'second'])
+    servers = {'bootstrap.servers': bench.bootstrap_servers}
+    group = unique('group')
+    source = KafkaSource(
+        consumer_properties(servers, client_id='test', group=group), topic_name, 'earliest', LOG
+    )
+    taken: list[bytes | None] = []
+
+    def read(count: int) -> bool:
+        taken.extend(record.value() for record in source.poll(500, 0.1))
+        return len(taken) >= count
+
+    source.open(Nobody())
+    eventually(lambda: read(2), 60)
+    assert source.commit_now({0: 1}, 20)
+    source._health.on_error(KafkaError(KafkaError._ALL_BROKERS_DOWN))
+    source.commit({0: 2})  # which Kafka is not told: it is away
+    assert bench.committed(group, topic_name) == 1
+    with contextlib.closing(Consumer(source._properties)) as usurper:
+        useless(source, usurper)
+        eventually(lambda: not read(3) and 'begins anew with another' in caplog.text, 60)
+    bench.produce(topic_name, [b'third'])
+    eventually(lambda: read(3), 60)
+    eventually(lambda: source.commit_now({0: 3}, 20), 60)
+    source.close()
+    assert taken == [b'first', b'second', b'third']
+    assert bench.committed(group, topic_name) == 3
+
+
 def poll_on(source: KafkaSource) -> None:
-    while True:
+    """For a minute, or until it fails."""
+    until_s = time.monotonic() + 60
+    while time.monotonic() < until_s:
         source.poll(500, 0.1)
 
 
@@ -157,7 +198,6 @@ def test_a_client_that_does_not_read_what_its_partition_holds_is_given_up(
     bench: Bench, topic_name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As it was seen with a topic whose leader was not known yet: no error, and no records."""
-    monkeypatch.setattr('ros2_kafka_bridge.kafka.consumer._STUCK_LOOK_S', 0.3)
     bench.create_topic(topic_name, partitions=2)
     bench.produce(topic_name, [b'first'], partition=0)
     taken: list[bytes | None] = []
@@ -168,6 +208,9 @@ def test_a_client_that_does_not_read_what_its_partition_holds_is_given_up(
 
     with opened(bench, topic_name) as source:
         eventually(lambda: read(1) and source.ends == {0: 1, 1: 0}, 30)
+        # Only now: while it begins, a client may well be slower than that.
+        monkeypatch.setattr('ros2_kafka_bridge.kafka.watch._STUCK_LOOK_S', 0.3)
+        source._watch.begin()
         source.commit({0: 1})
         assert source._consumer is not None
         source._consumer.pause([TopicPartition(topic_name, 0)])
@@ -182,7 +225,7 @@ def test_a_client_that_does_not_read_what_its_partition_holds_is_given_up(
 def test_a_partition_that_ends_with_the_mark_of_a_transaction_is_read_to_its_end(
     bench: Bench, topic_name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.kafka.consumer._STUCK_LOOK_S', 0.1)
+    monkeypatch.setattr('ros2_kafka_bridge.kafka.watch._STUCK_LOOK_S', 1.0)
     bench.create_topic(topic_name)
     with Producer(
         {'bootstrap.servers': bench.bootstrap_servers, 'transactional.id': topic_name}

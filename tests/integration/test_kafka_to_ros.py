@@ -49,11 +49,11 @@ def test_with_min_subscribers_0_records_go_to_nobody(bench: Bench, topic_name: s
 def test_guarantee_1_max_rate_is_kept_and_a_keep_last_subscriber_then_loses_nothing(
     bench: Bench, topic_name: str, arrived: Path
 ) -> None:
-    count, rate = 150, 50.0
+    count, rate = 300, 50.0
     bench.create_topic(topic_name)
     config = bench.config([to_ros(topic_name, ROS_TOPIC, max_rate=rate)])
     with (
-        bench.subscriber(ROS_TOPIC, arrived, '--depth', '10'),
+        bench.subscriber(ROS_TOPIC, arrived, '--depth', '50'),
         bench.bridge(config) as bridge,
     ):
         bridge.wait_for('first start of this group')
@@ -110,7 +110,7 @@ def test_guarantee_4_a_stopped_subscriber_holds_back_one_route_alone(
         bench.subscriber('/others', others),
         bench.bridge(config) as bridge,
     ):
-        eventually(lambda: len(lines(arrived)) > 0, 20, bridge.output)
+        eventually(lambda: len(lines(arrived)) > 0, 60, bridge.output)
         stopped.send(signal.SIGSTOP)
         bench.produce(topic_name, words(2000, start=2000))
         bench.produce(other, words(5000))

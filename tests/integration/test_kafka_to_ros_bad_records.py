@@ -218,7 +218,7 @@ def test_guarantee_5_a_dead_letter_topic_without_permission_fails_its_route_alon
     )
     forbidden, same = AclBinding(*rule), AclBindingFilter(*rule)
     admin = bench.admin()
-    admin.create_acls([forbidden])[forbidden].result(10)
+    admin.create_acls([forbidden])[forbidden].result(60)
     for topic in (topic_name, other):
         bench.create_topic(topic)
     bench.produce(topic_name, [b'0', GARBAGE, b'1'], key=KEY, headers=HEADERS)
@@ -234,7 +234,7 @@ def test_guarantee_5_a_dead_letter_topic_without_permission_fails_its_route_alon
         assert 'give this user WRITE on the topic (ACL)' in bridge.output()
         wait_for(others, texts(words(100)), bridge)
         assert bench.committed(GROUP, topic_name) <= 1
-        admin.delete_acls([same])[same].result(10)
+        admin.delete_acls([same])[same].result(60)
         wait_for_commit(bench, topic_name, 3, bridge)
         bench.produce(other, words(100, start=100))
         wait_for(others, texts(words(200)), bridge)

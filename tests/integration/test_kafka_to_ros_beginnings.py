@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from confluent_kafka import Consumer, KafkaException, Producer, TopicPartition
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
+    AdminClient,
     NewPartitions,
 )
 from harness import Bench, eventually, lines, to_ros, totals, values
@@ -47,10 +48,11 @@ def test_a_first_start_begins_where_start_says(
     """In every partition of the topic."""
     route = to_ros(topic_name, ROS_TOPIC)
     route['from']['start'] = start
+    config = bench.config([route], kafka=bench.patient_kafka)
     bench.create_topic(topic_name, partitions=4)
     for partition in range(4):
         bench.produce(topic_name, [b'old'] * 10, partition=partition)
-    with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(bench.config([route])) as bridge:
+    with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:
         bridge.wait_for(f'first start of this group: begins at the {start} record')
         for partition in range(4):
             bench.produce(topic_name, [b'new'] * 10, partition=partition)
@@ -92,13 +94,19 @@ def test_guarantee_1_a_partition_added_while_running_is_read_from_its_beginning(
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(bench.config([route])) as bridge:
         bridge.wait_for('first start of this group')
         admin = bench.admin()
-        admin.create_partitions([NewPartitions(topic_name, 2)])[topic_name].result(10)
+        admin.create_partitions([NewPartitions(topic_name, 2)])[topic_name].result(60)
+        # The broker hears of it from the controller, and refuses a record for it until then.
+        eventually(lambda: partitions(admin, topic_name) == 2, 60)
         bench.produce(topic_name, words(100), partition=1)
         wait_for(arrived, texts(words(100)), bridge)
         bench.produce(topic_name, words(100, start=100), partition=0)
         wait_for(arrived, texts(words(200)), bridge)
         assert bridge.end() == 0
     assert [bench.committed(GROUP, topic_name, p) for p in range(2)] == [100, 100]
+
+
+def partitions(admin: AdminClient, topic: str) -> int:
+    return len(admin.list_topics(topic).topics[topic].partitions)
 
 
 def test_guarantee_1_records_deleted_before_they_were_read_are_counted_and_the_others_arrive(
@@ -114,7 +122,7 @@ def test_guarantee_1_records_deleted_before_they_were_read_are_counted_and_the_o
         bench.produce(topic_name, words(50, start=50))
         admin = bench.admin()
         below = TopicPartition(topic_name, 0, 70)
-        admin.delete_records([below])[below].result(10)
+        admin.delete_records([below])[below].result(60)
         with bench.bridge(config) as bridge:
             wait_for(arrived, texts([*words(50), *words(30, start=70)]), bridge)
             assert bridge.end() == 0
@@ -134,17 +142,21 @@ def test_guarantee_1_a_compacted_topic_is_committed_over_its_gaps_to_its_end(
         topic_name, cleanup_policy='compact', segment_ms='100', min_cleanable_dirty_ratio='0.01'
     )
     bench.produce(topic_name, words(100), key=b'same')
+    bench.produce(topic_name, words(100, start=100), key=b'another')
+    others: list[bytes] = []  # a key each: none of them goes while the bridge reads
 
     def compacted() -> bool:
-        bench.produce(topic_name, [b'other'], key=b'other')  # closes a segment
-        return values(bench.records(topic_name, 2))[0] == b'99'
+        others.append(b'other %d' % len(others))
+        bench.produce(topic_name, others[-1:], key=others[-1])  # closes a segment
+        return values(bench.records(topic_name, 2))[:2] == [b'99', b'199']
 
     eventually(compacted, 60)
-    left = bench.records(topic_name, 2)
-    assert left[0].offset() == 99
+    left = bench.records(topic_name, 2 + len(others))
+    assert [record.offset() for record in left[:3]] == [99, 199, 200]
+    assert values(left) == [b'99', b'199', *others]
     config = bench.config([to_ros(topic_name, ROS_TOPIC)])
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:
-        wait_for(arrived, texts([record.value() for record in left]), bridge)
+        wait_for(arrived, texts([*values(left)]), bridge)
         wait_for_commit(bench, topic_name, bounds(bench, topic_name)[1], bridge)
         assert bridge.end() == 0
     assert totals(bridge)['confirmed'] == len(left)
@@ -196,7 +208,7 @@ def test_guarantee_1_a_topic_made_anew_while_running_is_read_from_its_beginning(
         bench.produce(topic_name, [b'old %d' % number for number in range(20)])
         eventually(lambda: len(lines(arrived)) == 20, 30, bridge.output)
         admin = bench.admin()
-        admin.delete_topics([topic_name])[topic_name].result(10)
+        admin.delete_topics([topic_name])[topic_name].result(60)
         eventually(partial(created, bench, topic_name), 30, bridge.output)
         bench.produce(topic_name, [b'new %d' % number for number in range(5)])
         eventually(lambda: lines(arrived)[-1:] == ['new 4'], 60, bridge.output)

@@ -12,7 +12,8 @@ import pytest
 from confluent_kafka import Consumer, Producer, TopicPartition
 
 from ros2_kafka_bridge.errors import ConfigError, TransportError
-from ros2_kafka_bridge.testing.kafka_jars import find_jars, install_jars
+from ros2_kafka_bridge.testing.class_archive import archive_flags, make_archive
+from ros2_kafka_bridge.testing.kafka_jars import find_jars, install_jars, java
 from ros2_kafka_bridge.testing.kafka_node import is_free, new_id
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka, free_port
 
@@ -57,8 +58,10 @@ def test_two_nodes_at_once_keep_apart(
     assert consume(own_kafka.bootstrap_servers, topic_name) == b'other'
 
 
-def test_a_node_answers_on_this_machine_alone(kafka: LocalKafka) -> None:
-    assert kafka.bootstrap_servers == f'127.0.0.1:{kafka.port}'
+def test_a_node_answers_on_its_own_address_alone(kafka: LocalKafka) -> None:
+    socket.create_connection(('127.0.0.1', kafka.port)).close()
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(('127.0.0.2', kafka.port))
 
 
 def test_a_busy_port_is_one_clear_sentence() -> None:
@@ -136,6 +139,19 @@ def test_jars_that_are_there_are_not_fetched_again(monkeypatch: pytest.MonkeyPat
     jars = install_jars()
     monkeypatch.setenv('PATH', '')
     assert install_jars() == find_jars() == jars
+
+
+def test_java_takes_the_classes_that_were_kept_for_these_jars(tmp_path: Path) -> None:
+    jars = install_jars()
+    if not archive_flags(jars):
+        make_archive(jars)
+    strict = [*archive_flags(jars), '-Xshare:on', '-Xlog:class+load:file=loaded.txt']
+    command = [java(), *strict, '-cp', f'{jars}/*', 'kafka.Kafka', '--version']
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    kafkas = [
+        line for line in (tmp_path / 'loaded.txt').read_text().splitlines() if 'kafka' in line
+    ]
+    assert any('shared objects file (top)' in line for line in kafkas)
 
 
 def test_missing_tools_are_all_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

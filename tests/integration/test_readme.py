@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from harness import Bench, Process
 
 ROOT = Path(__file__).parents[2]
@@ -77,14 +78,15 @@ def test_the_three_terminals_of_the_readme(bench: Bench, tmp_path: Path, ros_dom
         assert running.end() == 0
 
 
-def test_the_configuration_of_the_readme_is_right(bench: Bench, tmp_path: Path) -> None:
-    [text] = re.findall(r'```yaml\n(.*?)```', (ROOT / 'README.md').read_text(), re.DOTALL)
+def test_the_configuration_of_the_readme_is_right(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its parts are those of one file."""
+    parts = re.findall(r'```yaml\n(.*?)```', (ROOT / 'README.md').read_text(), re.DOTALL)
     config = tmp_path / 'bridge.yaml'
-    config.write_text(text)
-    os.environ['KAFKA_PASSWORD'] = 'not-shown'  # noqa: S105 (not a secret)
-    try:
-        status, output, errors = bench.command('check', str(config))
-    finally:
-        del os.environ['KAFKA_PASSWORD']
+    config.write_text(''.join(parts))
+    monkeypatch.setenv('KAFKA_PASSWORD', 'not-shown')
+    monkeypatch.setenv('BRIDGE_TOKEN', 'not-shown-either')
+    status, output, errors = bench.command('check', str(config))
     assert status == 0, errors
     assert 'not-shown' not in output

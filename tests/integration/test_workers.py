@@ -21,7 +21,6 @@ from workers import bridge, gone, pids, there_and_back, wait_until_gone
 from ros2_kafka_bridge.metrics import Snapshot, State, from_line
 from ros2_kafka_bridge.ros.node import open_node
 from ros2_kafka_bridge.ros.profile import Endpoints
-from ros2_kafka_bridge.stop import SIGNALS
 from ros2_kafka_bridge.testing.orders import encode, orders
 
 COUNT = 20_000
@@ -39,7 +38,7 @@ def test_orders_through_two_workers_arrive_once_and_in_order(
 ) -> None:
     source = orders(seed=2)
     sent = [encode(next(source)) for _ in range(COUNT)]
-    config = bench.config(there_and_back(topic_name), workers=2)
+    config = bench.config(there_and_back(topic_name), workers=2, kafka=bench.patient_kafka)
     bench.create_topic(topic_name)
     with bridge(bench, config) as process:
         bench.produce(topic_name, list(sent))
@@ -56,18 +55,23 @@ def test_guarantee_7_a_stop_in_mid_stream_loses_nothing_between_two_workers(
 ) -> None:
     sent = sized(COUNT)
     returned = f'{topic_name}.returned'
-    config = bench.config(there_and_back(topic_name, max_rate=3000), workers=2)
+    routes = there_and_back(topic_name, max_rate=3000)
+    config = bench.config(routes, workers=2, kafka=bench.patient_kafka)
     bench.create_topic(topic_name)
     bench.create_topic(returned)
     bench.produce(topic_name, list(sent))
+    outputs = []
     for _ in range(2):
         goal = bench.end_offset(returned) + 1500
         with bench.bridge(config) as process:
             eventually(partial(bench.reaches, returned, goal), 60, process.output)
             assert process.end(40) == 0, process.output()
+        outputs.append(process.output())
     committed = bench.committed('test.to_ros', topic_name)
     assert 0 < committed < COUNT, 'the stops came in mid-stream'
-    assert values(bench.records(returned, committed)) == sent[:committed]
+    received = values(bench.records(returned, committed))
+    assert received[:committed] == sent[:committed], outputs
+    assert len(received) == committed, outputs
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=['Ctrl-C', 'systemd'])
@@ -76,7 +80,8 @@ def test_a_signal_that_reaches_every_process_is_one_drain(
 ) -> None:
     sent = sized(COUNT)
     returned = f'{topic_name}.returned'
-    config = bench.config(there_and_back(topic_name, max_rate=3000), workers=2)
+    routes = there_and_back(topic_name, max_rate=3000)
+    config = bench.config(routes, workers=2, kafka=bench.patient_kafka)
     bench.create_topic(topic_name)
     bench.create_topic(returned)
     bench.produce(topic_name, list(sent))
@@ -137,7 +142,7 @@ def test_workers_are_told_apart_in_the_graph_and_at_the_broker(
             )
         admin = bench.admin()  # kept: its futures fail when it goes
         groups = admin.describe_consumer_groups(['test.a', 'test.b'])
-        clients = {name: client_ids(future.result(10)) for name, future in groups.items()}
+        clients = {name: client_ids(future.result(60)) for name, future in groups.items()}
         assert clients == {'test.a': ['test-worker-1'], 'test.b': ['test-worker-2']}
         assert process.end(40) == 0
 
@@ -151,7 +156,7 @@ def test_workers_share_the_routes_that_are_asked_for(bench: Bench, topic_name: s
     config = bench.config(routes, workers=2)
     bench.create_topic(topic_name)
     bench.produce(topic_name, sized(10))
-    with bench.bridge(config, '--routes', 'to_ros,to_kafka') as process:
+    with bench.run(config, '--routes', 'to_ros,to_kafka') as process:
         assert len(bench.records(f'{topic_name}.returned', 10)) == 10
         assert process.end(40) == 0
     assert len(pids(process, 1)) == len(pids(process, 2)) == 1
@@ -224,7 +229,7 @@ def test_what_runs_for_long_has_none_of_the_command_lines_libraries_and_keeps_th
     bench: Bench, topic_name: str
 ) -> None:
     config = bench.config([to_kafka('/orders', topic_name)])
-    with bench.bridge(config, PYTHONPROFILEIMPORTTIME='1') as process:
+    with bench.run(config, PYTHONPROFILEIMPORTTIME='1') as process:
         process.wait_for('subscribes to', 60)
         command = Path(f'/proc/{process._popen.pid}/cmdline').read_bytes().split(b'\0')
         assert process.end() == 0
@@ -255,14 +260,29 @@ def test_a_signal_in_the_start_ends_the_bridge_without_a_traceback(
 ) -> None:
     bench.create_topic(topic_name)
     bench.create_topic(f'{topic_name}.returned')
-    for workers, number in product((1, 2), SIGNALS):
+    for workers, number in product((1, 2), (signal.SIGINT, signal.SIGTERM)):
         config = bench.config(there_and_back(topic_name), workers=workers)
-        program = b'worker' if workers == 1 else b'supervisor'
-        with bench.bridge(config) as process:
+        program = b'worker' if workers == 1 else b'supervision.supervisor'
+        with bench.run(config) as process:
             eventually(partial(runs, process, b'ros2_kafka_bridge.' + program), 60)
             process.send(number)
             assert process.wait(60) == 0, process.output()
         assert 'Traceback' not in process.output()
+
+
+@pytest.mark.parametrize('workers', [1, 2])
+def test_a_reload_that_is_asked_for_in_the_start_is_done_after_it(
+    bench: Bench, topic_name: str, workers: int
+) -> None:
+    config = bench.config(there_and_back(topic_name), workers=workers)
+    bench.create_topic(topic_name)
+    program = b'worker' if workers == 1 else b'supervision.supervisor'
+    with bench.run(config) as process:
+        eventually(partial(runs, process, b'ros2_kafka_bridge.' + program), 60)
+        process.send(signal.SIGHUP)
+        process.wait_for('reloaded: nothing has changed', 60)
+        process.wait_for('subscribes to', 60)
+        assert process.end(40) == 0, process.output()
 
 
 def runs(process: Process, module: bytes) -> bool:
@@ -313,7 +333,8 @@ def test_snapshots_of_a_worker_balance_under_load_and_the_last_one_comes_after_t
     bench.create_topic(topic_name)
     bench.create_topic(returned)
     bench.produce(topic_name, sized(COUNT))
-    watched = Watched(bench, bench.config(there_and_back(topic_name, max_rate=3000)))
+    routes = there_and_back(topic_name, max_rate=3000)
+    watched = Watched(bench, bench.config(routes, kafka=bench.patient_kafka))
     eventually(lambda: bench.reaches(returned, COUNT // 2), 60, watched.log.read_text)
     watched.process.terminate()
     found = [from_line(line) for line in watched.lines(60)]

@@ -22,7 +22,7 @@ def main() -> None:
     writer = DataWriter(joined.participant, joined.topic, qos=joined.qos)
     while not writer.get_matched_subscriptions():
         time.sleep(0.01)
-    time.sleep(0.5)  # the writer knows of the match before the reader does
+    time.sleep(1.0)  # the writer knows of the match before the reader does
     for number in range(args.count):
         writer.write(String_(data=str(number)))
     writer.wait_for_acks(duration(seconds=20))

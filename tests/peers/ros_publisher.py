@@ -5,8 +5,10 @@ publisher keeps its history as long as it lives.
 """
 
 import argparse
+import itertools
 import os
 import time
+from pathlib import Path
 
 import rclpy
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -14,10 +16,11 @@ from std_msgs.msg import String
 
 
 def main() -> None:
-    """Publish `--prefix` with a number behind it, `--count` times."""
+    """Publish `--prefix` with a number behind it, `--count` times or until a file is there."""
     parser = argparse.ArgumentParser()
     parser.add_argument('topic')
-    parser.add_argument('--count', type=int, required=True)
+    parser.add_argument('--count', type=int, help='without it until --until')
+    parser.add_argument('--until', type=Path, help='publish until this file is there')
     parser.add_argument('--rate', type=float, default=0.0, help='messages/s, 0 is no limit')
     parser.add_argument('--prefix', default='')
     parser.add_argument('--size', type=int, default=0, help='pad each to so many characters')
@@ -39,9 +42,12 @@ def main() -> None:
     while publisher.get_subscription_count() < args.readers:
         time.sleep(0.01)
     if args.readers:
-        time.sleep(0.3)  # the writer knows of the match before the reader does
+        time.sleep(1.0)  # the writer knows of the match before the reader does
     start = time.monotonic()
-    for number in range(args.count):
+    published = 0
+    for number in itertools.count():
+        if number == args.count or (args.until and args.until.exists()):
+            break
         if args.rate:
             time.sleep(max(0.0, start + number / args.rate - time.monotonic()))
         message = String(data=f'{args.prefix}{number}'.ljust(args.size))
@@ -53,7 +59,8 @@ def main() -> None:
                 if 'cannot publish data' not in str(error):
                     raise
                 time.sleep(0.001)
-    print(f'published {args.count}', flush=True)  # noqa: T201
+        published += 1
+    print(f'published {published}', flush=True)  # noqa: T201
     while True:
         time.sleep(1)
 

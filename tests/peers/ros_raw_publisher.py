@@ -46,7 +46,7 @@ def main() -> None:
     while rclpy.ok() and publisher.get_subscription_count() < args.readers:
         time.sleep(0.01)
     if args.readers:
-        time.sleep(0.3)  # the writer knows of the match before the reader does
+        time.sleep(1.0)  # the writer knows of the match before the reader does
     messages = [bytes.fromhex(line) for line in args.file.read_text().split()]
     for message in messages:
         publisher.publish(deserialize_message(message, kind) if args.typed else message)

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
@@ -21,6 +22,7 @@ def main() -> None:
     parser.add_argument('--reliability', default='reliable')
     parser.add_argument('--durability', default='volatile')
     parser.add_argument('--depth', type=int, default=0, help='KEEP_LAST of so many; 0: KEEP_ALL')
+    parser.add_argument('--hold', type=Path, help='take nothing while this file is there')
     parser.add_argument('--work', type=float, default=0.0, help='seconds of work for a message')
     args = parser.parse_args()
 
@@ -41,7 +43,13 @@ def main() -> None:
 
         node.create_subscription(String, args.topic, on_message, qos)
         print('ready', flush=True)  # noqa: T201
-        rclpy.spin(node)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while True:
+            if args.hold and args.hold.exists():
+                time.sleep(0.01)
+            else:
+                executor.spin_once(timeout_sec=1.0)
 
 
 main()

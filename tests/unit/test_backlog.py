@@ -23,6 +23,7 @@ from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.spool.store import Row, Spool, file_of
 from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSink
+from ros2_kafka_bridge.type_hash import check_nothing
 from ros2_kafka_bridge.window import Entry
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
@@ -95,13 +96,15 @@ class House:
             self.source,
             Produced(self.tail, LOG),
             self.sink,
-            limited(encode, route.max_message_bytes),
+            lambda: limited(encode, route.max_message_bytes),
             lambda _: b'key',
             lambda message: [('ros.seq', b'%d' % message.seq)],
+            check_nothing,
             DeadLetters('orders.dead', self.letters, lambda: None, LOG),
             Backlog(self.spool, route.spool, LOG, drops=route.when_full == 'drop_oldest'),
             LOG,
         )
+        self.direction._prepare()
         self._opened = self.direction._opened()
         self._opened.__enter__()
 
@@ -751,3 +754,22 @@ class World:
         if not self._repeats:
             assert len(first) == len(arrived)
         self._house.drain()
+
+
+def test_what_an_earlier_life_has_left_is_measured_when_it_is_sent(house: Make) -> None:
+    h = house()
+    go_away(h)
+    h.give(*range(1, 101))
+    h.steps()
+    measures = h.direction.snapshot.measures
+    assert measures.bytes_taken == 192
+    assert measures.spool_bytes > 192
+    h.crash()
+    again = house()
+    again.until_all_confirmed()
+    again.give(*range(101, 111))
+    again.until_all_confirmed()
+    again.direction._show('')
+    measures = again.direction.snapshot.measures
+    assert measures.bytes_taken == measures.bytes_confirmed == 192 + 30
+    assert sum(measures.in_bridge.counts) == sum(measures.round_trip.counts) == 110

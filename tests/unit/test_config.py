@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
@@ -13,16 +13,20 @@ from ros2_kafka_bridge.config.checks import KeyPart, key_parts
 from ros2_kafka_bridge.config.file import load, loads
 from ros2_kafka_bridge.config.settings import (
     Config,
+    JsonSettings,
     KafkaSource,
     KafkaToRosRoute,
     QoS,
     RosSink,
     RosToKafkaRoute,
+    SchemaRegistrySettings,
+    SchemaSettings,
     masked,
     warnings,
 )
+from ros2_kafka_bridge.config.words import field_names
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.kafka.properties import property_problems
+from ros2_kafka_bridge.kafka.properties import is_secret, property_problems
 
 FILES = Path(__file__).parent / 'config'
 SCHEMA = json.loads((Path(__file__).parents[2] / 'docs' / 'bridge.schema.json').read_text('utf-8'))
@@ -47,7 +51,7 @@ routes:
 """
 
 
-def check_type(name: str) -> str | None:
+def check_type(name: str, _message_path: Sequence[Path]) -> str | None:
     if name.endswith('/Strin'):
         return f'no message type {name} here (did you mean std_msgs/msg/String?)'
     return None
@@ -108,6 +112,58 @@ def test_a_default_counts_where_it_fits_and_where_the_route_says_nothing() -> No
     assert isinstance(orders, KafkaToRosRoute)
     assert (orders.format, orders.drain_s, orders.min_subscribers) == ('text', 4, 2)
     assert (returned.format, returned.drain_s) == ('cdr', 4)
+
+
+def test_a_default_of_a_format_counts_for_the_routes_of_that_format() -> None:
+    config = load(FILES / 'good_formats.yaml', ENVIRON)
+    plain, own, avro, fixed, text = config.routes
+    assert plain.json_settings == JsonSettings(missing='default', non_finite='null')
+    assert own.json_settings == JsonSettings(integers='string')
+    assert avro.schema_settings == SchemaSettings(auto_register=False)
+    assert fixed.schema_settings == SchemaSettings(registry=False)
+    assert (text.json_settings, text.schema_settings) == (None, None)
+    assert isinstance(plain, KafkaToRosRoute)
+    assert not plain.check_type_hash
+
+
+def test_a_missing_extra_is_a_mistake_of_the_format() -> None:
+    text = EXAMPLE.replace('text', 'json', 1)
+    with pytest.raises(ConfigError) as caught:
+        loads(text, 'bridge.yaml', {}, check_format=lambda name: f'{name} is not here')
+    assert caught.value.problems == [
+        'bridge.yaml:10: routes[0].format: json is not here',
+        'bridge.yaml:14: routes[1].format: text is not here',
+    ]
+
+
+def test_a_type_is_looked_for_in_the_folders_of_the_file_too(tmp_path: Path) -> None:
+    seen: list[Path] = []
+
+    def check(_name: str, message_path: Sequence[Path]) -> None:
+        seen[:] = message_path
+
+    (tmp_path / 'messages').mkdir()
+    path = tmp_path / 'bridge.yaml'
+    path.write_text(EXAMPLE.replace('domain_id: 0', 'message_path: [messages]'))
+    config = load(path, {}, check)
+    assert config.ros.message_path == seen == [tmp_path / 'messages']
+
+
+def test_the_client_of_a_schema_registry_knows_every_property() -> None:
+    from confluent_kafka.schema_registry import SchemaRegistryClient  # noqa: PLC0415 (heavy)
+
+    for name in field_names(SchemaRegistrySettings).keys() - {'url'}:
+        if not name.startswith('bearer'):  # tokens are read only once their source is named
+            with pytest.raises((ValueError, TypeError, OSError)) as caught:
+                SchemaRegistryClient({'url': 'http://localhost:1', name: 'a:b', 'no': 1})
+            assert name not in str(caught.value).partition('Unrecognized')[2]
+    tokens = {
+        'bearer.auth.credentials.source': 'STATIC_TOKEN',
+        'bearer.auth.token': 'x',
+        'bearer.auth.logical.cluster': 'y',
+        'bearer.auth.identity.pool.id': 'z',
+    }
+    SchemaRegistryClient({'url': 'http://localhost:1', **tokens})
 
 
 def test_a_doubled_dollar_is_no_variable() -> None:
@@ -201,6 +257,25 @@ def test_no_shown_configuration_shows_a_secret() -> None:
     assert SECRET not in repr(config) + str(config) + str(masked(config))
     assert masked(config)['kafka']['sasl.password'] == '***'
     assert masked(config)['kafka']['sasl.username'] == 'robot'
+
+
+def test_no_shown_configuration_shows_a_secret_of_a_schema_registry() -> None:
+    config = load(FILES / 'good_formats.yaml', ENVIRON)
+    assert SECRET not in repr(config) + str(config) + str(masked(config))
+    registry = masked(config)['schema_registry']
+    assert registry['basic.auth.user.info'] == registry['ssl.key.password'] == '***'
+    assert registry['proxy'] == 'http://***@proxy:3128'
+    assert config.schema_registry is not None
+    assert config.schema_registry.properties()['basic.auth.user.info'] == f'bridge:{SECRET}'
+    assert warnings(config) == [
+        'schema_registry.ssl.ca.location: false: nobody checks who the registry is'
+    ]
+
+
+def test_an_editor_knows_the_secrets_of_a_schema_registry() -> None:
+    fields = SCHEMA['$defs']['SchemaRegistrySettings']['properties']
+    secret = {name for name, field in fields.items() if field.get('writeOnly')}
+    assert secret == {name for name in fields if is_secret(name)}
 
 
 def test_a_wrong_configuration_made_in_python_shows_no_secret() -> None:

@@ -21,7 +21,7 @@ from ros2_kafka_bridge.dead_letter_topic.choice import Choice, limited, read_ind
 from ros2_kafka_bridge.dead_letter_topic.letter import Letter, Mark, Place, mark, parse
 from ros2_kafka_bridge.dead_letter_topic.words import escaped, hex_lines, shortened, text_lines
 from ros2_kafka_bridge.dead_letters import explain, from_kafka, from_ros, without_value
-from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, Readers
+from ros2_kafka_bridge.endpoints import HeaderList, Load, Matches, Outgoing, Readers
 from ros2_kafka_bridge.errors import (
     ConfigError,
     DecodeError,
@@ -29,6 +29,7 @@ from ros2_kafka_bridge.errors import (
     RecordError,
     TransportError,
 )
+from ros2_kafka_bridge.kafka import letters, overview
 from ros2_kafka_bridge.stop import Stop
 
 TOPIC = 'orders.dead-letters'
@@ -262,6 +263,30 @@ def test_what_is_no_time_is_refused_with_an_example() -> None:
 # What is sent
 
 
+def test_a_letter_of_a_type_in_a_folder_is_checked_without_its_package() -> None:
+    folder = Path(__file__).parents[2] / 'examples' / 'msgs'
+    route = CONFIG['routes'][0] | {
+        'to': {'ros': '/scans', 'type': 'shelf_msgs/msg/ShelfScan'},
+        'format': 'json',
+        'json': {'missing': 'default'},
+    }
+    folders = {'message_path': [str(folder)]}
+    made = Config.model_validate(CONFIG | {'ros': folders, 'routes': [route]})
+    assert restorer(made).for_kafka(read(kafka_letter(b'{"side": 1}'))).record.topic == 'orders'
+    with pytest.raises(RecordError, match=r'would fail again: DecodeError: \$.side: expected int'):
+        restorer(made).for_kafka(read(kafka_letter(b'{"side": "left"}')))
+
+
+def test_a_letter_of_another_version_of_its_type_would_fail_again() -> None:
+    told: HeaderList = [('ros.type_hash', b'RIHS01_' + b'0' * 64)]
+    with pytest.raises(RecordError, match=r'would fail again: DecodeError: ros\.type_hash'):
+        restorer().for_kafka(read(kafka_letter(headers=told)))
+    route = CONFIG['routes'][0] | {'check_type_hash': False}
+    unchecked = Config.model_validate(CONFIG | {'routes': [route]})
+    passed = restorer(unchecked).for_kafka(read(kafka_letter(headers=told)))
+    assert passed.record.value == b'order'
+
+
 def test_a_record_goes_back_as_it_was_to_its_topic_and_partition() -> None:
     again = restorer().for_kafka(read(kafka_letter()))
     assert again.record == Outgoing('orders', b'key', b'order', HEADERS)
@@ -403,6 +428,9 @@ def test_everything_of_a_letter_is_shown_and_a_long_value_is_cut() -> None:
 class Sink:
     """Readers that acknowledge at once, and may be lost once."""
 
+    load = Load()
+    matches = Matches()
+
     def __init__(self, matched: int = 1, lost_at: int = 0) -> None:
         self.published: list[bytes] = []
         self.matched = matched
@@ -495,8 +523,10 @@ def test_a_wrong_use_is_said_before_anybody_is_asked(
 
 @pytest.mark.parametrize('arguments', [['list'], ['show', 'a[0]@1'], ['replay', '--all']])
 def test_a_broker_that_is_not_there_is_said_in_a_sentence(
-    tmp_path: Path, arguments: Sequence[str]
+    tmp_path: Path, arguments: Sequence[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    for module in (letters, overview):
+        monkeypatch.setattr(module, '_REQUEST_S', 0.5)
     status, output = invoke(tmp_path, *arguments)
     assert status == 1
     assert 'the broker does not answer' in output

@@ -151,6 +151,13 @@ def test_a_plain_line_tells_the_same_without_control_characters() -> None:
     )
 
 
+def test_a_plain_line_tells_what_was_sent_also_where_nothing_has_come_back() -> None:
+    stuck = line(LOOK._replace(phase='sending', seconds=7.0, latency=None, consumed=0))
+    assert 'sending, 7 s, 160 sent a second, produced 95,664, Kafka -> ROS 95,664' in stuck
+    assert 'latency' not in stuck
+    assert line(LOOK._replace(phase='starting', seconds=0.0)) == 'the paper, depth 10: starting'
+
+
 # What is blamed on whom
 
 

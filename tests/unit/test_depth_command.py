@@ -1,5 +1,7 @@
 """The command `depth` with files: what it shows, draws and refuses."""
 
+import contextlib
+import io
 import json
 import subprocess
 import sys
@@ -8,22 +10,30 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ros2_kafka_bridge.cli import main
 from ros2_kafka_bridge.depth.recorder import HEADER
 
 MS = 1_000_000
 
 
 def run(*arguments: str | Path, place: Path | None = None) -> tuple[int, str, str]:
-    """Run the command to its end; status, standard output, standard error."""
-    done = subprocess.run(
-        [sys.executable, '-m', 'ros2_kafka_bridge', 'depth', *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-        cwd=place,
-    )
-    return done.returncode, done.stdout, done.stderr
+    """Run the command to its end; status, standard output, standard error.
+
+    In this process: to import scipy takes longer than most of these tests.
+    """
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        patch.setattr(sys, 'argv', ['ros2-kafka-bridge', 'depth', *map(str, arguments)])
+        if place is not None:
+            patch.chdir(place)
+        with pytest.raises(SystemExit) as end:
+            main()
+    assert isinstance(end.value.code, int)
+    return end.value.code, out.getvalue(), err.getvalue()
 
 
 @pytest.fixture(scope='module')

@@ -71,11 +71,10 @@ def test_a_topic_that_only_a_bridge_publishes_is_read_by_others() -> None:
     assert one(drafts([bridged], known)).way == 'from Kafka'
 
 
-def test_text_is_text_and_all_else_is_cdr() -> None:
-    _, config = written(
-        [topic('/a', [peer()]), topic('/b', [peer(message_type='std_msgs/msg/Bool')])]
-    )
-    assert [route.format for route in config.routes] == ['text', 'cdr']
+def test_text_is_text_pictures_are_bytes_and_all_else_is_json() -> None:
+    types = [TEXT, 'std_msgs/msg/Bool', 'sensor_msgs/msg/Image']
+    _, config = written([topic(f'/t{n}', [peer(message_type=t)]) for n, t in enumerate(types)])
+    assert [route.format for route in config.routes] == ['text', 'json', 'cdr']
 
 
 def test_two_types_and_a_type_that_is_not_here_become_comments_with_the_reason() -> None:

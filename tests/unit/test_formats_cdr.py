@@ -7,8 +7,10 @@ from rclpy.serialization import serialize_message
 
 from ros2_kafka_bridge.errors import DecodeError, EncodeError
 from ros2_kafka_bridge.formats import FORMATS, Decode, Encode
+from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.ros.types import load_type
 
+SCOPE = Scope('topic')
 ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
@@ -17,11 +19,11 @@ def message_of(name: str, /, **fields: Any) -> bytes:
 
 
 def decode_of(name: str) -> Decode:
-    return FORMATS['cdr'].make_decode(load_type(name).layout)
+    return FORMATS['cdr'].make_decode(load_type(name).layout, SCOPE)
 
 
 def encode_of(name: str) -> Encode:
-    return FORMATS['cdr'].make_encode(load_type(name).layout)
+    return FORMATS['cdr'].make_encode(load_type(name).layout, SCOPE)
 
 
 def test_a_whole_message_passes_as_the_same_object() -> None:

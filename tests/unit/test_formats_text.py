@@ -10,12 +10,14 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
 from ros2_kafka_bridge.formats import FORMATS
+from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.walk import make_end
 from ros2_kafka_bridge.ros.types import load_type
 
+SCOPE = Scope('topic')
 TYPE = load_type('std_msgs/msg/String')
-DECODE = FORMATS['text'].make_decode(TYPE.layout)
-ENCODE = FORMATS['text'].make_encode(TYPE.layout)
+DECODE = FORMATS['text'].make_decode(TYPE.layout, SCOPE)
+ENCODE = FORMATS['text'].make_encode(TYPE.layout, SCOPE)
 TEXTS = ['', 'a', 'ab', 'abc', 'abcd', 'héllo', '日本語', '😀' * 50, 'x' * 100_000]
 
 
@@ -126,4 +128,4 @@ def test_text_carries_strings_alone() -> None:
     layout = load_type('std_msgs/msg/Bool').layout
     for make in (FORMATS['text'].make_decode, FORMATS['text'].make_encode):
         with pytest.raises(ConfigError, match='text carries std_msgs/msg/String, not std_msgs'):
-            make(layout)
+            make(layout, SCOPE)

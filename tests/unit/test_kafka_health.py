@@ -2,11 +2,13 @@
 
 import logging
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from confluent_kafka import KafkaError
 
 from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.kafka import health as under_test
 from ros2_kafka_bridge.kafka.errors import Client
 from ros2_kafka_bridge.kafka.health import ClientHealth, check_files
 
@@ -24,17 +26,25 @@ def health() -> ClientHealth:
 
 
 @pytest.fixture
+def clock_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    now_s = [1000.0]
+    monkeypatch.setattr(under_test, 'time', SimpleNamespace(monotonic=lambda: now_s[0]))
+    return now_s
+
+
+@pytest.fixture
 def told(caplog: pytest.LogCaptureFixture) -> pytest.LogCaptureFixture:
     caplog.set_level(logging.INFO)
     return caplog
 
 
 def test_an_outage_is_told_once_and_so_is_its_end(
-    health: ClientHealth, told: pytest.LogCaptureFixture
+    health: ClientHealth, told: pytest.LogCaptureFixture, clock_s: list[float]
 ) -> None:
     for _ in range(3):
         health.on_error(NOBODY)
         health.raise_failure()
+        clock_s[0] += 1.5
     health.on_contact()
     health.on_contact()
     assert [line.split(';')[0] for line in told.messages] == [
@@ -43,12 +53,25 @@ def test_an_outage_is_told_once_and_so_is_its_end(
     ]
 
 
-def test_the_cause_is_told_though_it_comes_after_that_nobody_answers(
-    health: ClientHealth, told: pytest.LogCaptureFixture
+def test_a_connection_that_is_made_anew_within_a_second_is_no_outage(
+    health: ClientHealth, told: pytest.LogCaptureFixture, clock_s: list[float]
 ) -> None:
-    for error in (NOBODY, NO_TOKEN, NOBODY):
+    health.on_error(NOBODY)
+    assert health.away
+    clock_s[0] += 0.9
+    health.raise_failure()
+    health.on_contact()
+    assert not health.away
+    assert told.messages == []
+
+
+def test_the_cause_is_told_though_it_comes_after_that_nobody_answers(
+    health: ClientHealth, told: pytest.LogCaptureFixture, clock_s: list[float]
+) -> None:
+    for error in (NOBODY, NOBODY, NO_TOKEN, NOBODY):
         health.on_error(error)
         health.raise_failure()
+        clock_s[0] += 1.5
     assert len(told.messages) == 2
     assert 'sasl.oauthbearer.token.endpoint.url' in told.messages[1]
     assert 'OAUTHBEARER token' in health.away

@@ -1,12 +1,14 @@
-"""The sink on a broker inside the process."""
+"""The sink on a broker inside the process, and what librdkafka may report to it."""
 
 import logging
 import time
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import pytest
 
 from ros2_kafka_bridge.endpoints import Outgoing
+from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka import producer, properties
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.testing.embedded_broker import EmbeddedBroker
@@ -24,7 +26,7 @@ def test_a_hurried_record_lingers_only_where_the_user_says_so(
     with EmbeddedBroker() as broker:
         config = {'bootstrap.servers': broker.bootstrap_servers, **given}
         sink: KafkaSink[str] = KafkaSink(
-            properties.producer_properties(config, client_id='test'), 'topic orders', LOG
+            properties.producer_properties(config, client_id='test'), 'orders', LOG
         )
         sink.open()
         assert sink.produce(Outgoing('orders', None, b'one', []), 'one')
@@ -35,3 +37,95 @@ def test_a_hurried_record_lingers_only_where_the_user_says_so(
             reports += sink.poll(0.01).confirmed
         assert len(reports) == confirmed
         sink.close()
+
+
+class Report(NamedTuple):
+    """What librdkafka tells of a record that it takes for delivered."""
+
+    told_partition: int
+    told_offset: int | None
+
+    def partition(self) -> int:
+        return self.told_partition
+
+    def offset(self) -> int | None:
+        return self.told_offset
+
+
+class Client:
+    """A producer that delivers nothing by itself."""
+
+    def __init__(self, *_: Any, **__: Any) -> None:
+        self.taken: list[Callable[[None, Report], None]] = []
+
+    def produce(self, *_: Any, on_delivery: Callable[[None, Report], None], **__: Any) -> None:
+        self.taken.append(on_delivery)
+
+    def report(self, partition: int, offset: int | None) -> None:
+        self.taken.pop(0)(None, Report(partition, offset))
+
+    def poll(self, _: float) -> None:
+        pass
+
+    def __len__(self) -> int:
+        return len(self.taken)
+
+
+@pytest.fixture
+def client(monkeypatch: pytest.MonkeyPatch) -> Client:
+    made = Client()
+    monkeypatch.setattr(producer, 'Producer', lambda *_, **__: made)
+    return made
+
+
+def opened(**more: Any) -> KafkaSink[int]:
+    config = {'bootstrap.servers': 'nobody:9', **more}
+    sink: KafkaSink[int] = KafkaSink(
+        properties.producer_properties(config, client_id='test'), 'orders', LOG
+    )
+    sink.open()
+    return sink
+
+
+def offered(sink: KafkaSink[int], *numbers: int) -> list[int]:
+    return [n for n in numbers if sink.produce(Outgoing('orders', None, b'%d' % n, []), n)]
+
+
+def test_one_record_is_on_the_way_until_the_first_is_confirmed_guarantees_1_2_3(
+    client: Client,
+) -> None:
+    sink = opened()
+    assert offered(sink, 0, 1, 2) == [0]
+    client.report(0, 0)
+    assert sink.poll(0).confirmed == [0]
+    assert offered(sink, 1, 2, 3) == [1, 2, 3]
+    sink.open()
+    client.taken.clear()
+    assert offered(sink, 4, 5) == [4], 'another producer, whom no partition knows'
+
+
+def test_a_record_that_is_said_to_be_there_where_nothing_was_confirmed_is_written_again(
+    client: Client,
+) -> None:
+    sink = opened()
+    offered(sink, 0)
+    client.report(0, 0)
+    sink.poll(0)
+    offered(sink, 1, 2, 3, 4)
+    client.report(1, None)  # partition 1 has refused it, and then taken the next one
+    client.report(1, 0)
+    client.report(1, None)  # an answer was lost: now the partition does know this producer
+    client.report(0, None)
+    reports = sink.poll(0)
+    assert reports.confirmed == [2, 3, 4]
+    [(number, error)] = reports.failed
+    assert number == 1
+    assert isinstance(error, TransportError)
+
+
+def test_without_idempotence_reports_are_taken_as_they_are(client: Client) -> None:
+    sink = opened(acks='0')
+    assert offered(sink, 0, 1) == [0, 1]
+    client.report(0, None)
+    client.report(1, None)
+    assert sink.poll(0).confirmed == [0, 1]

@@ -2,7 +2,7 @@
 
 import logging
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import given, settings, strategies
@@ -12,8 +12,9 @@ from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters
 from ros2_kafka_bridge.errors import DecodeError, RouteError
 from ros2_kafka_bridge.formats import limited
-from ros2_kafka_bridge.kafka_to_ros import Entry, KafkaToRos
+from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.metrics import State
+from ros2_kafka_bridge.pause import Pause
 from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.testing.memory import (
     MemoryMessageSink,
@@ -21,13 +22,20 @@ from ros2_kafka_bridge.testing.memory import (
     MemoryRecordSink,
     MemoryRecordSource,
 )
+from ros2_kafka_bridge.type_hash import make_hash_check
 
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.record_window import Entry
+
+HASH = 'RIHS01_' + '1' * 64
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 
 
 def decode(value: bytes | None) -> bytes:
     if value is None or value.startswith(b'bad'):
         raise DecodeError('not what it should be')
+    if value.startswith(b'away'):
+        raise RouteError('the Schema Registry does not answer')
     return b'cdr:' + value
 
 
@@ -53,10 +61,12 @@ class House:
             'me',
             self.source,
             self.sink,
+            make_hash_check('std_msgs/msg/String', HASH),
             limited(decode, route.max_message_bytes),
             dead,
             LOG,
         )
+        self.pause = self.direction._pause
         self.source.open(self.direction)
 
     def give(self, *values: bytes | None, partition: int = 0, first: int = 0, **more: Any) -> None:
@@ -68,13 +78,18 @@ class House:
             self.direction._step()
             self.check_balance()
 
+    def rests(self, count: int = 3) -> None:
+        for _ in range(count):
+            self.direction._rest()
+            self.check_balance()
+
     def check_balance(self) -> None:
         snapshot = self.direction.counters.snapshot(len(self.direction._window))
         assert snapshot.balanced, snapshot
 
     def positions(self) -> dict[int, int]:
         self.direction._settle()
-        return dict(self.direction._positions)
+        return dict(self.direction._window.positions)
 
     def confirmed(self) -> int:
         return self.direction.counters.snapshot(0).confirmed
@@ -147,6 +162,31 @@ def test_a_bad_record_becomes_a_dead_letter_and_those_behind_it_wait_for_its_con
     assert told['dead_letter.error'] == 'DecodeError: not what it should be'
     assert (told['dead_letter.topic'], told['dead_letter.partition']) == ('orders', '0')
     assert (told['dead_letter.route'], told['dead_letter.offset']) == ('orders', '1')
+
+
+def test_the_client_of_the_dead_letters_is_polled_also_while_there_are_none(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    house = House()
+    house.give(b'bad')
+    house.steps()
+    assert house.positions() == {0: 1}
+    polled: list[float] = []
+    monkeypatch.setattr(house.letters, 'poll', polled.append)
+    house.steps()
+    assert polled
+
+
+def test_what_was_confirmed_of_a_partition_that_is_lost_is_told() -> None:
+    house = House()
+    house.sink.acknowledging = False
+    house.give(b'a', b'b', b'c')
+    house.give(b'd', partition=1)
+    house.steps()
+    house.sink.acknowledge(2)
+    assert house.direction.lost(frozenset({0})) == {0: 2}
+    assert house.direction.lost(frozenset({0})) == {}
+    house.check_balance()
 
 
 def test_a_dead_letter_too_large_goes_without_its_value() -> None:
@@ -453,3 +493,230 @@ def test_guarantee_1_no_offset_is_committed_before_all_up_to_it_have_ended(
         assert house.direction.snapshot.balanced
         confirmed = house.direction.snapshot.confirmed
         assert sum(o < committed for o in good) <= confirmed
+
+
+def test_who_is_asked_by_the_format_and_is_away_costs_nothing() -> None:
+    """What comes before the record is confirmed, it and what comes behind it are read again."""
+    house = House()
+    house.give(b'a', b'bad', b'b')
+    house.give(b'away', b'c', first=3)
+    house.give(b'd', partition=1)
+    with pytest.raises(RouteError, match='does not answer') as caught:
+        house.steps()
+    assert not caught.value.final
+    assert house.sink.published == [b'cdr:a', b'cdr:b']
+    assert house.positions() == {0: 3, 1: 0}
+    house.direction._give_back(list(house.direction._window.entries))
+    house.check_balance()
+    snapshot = house.direction.counters.snapshot(0)
+    assert (snapshot.taken, snapshot.confirmed, snapshot.dead_lettered) == (6, 2, 1)
+    assert snapshot.returned == 3
+
+
+def test_what_is_read_after_such_a_failure_is_never_published_undecoded() -> None:
+    house = House()
+    house.give(b'away')
+    house.give(b'b', partition=1)
+    house.direction._poll(0.0)
+    house.direction.lost(frozenset({0}))
+    house.give(b'c', partition=1, first=1)
+    with pytest.raises(RouteError):
+        house.steps()
+    assert house.sink.published == []
+
+
+def test_a_route_runs_again_once_the_one_it_asks_is_back() -> None:
+    house = House()
+    house.give(b'a', b'away')
+    with pytest.raises(RouteError):
+        house.direction.run(Stop())
+    assert house.source.committed == {0: 1}
+    with house.direction._opened():
+        house.give(b'back', first=1)
+        house.steps()
+        assert house.positions() == {0: 2}
+    assert house.sink.published[-1] == b'cdr:back'
+
+
+def test_a_message_that_is_larger_than_its_value_counts_with_its_own_size() -> None:
+    house = House(max_in_flight_bytes=100_000)
+    house.sink.acknowledging = False
+    house.direction._decode = lambda value: (value or b'') * 50_000
+    for first in range(4):
+        house.give(b'x', first=first)
+        house.steps(1)
+    assert len(house.source.waiting) == 1
+    assert house.direction._window.size_bytes == 3 * 50_000
+
+
+@pytest.mark.parametrize(
+    'headers',
+    [
+        [],
+        [('ros.type_hash', HASH.encode())],
+        [('other', b'x'), ('ros.type_hash', b'')],
+        [('ros.type_hash', None), ('ros.type', b'std_msgs/msg/String')],
+        [('ros.type_hash', b'INVALID')],
+    ],
+)
+def test_a_record_of_the_same_type_or_of_none_told_passes(headers: Any) -> None:
+    house = House()
+    house.give(b'a', header_list=headers)
+    house.steps()
+    assert house.sink.published == [b'cdr:a']
+
+
+def test_a_record_of_another_version_of_the_type_is_a_dead_letter_with_both_hashes() -> None:
+    house = House()
+    other = 'RIHS01_' + '2' * 64
+    told = [('ros.type', b'other_msgs/msg/String'), ('ros.type_hash', other.encode())]
+    house.give(b'a', header_list=told)
+    house.give(b'b', first=1)
+    house.steps()
+    assert house.sink.published == [b'cdr:b']
+    [letter] = house.letters.records
+    error = str(dict(letter.headers)['dead_letter.error'])
+    assert f'written with other_msgs/msg/String {other}' in error
+    assert f'publishes std_msgs/msg/String {HASH}' in error
+    assert 'check_type_hash: false' in error
+
+
+# What is measured
+
+
+def test_the_measures_of_a_snapshot_fit_its_counters() -> None:
+    house = House()
+    hour_ago_ms = int(time.time() * 1000) - 3_600_000
+    house.give(b'abc', b'bad one', b'defg', time_ms=hour_ago_ms)
+    now_ns = b'%d' % time.time_ns()
+    house.give(b'hi', first=3, time_ms=hour_ago_ms, header_list=[('ros.source_time_ns', now_ns)])
+    house.give(b'timeless', first=4)
+    house.source.rebalances, house.sink.mismatched = 2, 1
+    house.steps()
+    house.direction._show('')
+    snapshot = house.direction.snapshot
+    measures = snapshot.measures
+    assert snapshot.confirmed == sum(measures.in_bridge.counts) == 4
+    assert measures.bytes_taken == len(b'abcbad onedefghitimeless')
+    assert measures.bytes_confirmed == len(b'abcdefghitimeless')
+    assert measures.end_to_end.counts[-1] == 2
+    assert sum(measures.end_to_end.counts) == 3
+    assert measures.errors == {'DecodeError': 1}
+    assert [(t.error, t.text, t.times) for t in measures.troubles] == [
+        ('DecodeError', 'orders[0]@1: not what it should be', 1)
+    ]
+    assert (measures.rebalances, measures.matched, measures.mismatched) == (2, 1, 1)
+    assert (measures.queued, measures.queue_limit) == (0, house.sink.room)
+    assert snapshot.made_s > 0
+
+
+def test_bytes_that_are_in_flight_are_taken_and_those_given_back_stay_so() -> None:
+    house = House()
+    house.sink.acknowledging = False
+    house.give(b'abc', b'de')
+    house.steps()
+    house.sink.acknowledge(1)
+    house.steps(1)
+    house.direction._show('')
+    measures = house.direction.snapshot.measures
+    assert (measures.bytes_taken, measures.bytes_confirmed, measures.queued) == (5, 3, 1)
+    house.direction.lost(frozenset({0}))
+    house.direction._show('')
+    assert house.direction.snapshot.measures.bytes_taken == 5
+
+
+def test_the_time_in_which_a_subscriber_holds_the_route_back_is_measured() -> None:
+    house = House()
+    house.sink.room, house.sink.acknowledging = 1, False
+    house.give(b'a', b'b')
+    house.steps(20)
+    house.direction._show('')
+    waited_s = house.direction.snapshot.measures.waited_s
+    assert waited_s > 0.01
+    house.sink.acknowledging = True
+    house.steps()
+    house.direction._show('')
+    assert house.direction.snapshot.measures.waited_s < waited_s + 0.05
+
+
+def test_max_rate_is_no_back_pressure() -> None:
+    house = House(max_rate=100)
+    house.give(b'a', b'b', b'c')
+    house.steps()
+    house.direction._show('')
+    assert house.direction.snapshot.measures.waited_s == 0
+
+
+def test_a_dead_letter_topic_that_cannot_be_written_is_an_error() -> None:
+    house = House()
+    house.letters.errors[b'bad'] = [RouteError('may not be written')]
+    house.give(b'bad')
+    house.steps()
+    house.direction._show('')
+    [_, trouble] = house.direction.snapshot.measures.troubles
+    assert 'may not be written' in trouble.text
+    assert house.direction.snapshot.measures.errors == {'DecodeError': 1, 'RouteError': 1}
+
+
+def test_kafka_that_is_away_is_told_among_the_errors() -> None:
+    house = House()
+    house.source.away = 'Kafka is away: no answer'
+    house.direction._show('')
+    house.direction._show('')
+    [trouble] = house.direction.snapshot.measures.troubles
+    assert trouble[1:] == ('TransportError', 'Kafka is away: no answer', 1)
+
+
+# Pause
+
+
+def test_a_paused_route_publishes_nothing_and_confirms_what_is_in_flight() -> None:
+    house = House()
+    house.sink.acknowledging = False
+    house.give(b'a', b'b')
+    house.steps()
+    house.pause.asked = True
+    house.give(b'c', first=2)
+    house.rests()
+    assert house.source.held
+    assert house.direction.snapshot.state == 'paused'
+    assert house.direction.snapshot.reason == 'paused by an operator'
+    house.sink.acknowledging = True
+    house.rests()
+    assert house.sink.published == [b'cdr:a', b'cdr:b']
+    assert house.positions() == {0: 2}
+    house.pause.asked = False
+    house.steps()
+    assert house.sink.published == [b'cdr:a', b'cdr:b', b'cdr:c']
+    assert house.direction.snapshot.state == 'running'
+
+
+def test_what_was_read_and_not_published_waits_in_its_order_for_the_end_of_a_pause() -> None:
+    house = House()
+    house.sink.room, house.sink.acknowledging = 1, False
+    house.give(b'a', b'b', b'c')
+    house.steps(3)
+    house.pause.asked = True
+    house.sink.acknowledging = True
+    house.rests()
+    assert house.sink.published == [b'cdr:a']
+    assert house.positions() == {0: 1}
+    house.pause.asked = False
+    house.steps(12)
+    assert house.sink.published == [b'cdr:a', b'cdr:b', b'cdr:c']
+
+
+def test_a_stop_drains_a_paused_route(monkeypatch: pytest.MonkeyPatch) -> None:
+    house = House()
+    house.give(b'a')
+    stop = Stop()
+
+    def hold() -> tuple[()]:
+        stop.ask()
+        return ()
+
+    monkeypatch.setattr(house.source, 'hold', hold)
+    house.direction.run(stop, Pause(asked=True))
+    assert house.sink.published == []
+    assert house.direction.snapshot.state == 'stopped'
+    assert house.direction.snapshot.balanced

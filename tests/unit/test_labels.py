@@ -6,11 +6,13 @@ from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.formats import text
 from ros2_kafka_bridge.formats.layout import Field, Layout, String
+from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.labels import make_headers, make_key
 
+SCOPE = Scope('topic')
 LAYOUT = Layout('std_msgs/msg/String', (Field('data', String()),))
 GID = bytes(range(16))
-MESSAGE = Message(text.make_decode(LAYOUT)(b'shelf-7'), GID, 42, 1_700_000_000_000_000_000)
+MESSAGE = Message(text.make_decode(LAYOUT, SCOPE)(b'shelf-7'), GID, 42, 1_700_000_000_000_000_000)
 
 
 def test_headers_say_where_a_message_comes_from() -> None:
@@ -24,6 +26,13 @@ def test_headers_say_where_a_message_comes_from() -> None:
         ('ros.seq', b'42'),
         ('ros.source_time_ns', b'1700000000000000000'),
     ]
+
+
+def test_the_hash_of_a_publisher_that_is_not_known_yet_is_asked_again() -> None:
+    known = iter([None, 'RIHS01_ab'])
+    headers = make_headers('/orders', 'std_msgs/msg/String', 'bridge', lambda _: next(known))
+    told = [dict(headers(MESSAGE)).get('ros.type_hash') for _ in range(3)]
+    assert told == [None, b'RIHS01_ab', b'RIHS01_ab']
 
 
 def test_what_the_middleware_does_not_tell_is_left_out() -> None:

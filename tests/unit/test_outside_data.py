@@ -38,6 +38,7 @@ from ros2_kafka_bridge.errors import (
 )
 from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.layout import Field, Layout, Primitive, Sequence, String
+from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.walk import make_end
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.labels import KEY_LIMIT_BYTES, make_key
@@ -46,15 +47,17 @@ from ros2_kafka_bridge.ros.node import Peer, RosNode
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.subscription import RosSource
 from ros2_kafka_bridge.ros.types import MessageType
-from ros2_kafka_bridge.shares import Share
+from ros2_kafka_bridge.supervision.shares import Share
+from ros2_kafka_bridge.supervision.worker_process import WorkerProcess
 from ros2_kafka_bridge.testing.memory import (
     MemoryMessageSink,
     MemoryRecord,
     MemoryRecordSink,
     MemoryRecordSource,
 )
-from ros2_kafka_bridge.worker_process import WorkerProcess
+from ros2_kafka_bridge.type_hash import check_nothing
 
+SCOPE = Scope('topic')
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 STRING = Layout('std_msgs/msg/String', (Field('data', String()),))
 HOSTILE = 'a\n2026-01-01 00:00:00,000 ERROR   b\r\x1b[31mc\x9b\u202ed\u2028e\x7f'
@@ -95,8 +98,10 @@ class House:
             }
         )
         letters: DeadLetters[Any] = DeadLetters('dead', self.letters, lambda: None, LOG)
-        decode = FORMATS['text'].make_decode(STRING)
-        self.direction = KafkaToRos(route, 'me', self.source, self.sink, decode, letters, LOG)
+        decode = FORMATS['text'].make_decode(STRING, SCOPE)
+        self.direction = KafkaToRos(
+            route, 'me', self.source, self.sink, check_nothing, decode, letters, LOG
+        )
         self.source.open(self.direction)
 
     def play(self, *records: MemoryRecord) -> dict[int, int]:
@@ -105,7 +110,7 @@ class House:
         for _ in range(8):
             self.direction._step()
         self.direction._settle()
-        return dict(self.direction._positions)
+        return dict(self.direction._window.positions)
 
 
 @pytest.fixture(autouse=True)
@@ -173,13 +178,13 @@ def test_a_record_that_waits_keeps_neither_key_nor_headers_in_memory() -> None:
     house.play(record)
     del record
     gc.collect()
-    assert len(house.direction._pending) == 1
+    assert len(house.direction._window.pending) == 1
     assert seen() is None
 
 
 def test_a_key_made_of_a_message_is_bounded() -> None:
     key = make_key('{message.data}', '/orders', STRING)
-    decode = FORMATS['text'].make_decode(STRING)
+    decode = FORMATS['text'].make_decode(STRING, SCOPE)
     longest = b'x' * KEY_LIMIT_BYTES
     assert key(Message(decode(longest), b'', 0, 0)) == longest
     with pytest.raises(EncodeError, match='a key of 8193 bytes: at most 8192'):
@@ -211,7 +216,10 @@ def test_no_error_quotes_what_a_value_holds(value: bytes) -> None:
     marked = b'SECRET' + value + b'SECRET'
     for name, layout in (('text', STRING), ('cdr', STRING), ('cdr', rich)):
         for cdr in (marked, b'\0\1\0\0' + marked, b'\0\1\0\0\x20\0\0\0' + marked):
-            for convert in (FORMATS[name].make_decode(layout), FORMATS[name].make_encode(layout)):
+            for convert in (
+                FORMATS[name].make_decode(layout, SCOPE),
+                FORMATS[name].make_encode(layout, SCOPE),
+            ):
                 said = error_of(convert, cdr)
                 assert 'SECRE' not in said
                 assert b'SECRE'.hex(' ') not in said
@@ -367,7 +375,7 @@ def test_a_worker_that_talks_nonsense_does_not_end_its_supervisor(line: bytes) -
 def test_a_worker_that_ends_no_line_does_not_fill_its_supervisor(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.worker_process._LINE_LIMIT_BYTES', 100)
+    monkeypatch.setattr('ros2_kafka_bridge.supervision.worker_process._LINE_LIMIT_BYTES', 100)
     worker = WorkerProcess(1, Share(('orders',), to_ros=True))
     for _ in range(100):
         worker.hear(b'x' * 60)
@@ -409,7 +417,7 @@ def calls(tree: ast.AST) -> Iterator[str]:
 
 
 def test_nothing_in_the_bridge_makes_code_or_objects_of_data() -> None:
-    """One place runs source text, and that is its own: `formats/walk.py`, tested above."""
+    """Two places run source text, and that is their own, made of layouts, never of values."""
     forbidden = {
         'eval', 'exec', '__import__', 'pickle', 'marshal', 'shelve', 'dill', 'cloudpickle',
         'system', 'popen', 'unsafe_load', 'full_load', 'jsonpickle',
@@ -420,4 +428,4 @@ def test_nothing_in_the_bridge_makes_code_or_objects_of_data() -> None:
         for name in calls(ast.parse(file.read_text(encoding='utf-8')))
         if name in forbidden
     }
-    assert found == {('formats/walk.py', 'exec')}
+    assert found == {('formats/values/source.py', 'exec'), ('formats/walk.py', 'exec')}

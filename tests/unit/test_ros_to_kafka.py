@@ -1,6 +1,7 @@
 """The direction ROS -> Kafka, driven step by step with ends in memory."""
 
 import logging
+import time
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -8,19 +9,21 @@ import pytest
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters
-from ros2_kafka_bridge.endpoints import Message
+from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import (
     EncodeError,
     RecordTooLargeError,
     RouteError,
     TransportError,
 )
-from ros2_kafka_bridge.formats import limited
+from ros2_kafka_bridge.formats import Encode, limited
 from ros2_kafka_bridge.metrics import State
+from ros2_kafka_bridge.pause import Pause
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSink
+from ros2_kafka_bridge.type_hash import check_nothing, make_publisher_check
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.window import Entry
@@ -75,13 +78,16 @@ class House:
             self.source,
             InKafka(seen),
             self.sink,
-            limited(encode, route.max_message_bytes),
+            lambda: limited(encode, route.max_message_bytes),
             lambda _: b'key',
             lambda message: [('ros.seq', str(message.seq))],
+            check_nothing,
             dead,
             Backlog(None, None, LOG),
             LOG,
         )
+        self.pause = self.direction._pause
+        self.direction._prepare()
         self.sink.open()
 
     def give(self, *cdr: bytes, first: int = 1) -> None:
@@ -91,6 +97,11 @@ class House:
     def steps(self, count: int = 4) -> None:
         for _ in range(count):
             self.direction._step()
+            self.check_balance()
+
+    def rests(self, count: int = 3) -> None:
+        for _ in range(count):
+            self.direction._rest()
             self.check_balance()
 
     def check_balance(self) -> None:
@@ -329,3 +340,146 @@ def test_a_drain_that_runs_out_of_time_says_how_many_it_gave_up() -> None:
         house.direction.run(stop)
     assert house.direction.snapshot.balanced
     assert house.direction.snapshot.in_flight == 2
+
+
+def test_a_drain_that_owes_nothing_to_kafka_is_well_also_where_kafka_lets_nobody_in(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(_timeout_s: float) -> None:
+        raise RouteError('not let in')
+
+    house = House()
+    house.sink.close()
+    monkeypatch.setattr(house.sink, 'poll', refuse)
+    stop = Stop()
+    stop.ask()
+    house.direction.run(stop)
+    house.give(b'a')
+    with pytest.raises(RouteError, match='not let in'):
+        house.direction.run(stop)
+    assert house.direction.snapshot.in_flight == 1
+
+
+def test_a_message_of_another_version_of_its_type_is_a_dead_letter_that_keeps_its_bytes() -> None:
+    ours, theirs = ('RIHS01_' + digit * 64 for digit in '12')
+    house = House()
+    house.direction._check_headers = make_publisher_check('std_msgs/msg/String', ours)
+    hashes = {1: ours, 2: theirs, 3: ''}
+    house.direction._make_headers = lambda message: [
+        ('ros.type_hash', hashes[message.seq].encode())
+    ]
+    house.give(b'a', b'b', b'c')
+    house.steps()
+    assert [record.value for record in house.sink.records] == [encode(b'a'), encode(b'c')]
+    [letter] = house.letters.records
+    assert letter.value == b'b'
+    error = str(dict(letter.headers)['dead_letter.error'])
+    assert error.startswith('EncodeError: ros.type_hash: the publisher sends std_msgs/msg/String')
+    assert ours in error
+    assert theirs in error
+
+
+def test_a_registry_that_is_away_at_the_start_is_asked_again_and_nothing_is_taken_meanwhile() -> (
+    None
+):
+    house = House()
+    answers: list[Exception | None] = [RouteError('away'), None]
+
+    def make_encode() -> Encode:
+        if (error := answers.pop(0)) is not None:
+            raise error
+        return encode
+
+    house.direction._encode, house.direction._make_encode = None, make_encode
+    house.give(b'a')
+    stop = Stop()
+    stop.ask()
+    with pytest.raises(RouteError, match='away'):
+        house.direction.run(stop)
+    assert len(house.source.waiting) == 1
+    house.sink.close()
+    house.direction.run(stop)
+    assert [record.value for record in house.sink.records] == [encode(b'a')]
+
+
+# What is measured
+
+
+def test_the_measures_of_a_snapshot_fit_its_counters() -> None:
+    house = House(seen=frozenset({3}))
+    now_ns = time.time_ns()
+    for number, cdr in enumerate((b'abc', b'bad', b'seen', b'de'), 1):
+        published_ns = now_ns - 3_600_000_000_000 if number == 1 else now_ns
+        house.source.waiting.append(Message(cdr, b'gid', number, published_ns))
+    house.source.waiting.append(Message(b'no time', b'gid', 5, 0))
+    house.steps()
+    house.direction._show('')
+    snapshot = house.direction.snapshot
+    measures = snapshot.measures
+    assert snapshot.confirmed == 3
+    assert sum(measures.in_bridge.counts) == sum(measures.round_trip.counts) == 3
+    assert measures.bytes_taken == len(b'abcbadseendeno time')
+    assert measures.bytes_confirmed == len(b'abcdeno time')
+    assert (measures.end_to_end.counts[-1], sum(measures.end_to_end.counts)) == (1, 2)
+    assert measures.errors == {'EncodeError': 1}
+    assert (measures.matched, measures.queued, measures.queue_limit) == (1, 0, house.sink.room)
+
+
+def test_what_is_delivered_while_the_route_ends_is_measured_too() -> None:
+    house = House()
+    house.give(b'a', b'b')
+    house.sink.delivered_at_close = 2
+    house.direction._take(10, 0.0)
+    house.direction._produce_pending()
+    house.direction._close_sinks()
+    house.direction._show('')
+    assert house.direction.snapshot.confirmed == 2
+    assert sum(house.direction.snapshot.measures.round_trip.counts) == 2
+
+
+def test_the_time_in_which_kafka_holds_the_route_back_is_measured(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def no_report(timeout_s: float) -> Reports[Any]:
+        time.sleep(timeout_s)
+        return Reports([], [])
+
+    house = House(max_in_flight=1)
+    monkeypatch.setattr(house.sink, 'poll', no_report)
+    house.give(b'a', b'b')
+    house.steps()
+    house.direction._show('')
+    assert house.direction.snapshot.measures.waited_s > 0.01
+
+
+# Pause
+
+
+def test_a_paused_route_takes_nothing_and_confirms_what_is_in_flight() -> None:
+    house = House()
+    house.sink.answering = False
+    house.give(b'a')
+    house.steps()
+    house.pause.asked = True
+    house.sink.answering = True
+    house.give(b'b', first=2)
+    house.rests()
+    assert house.values() == [b'a']
+    assert len(house.source.waiting) == 1
+    assert house.source.looked > 0
+    assert house.direction.snapshot.state == 'paused'
+    assert house.direction.snapshot.measures.waited_s == 0
+    house.pause.asked = False
+    house.steps()
+    assert house.values() == [b'a', b'b']
+    assert house.direction.snapshot.state == 'running'
+
+
+def test_a_stop_takes_what_a_paused_route_has_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    house = House()
+    house.give(b'a', b'b')
+    stop = Stop()
+    monkeypatch.setattr(house.source, 'look', stop.ask)
+    house.direction.run(stop, Pause(asked=True))
+    assert house.values() == [b'a', b'b']
+    assert house.direction.snapshot.confirmed == 2

@@ -15,12 +15,14 @@ from hypothesis import strategies as st
 
 from ros2_kafka_bridge.backoff import Backoff
 from ros2_kafka_bridge.config.file import loads
-from ros2_kafka_bridge.logs import Repeated
+from ros2_kafka_bridge.logs import summed
 from ros2_kafka_bridge.metrics import Counters, State, from_line, to_line
-from ros2_kafka_bridge.shares import Share, share_out, supervised
 from ros2_kafka_bridge.stop import Stop
-from ros2_kafka_bridge.supervisor import Command, Supervisor
-from ros2_kafka_bridge.worker_process import WorkerProcess
+from ros2_kafka_bridge.supervision.plan import Plan, RoutePlan, plan_of
+from ros2_kafka_bridge.supervision.shares import Share, share_out
+from ros2_kafka_bridge.supervision.supervisor import Supervisor
+from ros2_kafka_bridge.supervision.systemd import Systemd
+from ros2_kafka_bridge.supervision.worker_process import WorkerProcess
 
 CONFIG = """\
 name: test
@@ -81,11 +83,18 @@ def test_every_route_has_one_worker_of_its_direction_and_no_worker_is_idle(
         assert not counts or max(counts) - min(counts) <= 1
 
 
-def test_one_worker_or_one_route_needs_no_supervisor() -> None:
-    config = loads(CONFIG.format(workers=2), 'x', {})
-    assert supervised(config) == ['--workers=2', '--drain-s=8', '--to-ros=a', '--from-ros=b']
-    assert supervised(loads(CONFIG.format(workers=1), 'x', {})) == []
-    assert supervised(config.model_copy(update={'routes': config.routes[:1]})) == []
+def plan(text: str, *chosen: str) -> Plan:
+    return plan_of(loads(text, 'x', {}), Path('x'), text, frozenset(chosen) or None)
+
+
+def test_one_worker_or_one_route_needs_no_supervisor_unless_the_bridge_is_watched() -> None:
+    two, one = CONFIG.format(workers=2), CONFIG.format(workers=1)
+    assert plan(two).supervised
+    assert not plan(two, 'a').supervised
+    assert not plan(one).supervised
+    watched = plan(f'monitoring: {{}}\n{one}')
+    assert watched.supervised
+    assert watched.shares() == [Share(('a', 'b'), to_ros=True, both=True)]
 
 
 def test_workers_share_the_routes_that_are_asked_for() -> None:
@@ -93,10 +102,11 @@ def test_workers_share_the_routes_that_are_asked_for() -> None:
         f'  - {{name: {name}, from: {{ros: /{name}}}, to: {{kafka: {name}}}, drain_s: 2}}\n'
         for name in ('c', 'd')
     )
-    config = loads(CONFIG.format(workers=3) + routes, 'x', {})
-    asked = supervised(config, frozenset(['c', 'd']))
-    assert asked == ['--workers=3', '--drain-s=2.0', '--from-ros=c', '--from-ros=d']
-    assert supervised(config, frozenset(['c'])) == []
+    text = CONFIG.format(workers=3) + routes
+    assert plan(text).drain_s == 8
+    asked = plan(text, 'c', 'd')
+    assert asked.drain_s == 2
+    assert asked.shares() == [Share((name,), to_ros=False) for name in ('c', 'd')]
 
 
 @pytest.mark.parametrize(
@@ -130,14 +140,15 @@ def test_a_worker_that_failed_unasked_makes_the_end_a_failure_and_one_that_was_k
         f'been = pathlib.Path({str(been)!r})\n'
         'if been.exists():\n'
         '    been.with_name("again").touch()\n'
-        '    sys.stdin.read(1)\n'
+        '    sys.stdin.readline()\n'
         '    sys.exit(0)\n'
         'been.touch()\n'
         f'{ending}\n'
     )
     program.chmod(0o700)
     monkeypatch.setattr('sys.executable', str(program))
-    with Supervisor([Share(('orders',), to_ros=True)], Command([]), 5.0) as supervisor:
+    one = Plan('x', '', {}, (RoutePlan('orders', to_ros=True, drain_s=5.0),))
+    with Supervisor(one, [], Systemd()) as supervisor:
         ended: list[int] = []
         thread = threading.Thread(target=lambda: ended.append(supervisor.run()))
         thread.start()
@@ -152,7 +163,7 @@ def test_an_error_that_stays_is_said_once_and_a_new_one_at_once(
 ) -> None:
     now_s = 1000.0
     monkeypatch.setattr('time.monotonic', lambda: now_s)
-    errors = Repeated(logging.LoggerAdapter(logging.getLogger('test')))
+    errors = summed(logging.LoggerAdapter(logging.getLogger('test')), 1, 60.0)
     for wait_s in (1, 2, 4):
         errors.error('failed: away', f'; tried again in {wait_s} s')
     errors.error('failed: refused', '; tried again in 8 s')
@@ -220,7 +231,7 @@ def test_a_dead_worker_is_due_after_its_wait_and_its_routes_say_so() -> None:
 
 def test_the_supervisor_loads_no_ros_no_kafka_client_and_no_settings() -> None:
     program = (
-        'import sys; import ros2_kafka_bridge.supervisor\n'
+        'import sys; import ros2_kafka_bridge.supervision.supervisor\n'
         'heavy = {"rclpy", "confluent_kafka", "pydantic", "ruamel.yaml", "typer", "rich"}\n'
         'assert not heavy & {*sys.modules}, heavy & {*sys.modules}'
     )

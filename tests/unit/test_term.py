@@ -98,7 +98,7 @@ def test_a_drain_listens_too(clock: Clock) -> None:
     assert 3 <= lock.polls <= 4, 'and the hot loop pays nothing for it'
 
 
-def test_a_stop_runs_on_until_the_successor_reads() -> None:
+def test_a_stop_runs_on_until_the_successor_reads_and_is_known(clock: Clock) -> None:
     stop, lock, successor = Stop(), MemoryLock(wanted=True), MemorySuccessor()
     term = Term(stop, lock, successor)
     stop.ask()
@@ -106,7 +106,9 @@ def test_a_stop_runs_on_until_the_successor_reads() -> None:
     assert not lock.held, 'it goes to the successor first'
     assert not term.wait(0.3)
     successor.come = True
+    assert not term.wait(3.0), 'not every publisher sends to it yet'
     assert term.wait(60)
+    assert clock.now_s < 1004
     assert not term.over
 
 
@@ -119,7 +121,7 @@ def test_a_stop_waits_for_no_successor_where_none_is_there_or_needed(missing: st
 
 
 def test_a_stop_waits_for_its_successor_for_a_while_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.term.OVERLAP_S', 0.2)
+    monkeypatch.setattr('ros2_kafka_bridge.term._COMING_S', 0.2)
     stop = Stop()
     stop.ask()
     assert Term(stop, MemoryLock(wanted=True), MemorySuccessor()).wait(60)

@@ -12,8 +12,10 @@ from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.metrics import Counters, Outcome, Snapshot, State
+from ros2_kafka_bridge.pause import Pause
 from ros2_kafka_bridge.status import totals
 from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.supervision.orders import Event
 from ros2_kafka_bridge.term import Term
 
 if TYPE_CHECKING:
@@ -69,12 +71,19 @@ class MemoryDirection:
     def deliver_backlog(self, stop: Stop) -> None:
         self.run(stop)
 
-    def run(self, stop: Stop) -> None:
+    def run(self, stop: Stop, _pause: Pause | None = None) -> None:
         self._counters.taken += self._taken
         self._counters.end(Outcome.CONFIRMED, self._taken - self._left)
         self._counters.tell_end()
         self.snapshot = self._counters.snapshot(self._left)
         self._then(stop)
+
+
+class Told:
+    """A direction that shows a snapshot and does nothing."""
+
+    def __init__(self, snapshot: Snapshot) -> None:
+        self.snapshot = snapshot
 
 
 class House:
@@ -121,7 +130,7 @@ class House:
         assert self.open == 0
         assert not self.bridge._crashed
 
-    def _tell(self) -> None:
+    def _tell(self, _event: Event) -> None:
         self.told += 1
 
     def stop(self, _: Stop) -> None:
@@ -368,10 +377,6 @@ def test_what_waits_on_disk_is_counted_once_across_terms() -> None:
     first.end(Outcome.CONFIRMED, 6)
     second.end(Outcome.CONFIRMED, 4)
 
-    class Told:
-        def __init__(self, snapshot: Snapshot) -> None:
-            self.snapshot = snapshot
-
     house.lane.use(cast('Any', Told(first.snapshot(0, spooled=4))))
     house.lane.end_term()
     assert (house.snapshot.taken, house.snapshot.spooled) == (10, 4)
@@ -385,3 +390,58 @@ def test_a_counter_below_zero_is_never_balanced(counter: str) -> None:
     assert even.balanced
     below: dict[str, Any] = {'taken': 0 if counter == 'repeated' else -1, counter: -1}
     assert not even._replace(**below).balanced
+
+
+def test_a_route_that_waits_says_why_it_has_failed_until_it_has_confirmed_something() -> None:
+    house = House(MemoryLock())
+    counters = Counters('orders')
+    counters.tell('', 'the window is full')
+    house.lane.use(cast('Any', Told(counters.snapshot(0))))
+    house.lane.fail(RouteError('topic not.there does not exist'), house.lane.stop)
+    assert house.lane.snapshot().state is State.FAILED
+    house.lane.failure = ''
+    assert house.lane.snapshot().reason == (
+        'the window is full; has failed before: topic not.there does not exist'
+    )
+    counters.taken += 1
+    counters.end(Outcome.CONFIRMED)
+    house.lane.use(cast('Any', Told(counters.snapshot(0))))
+    assert house.lane.snapshot().reason == 'the window is full'
+
+
+def test_errors_of_all_turns_are_counted_and_kept() -> None:
+    house = House(MemoryLock())
+    for _ in range(3):
+        house.lane.fail(RouteError('no such topic'), house.lane.stop)
+    house.lane.end_term()
+    house.lane.begin_term()
+    house.lane.fail(RouteError('no such topic'), house.lane.stop)
+    measures = house.lane.snapshot().measures
+    assert measures.errors == {'RouteError': 4}
+    [trouble] = measures.troubles
+    assert (trouble.text, trouble.times) == ('no such topic', 4)
+
+
+def test_a_thread_that_waits_on_purpose_shows_no_beat() -> None:
+    house = House(MemoryLock())
+    assert house.lane.snapshot().beat_s == 0, 'it waits for its type'
+    house.lane.use(cast('Any', Told(Counters('orders').snapshot(0))))
+    assert house.lane.snapshot().beat_s > 0
+    house.lane.fail(RouteError('no such topic'), house.lane.stop)
+    assert house.lane.snapshot().beat_s == 0
+    house.lane.failure = ''
+    assert house.lane.snapshot().beat_s > 0
+    house.lane.stop.ask()
+    assert house.lane.snapshot().beat_s == 0
+
+
+def test_a_route_that_waits_for_its_type_says_that_it_is_paused() -> None:
+    house = House(MemoryLock())
+    assert house.lane.snapshot().state is State.STARTING
+    assert house.bridge.pause('orders')
+    assert not house.bridge.pause('unknown')
+    assert house.bridge.paused == {'orders'}
+    assert house.lane.snapshot().state is State.PAUSED
+    assert house.bridge.resume('orders')
+    assert house.bridge.paused == frozenset()
+    assert house.lane.snapshot().state is State.STARTING

@@ -1,121 +1,126 @@
-"""Message types by name."""
+"""Message types as rclpy loads them, held against their descriptions."""
 
 import re
-import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
+import numpy as np
 import pytest
+from ros_package import install_package, write_package
+from rosidl_parser import definition as idl
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.layout import Array, Layout, Primitive, Sequence, String
-from ros2_kafka_bridge.ros.types import load_type, type_names, unknown_type
+from ros2_kafka_bridge.formats.layout import (
+    Array,
+    Kind,
+    Layout,
+    Primitive,
+    Sequence,
+    String,
+)
+from ros2_kafka_bridge.message_types import type_names
+from ros2_kafka_bridge.ros.types import load_type
+
+EVERY_TYPE = pytest.mark.parametrize('name', type_names())
+BASIC = {'boolean': 'bool', 'octet': 'byte', 'float': 'float32', 'double': 'float64'}
 
 
-def test_the_installed_types_are_listed_without_services_and_actions() -> None:
-    names = type_names()
-    assert names == sorted(set(names))
-    assert {'std_msgs/msg/String', 'nav_msgs/msg/Odometry', 'test_msgs/msg/WStrings'} <= {*names}
-    assert all(re.fullmatch(r'\w+/msg/\w+', name) for name in names)
+def fits(slot: Any, kind: Kind) -> bool:
+    """Whether one of the SLOT_TYPES of a message class, from its .idl file, is of a kind."""
+    match slot:
+        case idl.BasicType():
+            return kind == Primitive(BASIC.get(slot.typename, slot.typename))
+        case idl.AbstractString():
+            return kind == String(getattr(slot, 'maximum_size', None))
+        case idl.AbstractWString():
+            return kind == String(getattr(slot, 'maximum_size', None), wide=True)
+        case idl.Array():
+            same = isinstance(kind, Array) and kind.length == slot.size
+        case idl.AbstractSequence():
+            bound = getattr(slot, 'maximum_size', None)
+            same = isinstance(kind, Sequence) and kind.bound == bound
+        case _:
+            return isinstance(kind, Layout) and kind.type_name == '/'.join(slot.namespaced_name())
+    return same and isinstance(kind, Array | Sequence) and fits(slot.value_type, kind.item)
 
 
-@pytest.mark.parametrize('name', type_names())
-def test_every_listed_type_loads_with_layout_and_hash(name: str) -> None:
+def plain(value: Any) -> Any:
+    """A value of a message as a default has it."""
+    match value:
+        case bytes():
+            return value[0]
+        case list() | tuple() | np.ndarray():
+            return tuple(plain(item) for item in value)
+        case np.generic():
+            return value.item()
+        case _:
+            return tuple(value) if hasattr(value, 'typecode') else value
+
+
+@EVERY_TYPE
+def test_every_type_loads_with_the_layout_of_its_class_and_its_hash(name: str) -> None:
     loaded = load_type(name)
     assert loaded.name == loaded.layout.type_name == name
     assert loaded.python_class.__name__ == name.split('/')[2]
     assert re.fullmatch('RIHS01_[0-9a-f]{64}', loaded.type_hash or '')
+    assert loaded.type_hash == loaded.layout.type_hash
+    names = loaded.python_class.get_fields_and_field_types()
+    assert [field.name for field in loaded.layout.fields] == list(names)
+    slots = loaded.python_class.SLOT_TYPES
+    for field, slot in zip(loaded.layout.fields, slots, strict=True):
+        assert fits(slot, field.kind), field
 
 
-def test_the_layout_of_a_type_follows_its_definition() -> None:
-    layout = load_type('test_msgs/msg/BoundedSequences').layout
-    fields = dict(layout.fields)
-    assert fields['bool_values'] == Sequence(Primitive('bool'), 3)
-    assert fields['byte_values'] == Sequence(Primitive('byte'), 3)
-    assert fields['float64_values'] == Sequence(Primitive('float64'), 3)
-    assert fields['string_values'] == Sequence(String(), 3)
-    covariance = dict(load_type('geometry_msgs/msg/PoseWithCovariance').layout.fields)
-    assert covariance['covariance'] == Array(Primitive('float64'), 36)
-    wide = dict(load_type('test_msgs/msg/WStrings').layout.fields)
-    assert wide['wstring_value'] == String(wide=True)
-    header = dict(load_type('std_msgs/msg/Header').layout.fields)
-    assert isinstance(header['stamp'], Layout)
-    assert header['stamp'].type_name == 'builtin_interfaces/msg/Time'
-    assert load_type('std_msgs/msg/Empty').layout == Layout('std_msgs/msg/Empty', ())
+@EVERY_TYPE
+def test_a_new_message_has_the_defaults_of_the_layout(name: str) -> None:
+    loaded = load_type(name)
+    message = loaded.python_class()
+    for field in loaded.layout.fields:
+        if field.default is not None:
+            assert plain(getattr(message, field.name)) == field.default
 
 
-@pytest.mark.parametrize(
-    ('name', 'sentence'),
-    [
-        (
-            'std_msgs/msg/Strin',
-            'no message type std_msgs/msg/Strin here (did you mean std_msgs/msg/String?)',
-        ),
-        (
-            'std_msgs/msg/string',
-            'no message type std_msgs/msg/string here (did you mean std_msgs/msg/String?)',
-        ),
-        (
-            'std_msgs/msg/Odometry',
-            'no message type std_msgs/msg/Odometry here (did you mean nav_msgs/msg/Odometry?)',
-        ),
-        (
-            'std_msgs/String',
-            'std_msgs/String is not of the form pkg/msg/Type (did you mean std_msgs/msg/String?)',
-        ),
-        (
-            'std_msgs.msg.String',
-            (
-                'std_msgs.msg.String is not of the form pkg/msg/Type'
-                ' (did you mean std_msgs/msg/String?)'
-            ),
-        ),
-        (
-            'Twist',
-            'Twist is not of the form pkg/msg/Type (did you mean geometry_msgs/msg/Twist?)',
-        ),
-        ('qqqq', 'qqqq is not of the form pkg/msg/Type'),
-        ('', 'an empty name is not of the form pkg/msg/Type'),
-        ('acme_msgs/msg/Zyzzyva', 'no message type acme_msgs/msg/Zyzzyva here'),
-    ],
-)
-def test_an_unknown_type_is_named_with_what_is_near(name: str, sentence: str) -> None:
-    assert unknown_type(name) == sentence
-    with pytest.raises(ConfigError) as caught:
-        load_type(name)
-    assert caught.value.problems == [sentence]
-
-
-def test_a_known_type_has_no_problem() -> None:
-    assert unknown_type('std_msgs/msg/String') is None
-
-
-def test_a_workspace_of_the_user_is_searched_too(
+def test_a_package_whose_python_part_is_missing_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    index = tmp_path / 'share/ament_index/resource_index/rosidl_interfaces'
-    index.mkdir(parents=True)
-    (index / 'acme_msgs').write_text('msg/Crane.idl\nmsg/Crane.msg\nsrv/Lift.srv\n')
+    package = write_package(tmp_path / 'src', 'acme_msgs', {'Crane': 'float64 height\n'})
+    install_package(package, tmp_path)
     monkeypatch.setenv('AMENT_PREFIX_PATH', f'{tmp_path}:/does/not/exist')
-    assert 'acme_msgs/msg/Crane' in type_names()
-    assert 'std_msgs/msg/String' in type_names()
-    assert unknown_type('acme_msgs/msg/Crane') is None
     with pytest.raises(ConfigError, match='acme_msgs/msg/Crane cannot be loaded: No module'):
         load_type('acme_msgs/msg/Crane')
 
 
-def test_without_ros_the_sentence_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
-    monkeypatch.setattr('sys.prefix', str(tmp_path))
-    monkeypatch.setattr('sysconfig.get_path', lambda _: str(tmp_path))
-    assert type_names() == []
-    assert 'no ROS 2 messages are installed' in (unknown_type('std_msgs/msg/String') or '')
+@pytest.mark.parametrize(
+    ('name', 'text'),
+    [('Crane', 'float32 height\n'), ('Crane', ''), ('Yard', 'Crane[] cranes\n')],
+)
+def test_a_class_of_another_build_is_refused(
+    name: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    messages = {'Crane': 'float32 height\n', name: text}
+    install_package(write_package(tmp_path / 'src', 'acme_msgs', messages), tmp_path)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    module = ModuleType('acme_msgs.msg')
+    module.__file__ = '/old/acme_msgs/msg/__init__.py'
+    module.Crane = a_class({'height': 'double'})  # type: ignore[attr-defined]
+    module.Yard = a_class({'cranes': 'sequence<acme_msgs/Crane>'})  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, 'acme_msgs', ModuleType('acme_msgs'))
+    monkeypatch.setitem(sys.modules, 'acme_msgs.msg', module)
+    with pytest.raises(ConfigError, match='Crane is described otherwise than its class in /old/'):
+        load_type(f'acme_msgs/msg/{name}')
 
 
-def test_types_are_listed_without_loading_ros() -> None:
-    program = (
-        'import sys; from ros2_kafka_bridge.ros.types import type_names, unknown_type;'
-        'assert type_names(); assert unknown_type("a/b");'
-        'loaded = {"rclpy", "rosidl_parser", "std_msgs"} & {*sys.modules}; assert not loaded'
-    )
-    subprocess.run([sys.executable, '-c', program], check=True, timeout=30)
+def a_class(fields: dict[str, str]) -> type[Any]:
+    spelled = classmethod(lambda _class: fields)
+    members = {'get_fields_and_field_types': spelled, '__module__': 'acme_msgs.msg'}
+    return type('Message', (), members)
+
+
+def test_an_unknown_type_is_named_with_what_is_near() -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_type('std_msgs/msg/Strin')
+    assert caught.value.problems == [
+        'no message type std_msgs/msg/Strin here (did you mean std_msgs/msg/String?)'
+    ]

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
 _FULL_S: Final = 0.005
-_SETTLE_S: Final = 0.5  # the writer knows of a match before the reader does
+_SETTLE_S: Final = 1.0  # the writer knows of a match before the reader does
 _AT_ONCE: Final = Duration(seconds=0)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from ros2_kafka_bridge.commands import check_kafka, check_ros
+from ros2_kafka_bridge.commands import check_format, check_kafka, check_ros
 from ros2_kafka_bridge.commands.matching import AnyRoute, type_of
 from ros2_kafka_bridge.commands.screen import (
     Finding,
@@ -33,14 +33,29 @@ def report(config: Config, file: Path, *, connect: bool) -> int:
     console = screen()
     routes = count(len(config.routes), 'route')
     console.print(f'{file}: {routes} of bridge {config.name}, all well written')
-    for name, value in masked(config)['kafka'].items():
-        console.print(f'  kafka {name}: {value}')
+    shown = masked(config)
+    for section, word in (('kafka', 'kafka'), ('schema_registry', 'schema registry')):
+        for name, value in shown.get(section, {}).items():
+            console.print(f'  {word} {name}: {value}')
     show_notes(console, warnings(config))
     if connect:
         return _report_connected(console, config)
+    failed = False
     for route in config.routes:
         console.print(f'  {_way(route)}')
-    return 0
+        bad = [
+            finding
+            for finding in check_format.format_findings(route, config, _said_type(route))
+            if finding.level == 'bad'
+        ]
+        for finding in bad:
+            show_line(console, f'    BAD {finding.text}', 'bold red')
+        failed = failed or bool(bad)
+    return 1 if failed else 0
+
+
+def _said_type(route: AnyRoute) -> str | None:
+    return route.sink.type if isinstance(route, KafkaToRosRoute) else route.source.type
 
 
 def _report_connected(console: Console, config: Config) -> int:
@@ -105,6 +120,8 @@ def _route_findings(
     if isinstance(route, KafkaToRosRoute):
         found = [
             *(check_kafka.source_findings(route, config, kafka) if asks else ()),
+            *check_format.format_findings(route, config, route.sink.type),
+            *check_format.registry_findings(route, config, route.sink.type),
             *check_ros.reader_findings(route, config, node),
             _pace_finding(route),
         ]
@@ -114,6 +131,8 @@ def _route_findings(
         found = [
             *check_ros.publisher_findings(route, publishers, message_type),
             *check_ros.key_findings(route, message_type),
+            *check_format.format_findings(route, config, message_type),
+            *check_format.registry_findings(route, config, message_type),
             *(check_kafka.sink_findings(route, kafka) if asks else ()),
             *(check_kafka.lock_findings(route, config, kafka) if asks else ()),
         ]

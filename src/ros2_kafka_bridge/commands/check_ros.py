@@ -98,7 +98,7 @@ def _offer_finding(peer: Peer, topic: str) -> Finding:
 
 
 def _type_finding(message_type: str) -> Finding:
-    from ros2_kafka_bridge.ros.types import unknown_type  # noqa: PLC0415 (reads files)
+    from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415 (reads files)
 
     if problem := unknown_type(message_type):
         return Finding('bad', 'type', problem, 'install its package beside the bridge')
@@ -108,7 +108,8 @@ def _type_finding(message_type: str) -> Finding:
 def key_findings(route: RosToKafkaRoute, message_type: str | None) -> Iterator[Finding]:
     """Whether the messages have what the key of their records is made of."""
     from ros2_kafka_bridge.labels import make_key  # noqa: PLC0415 (with the types of ROS)
-    from ros2_kafka_bridge.ros.types import load_type, unknown_type  # noqa: PLC0415
+    from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415
+    from ros2_kafka_bridge.ros.types import load_type  # noqa: PLC0415
 
     if route.sink.key is None or message_type is None or unknown_type(message_type):
         return

@@ -12,11 +12,14 @@ from ros2_kafka_bridge.commands.names import (
     unique,
 )
 from ros2_kafka_bridge.config.checks import ros_topic
-from ros2_kafka_bridge.config.settings import TEXT_TYPE, QoS
+from ros2_kafka_bridge.config.routes import TEXT_TYPE
+from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.ros.node import Peer, Topic
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 
-_LARGE = frozenset({'sensor_msgs/msg/Image', 'sensor_msgs/msg/PointCloud2'})
+_LARGE = frozenset(
+    {'sensor_msgs/msg/CompressedImage', 'sensor_msgs/msg/Image', 'sensor_msgs/msg/PointCloud2'}
+)
 
 
 class Draft(NamedTuple):
@@ -42,8 +45,14 @@ class Draft(NamedTuple):
 
     @property
     def format(self) -> str:
-        """Text for what is text, the bytes of the message for all else."""
-        return 'text' if self.message_type == TEXT_TYPE else 'cdr'
+        """Text for what is text, JSON for what people and their programs read.
+
+        Pictures and clouds are megabytes that nobody reads as text: they stay the bytes that
+        they are.
+        """
+        if self.message_type == TEXT_TYPE:
+            return 'text'
+        return 'cdr' if self.message_type in _LARGE else 'json'
 
 
 def drafts(

@@ -19,9 +19,9 @@ from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.kafka.overview import Overview
 from ros2_kafka_bridge.kafka.properties import common_properties
 from ros2_kafka_bridge.logs import keep_clients_quiet
+from ros2_kafka_bridge.message_types import unknown_type
 from ros2_kafka_bridge.ros.node import Topic, domain_in_words, open_node
 from ros2_kafka_bridge.ros.profile import Endpoints
-from ros2_kafka_bridge.ros.types import unknown_type
 
 _WIDTH = 98
 
@@ -68,8 +68,8 @@ routes:
     to:
       ros: /orders
       type: std_msgs/msg/String
-    # text: the record's value is the text of the message. cdr: it is the message as ROS sends
-    # it, for any type.
+    # text: the record's value is the text of the message. For any type: json, an object with the
+    # fields of the message; avro and protobuf, with a schema; cdr, the message as ROS sends it.
     format: text
     # The bridge waits until so many subscribers are there; with 0 it publishes to nobody, too.
     min_subscribers: 1
@@ -97,8 +97,9 @@ routes:
 _FROM_GRAPH = """\
 # One route for each topic that the ROS graph showed in {domain}.
 # What is published goes to Kafka, what is only subscribed to comes from Kafka.
-# text is for std_msgs/msg/String: the value of the record is the text. cdr is for all types: the
-# value is the message as ROS sends it.
+# text is for std_msgs/msg/String: the value of the record is the text. json is for all types: an
+# object with the fields of the message. So is cdr, the message as ROS sends it, which is smaller
+# for what nobody reads as text. There are avro and protobuf, too: docs/formats.md.
 #
 # Also for a route: start (earliest: all that a Kafka topic holds; latest: only what comes from
 # the first start on), key (records of one key stay in order; it is the ROS topic), max_rate (for

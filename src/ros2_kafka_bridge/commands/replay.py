@@ -180,11 +180,14 @@ class _Run:
             return
         properties = producer_properties(self._config.kafka, client_id=self._config.name)
         # First the door is shut behind which others could write marks, then these are read.
-        with Transactions(properties, f'{topic}.replay', self._stop) as transactions:
+        with (
+            ExitStack() as stack,
+            Transactions(properties, f'{topic}.replay', self._stop) as transactions,
+        ):
             letters = self._chosen(topic, whole=True)
-            with _heeding(self._stop):
-                for batch in self._batches(letters):
-                    self._send(batch, transactions)
+            stack.enter_context(_heeding(self._stop))  # also while the transactions end
+            for batch in self._batches(letters):
+                self._send(batch, transactions)
 
     def _chosen(self, topic: str, *, whole: bool) -> Iterator[Letter]:
         """The letters to replay, with their values, in the order of each partition."""

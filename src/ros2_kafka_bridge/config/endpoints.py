@@ -12,6 +12,7 @@ from ros2_kafka_bridge.config.values import (
     Domain,
     KafkaTopic,
     KeyTemplate,
+    MessageFolder,
     MessageType,
     Positive,
     Properties,
@@ -67,6 +68,11 @@ class RosSettings(Settings):
         None,
         description='Time after which a silent participant is gone, in seconds. '
         "Without it the middleware's own.",
+    )
+    message_path: list[MessageFolder] = Field(
+        default_factory=list,
+        description='Folders of .msg files, relative to this file: message types that are not '
+        'installed here. Their schemas can be made; a running route needs the built package.',
     )
 
 

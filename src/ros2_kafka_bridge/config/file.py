@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
@@ -18,7 +18,7 @@ from ros2_kafka_bridge.printable import printable
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from ros2_kafka_bridge.config.values import CheckKafka, CheckType
+    from ros2_kafka_bridge.config.values import CheckFormat, CheckKafka, CheckType
 
 
 TOLD_LIMIT = 100
@@ -32,6 +32,7 @@ def load(
     environ: Mapping[str, str],
     check_type: CheckType | None = None,
     check_kafka: CheckKafka | None = None,
+    check_format: CheckFormat | None = None,
 ) -> Config:
     """The configuration in a file.
 
@@ -41,20 +42,29 @@ def load(
         environ: What `${NAME}` is read from.
         check_type: Says what is wrong with the name of a message type, None where nothing is.
         check_kafka: Says what is wrong with librdkafka properties, by their names.
+        check_format: Says what a format, or tracing, lacks here; None where it lacks nothing.
 
     Raises:
         ConfigError: With every mistake in the file.
+    """
+    return loads(read_text(path), str(path), environ, check_type, check_kafka, check_format)
+
+
+def read_text(path: Path) -> str:
+    """What a file holds.
+
+    Raises:
+        ConfigError: It cannot be read, or is no text.
     """
     try:
         content = read_limited(path)
     except UnreadableError as error:
         raise ConfigError([f'{path}: {error}']) from error
     try:
-        text = content.decode('utf-8-sig')
+        return content.decode('utf-8-sig')
     except UnicodeDecodeError as error:
         line = content.count(b'\n', 0, error.start) + 1
         raise ConfigError([f'{path}:{line}: not UTF-8: save the file in this encoding']) from error
-    return loads(text, str(path), environ, check_type, check_kafka)
 
 
 def loads(
@@ -63,6 +73,7 @@ def loads(
     environ: Mapping[str, str],
     check_type: CheckType | None = None,
     check_kafka: CheckKafka | None = None,
+    check_format: CheckFormat | None = None,
 ) -> Config:
     """The configuration in a text; see `load`.
 
@@ -76,8 +87,16 @@ def loads(
     if tree.data is None:
         text = 'the file is empty: it needs at least name, kafka and routes'
         raise ConfigError([f'{file_name}:1: {text}'])
-    expanded = expand(tree.data, environ, Path(file_name).parent)
-    context = {'check_type': check_type, 'check_kafka': check_kafka}
+    directory = Path(file_name).parent
+    expanded = expand(tree.data, environ, directory)
+    context = {
+        'check_type': check_type,
+        'check_kafka': check_kafka,
+        'check_format': check_format,
+        'environ': environ,
+        'directory': directory,
+        'message_path': _message_path(expanded.data, directory),
+    }
     findings = [*tree.findings, *expanded.findings]
     config = None
     try:
@@ -87,6 +106,14 @@ def loads(
     if config is None or findings:
         raise ConfigError(_told(findings, tree, file_name))
     return config
+
+
+def _message_path(data: Any, directory: Path) -> list[Path]:
+    """Where types are looked up while the rest is still unchecked."""
+    ros = data.get('ros') if isinstance(data, dict) else None
+    folders = ros.get('message_path') if isinstance(ros, dict) else None
+    found = folders if isinstance(folders, list) else []
+    return [directory / folder for folder in found if isinstance(folder, str)]
 
 
 def _found_by_settings(error: ValidationError, known: list[Finding]) -> list[Finding]:

@@ -1,9 +1,9 @@
 """The settings: the only place where one is spelled, for the loader, the docs and the editor."""
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from ros2_kafka_bridge.config import checks
 from ros2_kafka_bridge.config.endpoints import (
@@ -15,225 +15,51 @@ from ros2_kafka_bridge.config.endpoints import (
     RosSource,
     SpoolSettings,
 )
-from ros2_kafka_bridge.config.values import (
-    CheckKafka,
-    Count,
-    CountOrNone,
-    Name,
-    NotNegative,
-    Positive,
-    Properties,
+from ros2_kafka_bridge.config.formats import JsonSettings, SchemaSettings
+from ros2_kafka_bridge.config.operations import MonitoringSettings, TracingSettings
+from ros2_kafka_bridge.config.registry import SchemaRegistrySettings
+from ros2_kafka_bridge.config.routes import (
+    BLOCKS,
+    TEXT_TYPE,
+    AnyRoute,
+    KafkaToRosRoute,
+    RosToKafkaRoute,
+    Route,
+    model_of,
 )
+from ros2_kafka_bridge.config.values import CheckFormat, CheckKafka, Count, Name, Properties
 from ros2_kafka_bridge.config.words import (
     MASK,
     Mistake,
     Settings,
     field_names,
-    kind_of,
     look,
     masked_values,
     mistakes_in,
     near,
-    refused,
 )
 from ros2_kafka_bridge.kafka.properties import canonical, is_secret
 
 __all__ = [
     'Config',
+    'JsonSettings',
     'KafkaSink',
     'KafkaSource',
     'KafkaToRosRoute',
+    'MonitoringSettings',
     'QoS',
     'RosSettings',
     'RosSink',
     'RosSource',
     'RosToKafkaRoute',
     'Route',
+    'SchemaRegistrySettings',
+    'SchemaSettings',
     'SpoolSettings',
+    'TracingSettings',
     'masked',
     'warnings',
 ]
-
-TEXT_TYPE = 'std_msgs/msg/String'
-
-
-class Route(Settings):
-    """What the routes of both directions share."""
-
-    name: Name = Field(description='Name of the route, once in a file.')
-    format: Literal['text', 'cdr'] = Field(
-        description=f"How a record's value encodes a message: text ({TEXT_TYPE} only) or cdr."
-    )
-    when_full: Literal['wait', 'drop_oldest'] = Field(
-        'wait', description='What happens when the sink takes no more: nothing is lost with wait.'
-    )
-    on_error: Literal['dead_letter', 'stop', 'drop'] = Field(
-        'dead_letter', description='What happens to what can never be delivered.'
-    )
-    max_in_flight: Count = Field(
-        1, description='Messages handed to the sink and not yet confirmed, at most.'
-    )
-    max_in_flight_bytes: Count = Field(
-        16 * 1024 * 1024, description='Bytes handed to the sink and not yet confirmed, at most.'
-    )
-    max_message_bytes: Count = Field(
-        1_000_000, description='Largest message or value of a record, in bytes.'
-    )
-    drain_s: NotNegative = Field(
-        8, description='Longest time for the drain at a stop, in seconds.'
-    )
-
-    @classmethod
-    def mistakes(
-        cls, given: Mapping[str, Any], _context: Mapping[str, Any], /
-    ) -> Iterator[Mistake]:
-        """The text format carries one type only."""
-        for side in ('from', 'to'):
-            message_type = look(given, side, 'type')
-            if given.get('format') == 'text' and message_type not in {None, TEXT_TYPE}:
-                text = f'format: text carries {TEXT_TYPE} only: another type needs format: cdr'
-                yield Mistake((side, 'type'), text)
-
-
-class KafkaToRosRoute(Route):
-    """A route from Kafka to ROS."""
-
-    source: KafkaSource = Field(alias='from', description='Kafka topic to read.')
-    sink: RosSink = Field(alias='to', description='ROS topic to publish to.')
-    max_in_flight: Count = Field(
-        500, description='Messages published and not yet confirmed, at most.'
-    )
-    min_subscribers: CountOrNone = Field(
-        1, description='Subscribers to wait for before publishing; with 0 to nobody, too.'
-    )
-    max_age_s: Positive | None = Field(
-        None, description='Age at which a record is dropped, not published, in seconds.'
-    )
-    max_rate: Positive | None = Field(
-        None, description='Messages per second at most, for readers with keep_last.'
-    )
-
-    def group(self, bridge: str) -> str:
-        """The consumer group of this route in the bridge of that name."""
-        return self.source.group or f'{bridge}.{self.name}'
-
-    @property
-    def dead_letter_topic(self) -> str:
-        """The Kafka topic for what can never be delivered."""
-        return self.source.dead_letter or self.source.kafka + checks.DEAD_LETTER_SUFFIX
-
-
-class RosToKafkaRoute(Route):
-    """A route from ROS to Kafka."""
-
-    source: RosSource = Field(alias='from', description='ROS topic to take from.')
-    sink: KafkaSink = Field(alias='to', description='Kafka topic to write.')
-    max_in_flight: Count = Field(
-        2000, description='Records produced and not yet confirmed, at most.'
-    )
-    spool: SpoolSettings | None = Field(
-        None, description='Where messages wait on disk while Kafka does not take them.'
-    )
-
-    exclusive: bool = Field(
-        False,  # noqa: FBT003 (its default)
-        description='Several bridges run this file, and one at a time runs this route: another '
-        'takes over when it dies.',
-    )
-
-    @property
-    def dead_letter_topic(self) -> str:
-        """The Kafka topic for what can never be delivered."""
-        return self.sink.dead_letter or self.sink.kafka + checks.DEAD_LETTER_SUFFIX
-
-
-_ENDPOINTS: dict[tuple[str, str], type[Settings]] = {
-    ('from', 'kafka'): KafkaSource,
-    ('from', 'ros'): RosSource,
-    ('to', 'kafka'): KafkaSink,
-    ('to', 'ros'): RosSink,
-}
-_WORDS = {'kafka': 'Kafka', 'ros': 'ROS'}
-_EXAMPLES = {'kafka': '{kafka: orders}', 'ros': '{ros: /orders}'}
-_OTHER = {'kafka': 'ros', 'ros': 'kafka', 'from': 'to', 'to': 'from'}
-
-
-def _kind(route: Mapping[str, Any], side: str) -> str | None:
-    """The kind of topic on one side of an unchecked route, None where that is not clear."""
-    end = route.get(side)
-    kinds = [kind for kind in _WORDS if kind in end] if isinstance(end, Mapping) else []
-    return kinds[0] if len(kinds) == 1 else None
-
-
-def _model(route: Mapping[str, Any]) -> type[KafkaToRosRoute | RosToKafkaRoute]:
-    source = _kind(route, 'from') or _OTHER.get(_kind(route, 'to') or '', 'kafka')
-    return KafkaToRosRoute if source == 'kafka' else RosToKafkaRoute
-
-
-def _by_direction(value: Any, info: ValidationInfo) -> Any:
-    if isinstance(value, Route):
-        return value
-    if not isinstance(value, Mapping):
-        raise ValueError(f'expected a mapping, got {kind_of(value)}')  # noqa: TRY004  # pydantic's
-    model = _model(value)
-    found = [*_side_mistakes(value), *_misplaced(model, value)]
-    known = {mistake.path for mistake in found}
-    try:
-        made = model.model_validate(value, context=info.context)
-    except ValidationError as error:
-        new = mistakes_in(model, error)
-        found += [m for m in new if m.path not in known and m.path[:1] not in known]
-    if found:
-        raise refused(model.__name__, found)
-    return made
-
-
-def _side_mistakes(route: Mapping[str, Any]) -> Iterator[Mistake]:
-    """What keeps a route from having one topic in Kafka and one in ROS."""
-    for side in ('from', 'to'):
-        end, other = route.get(side), _kind(route, _OTHER[side])
-        right = _EXAMPLES[_OTHER[other]] if other else ' or '.join(_EXAMPLES.values())
-        if end is None:
-            yield Mistake((side,), f'is missing: a topic such as {right}')
-        elif not isinstance(end, Mapping):
-            yield Mistake((side,), f'expected a mapping such as {right}, got {kind_of(end)}')
-        elif all(kind in end for kind in _WORDS):
-            yield Mistake((side,), 'names both a kafka and a ros topic: a side is one of them')
-        elif _kind(route, side) is None:
-            hint = next((found for word in end for found in [near(word, _WORDS)] if found), '')
-            yield Mistake((side,), f'names no topic, such as {right}{hint}')
-    if (kind := _kind(route, 'from')) and kind == _kind(route, 'to'):
-        text = f'both sides are {_WORDS[kind]}: a route joins Kafka and ROS, such as '
-        yield Mistake(('to',), text + _EXAMPLES[_OTHER[kind]])
-
-
-def _misplaced(model: type[Settings], route: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Fields that exist, but not for this direction or side, and Python's names in a file."""
-    for name, right in (('source', 'from'), ('sink', 'to')):
-        if name in route:
-            yield Mistake((name,), f"unknown field '{name}' (did you mean '{right}'?)")
-    words = ('ROS to Kafka', 'Kafka to ROS')[:: 1 if model is RosToKafkaRoute else -1]
-    other = KafkaToRosRoute if model is RosToKafkaRoute else RosToKafkaRoute
-    for name in route.keys() & (field_names(other).keys() - field_names(model).keys()):
-        text = f'only a route from {words[1]} has it, this one goes from {words[0]}'
-        yield Mistake((name,), text)
-    for side in ('from', 'to'):
-        kind = _kind(route, side)
-        for name in route[side] if kind else ():
-            yield from _misplaced_in_end(side, kind or '', name)
-
-
-def _misplaced_in_end(side: str, kind: str, name: str) -> Iterator[Mistake]:
-    if name in field_names(_ENDPOINTS[side, kind]):
-        return
-    for (right_side, right_kind), model in _ENDPOINTS.items():
-        if name in field_names(model):
-            where = f"only a {_WORDS[right_kind]} topic in '{right_side}' has it"
-            yield Mistake((side, name), f"{where}, this is a {_WORDS[kind]} topic in '{side}'")
-            return
-
-
-AnyRoute = Annotated[KafkaToRosRoute | RosToKafkaRoute, BeforeValidator(_by_direction)]
 
 _OWN = ('name', 'from', 'to')
 _SAMPLES: dict[type[Settings], dict[str, Any]] = {
@@ -252,6 +78,15 @@ class Config(Settings):
         description='librdkafka properties, by their own names. bootstrap.servers is required.'
     )
     ros: RosSettings = Field(default_factory=RosSettings, description='The ROS side.')
+    schema_registry: SchemaRegistrySettings | None = Field(
+        None, description='The Schema Registry of the formats avro and protobuf.'
+    )
+    monitoring: MonitoringSettings | None = Field(
+        None, description='What the bridge shows of itself: metrics, health, a page, a ROS node.'
+    )
+    tracing: TracingSettings | None = Field(
+        None, description='Traces through the bridge, by W3C trace context and OpenTelemetry.'
+    )
     workers: Count = Field(1, description='Processes that share the routes, at most one for each.')
     defaults: dict[str, Any] = Field(
         default_factory=dict,
@@ -282,6 +117,10 @@ class Config(Settings):
         if isinstance(defaults, Mapping):
             yield from _default_mistakes(defaults)
         yield from _route_mistakes(routes)
+        if given.get('schema_registry') is None:
+            merged = defaults if isinstance(defaults, Mapping) else {}
+            yield from _registry_mistakes([_with(merged, route) for route in routes])
+        yield from _extra_mistakes(given, context)
         if isinstance(kafka, Mapping):
             if not any(canonical(name) == 'bootstrap.servers' and kafka[name] for name in kafka):
                 text = 'is missing: the brokers, such as localhost:9092'
@@ -290,10 +129,20 @@ class Config(Settings):
                 yield from _kafka_mistakes(check, kafka, routes)
 
 
+def _extra_mistakes(given: Mapping[str, Any], context: Mapping[str, Any]) -> Iterator[Mistake]:
+    """What is asked for and lacks its libraries here."""
+    check: CheckFormat | None = context.get('check_format')
+    listens = given.get('monitoring') is not None and look(given, 'monitoring', 'listen') != 'off'
+    if check and listens and (problem := check('monitoring')):
+        yield Mistake(('monitoring',), f'{problem}, or say listen: off')
+
+
 def _with(defaults: Mapping[str, Any], route: Any) -> Any:
     if not isinstance(route, Mapping):
         return route
-    fields = field_names(_model(route))
+    name = route.get('format', defaults.get('format'))
+    others = {block for block, formats in BLOCKS.items() if name not in formats}
+    fields = field_names(model_of(route)).keys() - others
     return {name: value for name, value in defaults.items() if name in fields} | dict(route)
 
 
@@ -312,8 +161,9 @@ def _default_mistakes(defaults: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _default_mistake(model: type[Settings], name: str, value: Any) -> Iterator[Mistake]:
+    format_name = BLOCKS.get(name, ('text',))[0]
     try:
-        model.model_validate({'name': 'x', 'format': 'text', **_SAMPLES[model], name: value})
+        model.model_validate({'name': 'x', 'format': format_name, **_SAMPLES[model], name: value})
     except ValidationError as error:
         for mistake in mistakes_in(model, error):
             yield Mistake(('defaults', *mistake.path), mistake.text)
@@ -335,6 +185,19 @@ def _route_mistakes(routes: list[Any]) -> Iterator[Mistake]:
     ]
     for number, cycle in checks.cycles(edges).items():
         yield Mistake(('routes', number), f'closes a cycle of routes: {" -> ".join(cycle)}')
+
+
+def _registry_mistakes(routes: list[Any]) -> Iterator[Mistake]:
+    for number, route in enumerate(routes):
+        name = look(route, 'format')
+        fixed = look(route, 'schema', 'registry') is False
+        if name in BLOCKS['schema'] and not fixed:
+            text = (
+                f'{name} looks its schema up in a Schema Registry, and this file names '
+                'none: add schema_registry: {url: ...} at the top, or to this route '
+                'schema: {registry: false}, which fixes the schema of the message type'
+            )
+            yield Mistake(('routes', number, 'format'), text)
 
 
 def _kafka_mistakes(
@@ -377,6 +240,8 @@ def warnings(config: Config) -> list[str]:
     The numbers are those of the guarantees in the documentation.
     """
     found = [f'kafka.{text}' for text in checks.weaker_properties(config.kafka)]
+    if config.schema_registry is not None and config.schema_registry.ssl_ca is False:
+        found.append('schema_registry.ssl.ca.location: false: nobody checks who the registry is')
     for number, route in enumerate(config.routes):
         path = f'routes[{number}]'
         if isinstance(route, RosToKafkaRoute):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
@@ -11,7 +12,12 @@ from ros2_kafka_bridge.config import checks
 from ros2_kafka_bridge.config.words import Mistake, kind_of, refused
 from ros2_kafka_bridge.kafka.properties import PropertyValue, is_secret, refusal
 
-CheckType = Callable[[str], str | None]
+CheckType = Callable[[str, Sequence[Path]], str | None]
+"""Name of a message type, folders of .msg files -> what is wrong with it, None if nothing."""
+
+CheckFormat = Callable[[str], str | None]
+"""Name of a format, or tracing -> what it lacks here, None where it lacks nothing."""
+
 CheckKafka = Callable[[Mapping[str, object]], dict[str, str]]
 
 
@@ -28,11 +34,22 @@ def no_bool(value: object) -> object:
 
 def _known_type(name: str, info: ValidationInfo) -> str:
     checks.message_type(name)
-    check: CheckType | None = (info.context or {}).get('check_type')
-    problem = check(name) if check else None
+    context = info.context or {}
+    check: CheckType | None = context.get('check_type')
+    problem = check(name, context.get('message_path', ())) if check else None
     if problem:
         raise ValueError(problem)
     return name
+
+
+def _folder(path: Path, info: ValidationInfo) -> Path:
+    directory: Path | None = (info.context or {}).get('directory')
+    if directory is None:
+        return path
+    folder = directory / path
+    if not folder.is_dir():
+        raise ValueError('no such folder')
+    return folder
 
 
 def _property_values(value: object) -> object:
@@ -68,6 +85,7 @@ Name = Annotated[str, AfterValidator(checks.simple_name)]
 Directory = Annotated[str, AfterValidator(checks.absolute_path)]
 KafkaTopic = Annotated[str, AfterValidator(checks.kafka_topic)]
 RosTopic = Annotated[str, AfterValidator(checks.ros_topic)]
+MessageFolder = Annotated[Path, AfterValidator(_folder)]
 MessageType = Annotated[str, AfterValidator(_known_type)]
 KeyTemplate = Annotated[str, AfterValidator(_template)]
 Properties = Annotated[dict[str, PropertyValue], BeforeValidator(_property_values)]

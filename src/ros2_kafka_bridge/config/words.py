@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple, Self
 
@@ -20,6 +21,8 @@ from ros2_kafka_bridge.kafka.properties import is_secret
 
 MASK = '***'
 PLAIN = 'plain'
+
+_CREDENTIALS = re.compile(r'://[^/?#\s]*@')
 
 _WORDS = {
     'bool_parsing': 'expected true or false',
@@ -145,8 +148,10 @@ class Settings(BaseModel):
         return made
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        spelled = {name: alias for alias, name in field_names(type(self)).items()}
         for name, value in super().__repr_args__():
-            yield name, masked_values(value) if isinstance(value, dict) else value
+            secret = value is not None and is_secret(spelled.get(name or '', ''))
+            yield name, MASK if secret else masked_values(value)
 
 
 def look(value: Any, *path: str) -> Any:
@@ -160,9 +165,11 @@ def look(value: Any, *path: str) -> Any:
 
 
 def masked_values(value: Any) -> Any:
-    """The same value, every secret property in it masked."""
+    """The same value, every secret property in it masked, and passwords in addresses."""
     if isinstance(value, Mapping):
         return {n: MASK if is_secret(str(n)) else masked_values(v) for n, v in value.items()}
+    if isinstance(value, str):
+        return _CREDENTIALS.sub(f'://{MASK}@', value)
     return [masked_values(item) for item in value] if isinstance(value, list) else value
 
 

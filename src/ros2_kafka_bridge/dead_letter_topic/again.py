@@ -8,11 +8,12 @@ from ros2_kafka_bridge.dead_letter_topic.letter import About, Letter
 from ros2_kafka_bridge.dead_letter_topic.words import escaped
 from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing, Record
 from ros2_kafka_bridge.errors import ConfigError, RecordError
-from ros2_kafka_bridge.formats import FORMATS, Decode, Encode, limited
+from ros2_kafka_bridge.formats import Decode, Encode
 from ros2_kafka_bridge.kafka.headers import headers_of
-from ros2_kafka_bridge.labels import make_key
-from ros2_kafka_bridge.ros.types import load_type
-from ros2_kafka_bridge.ros_to_kafka import MakeKey
+from ros2_kafka_bridge.labels import MakeKey, make_key
+from ros2_kafka_bridge.message_types import load_layout
+from ros2_kafka_bridge.route_format import check_of, decode_of, encode_of
+from ros2_kafka_bridge.type_hash import CheckHeaders
 
 _ORIGIN: Final = 'bridge.origin'
 _FORCE: Final = '--force sends it as it is'
@@ -62,8 +63,8 @@ class Restorer:
         self._partitions = partitions
         self._fetch_original = fetch_original
         self._force = force
-        self._decodes: dict[str, Decode] = {}
-        self._encodes: dict[tuple[str, str], tuple[Encode, MakeKey]] = {}
+        self._decodes: dict[str, tuple[CheckHeaders, Decode]] = {}
+        self._encodes: dict[tuple[str, str], tuple[CheckHeaders, Encode, MakeKey]] = {}
 
     def for_kafka(self, letter: Letter) -> Again:
         """Make the record that goes to the topic which the letter names.
@@ -116,17 +117,19 @@ class Restorer:
 
     def _decoded(self, letter: Letter, route: KafkaToRosRoute) -> bytes | None:
         try:
-            return self._decode_of(route)(letter.value)
+            check_headers, decode = self._decode_of(route)
+            check_headers(letter.headers)
+            return decode(letter.value)
         except RecordError as error:
             if self._force:
                 return None
             raise RecordError(f'would fail again: {type(error).__name__}: {error}') from error
 
-    def _decode_of(self, route: KafkaToRosRoute) -> Decode:
+    def _decode_of(self, route: KafkaToRosRoute) -> tuple[CheckHeaders, Decode]:
         if route.name not in self._decodes:
-            layout = load_type(route.sink.type).layout
-            decode = FORMATS[route.format].make_decode(layout)
-            self._decodes[route.name] = limited(decode, route.max_message_bytes)
+            layout = load_layout(route.sink.type, self._config.ros.message_path)
+            decode = decode_of(route, self._config, layout)
+            self._decodes[route.name] = check_of(route, layout), decode
         return self._decodes[route.name]
 
     def _would_be_skipped(self, header: tuple[str, str | bytes | None]) -> bool:
@@ -181,19 +184,22 @@ class Restorer:
         if kind and name != kind:
             raise RecordError(f'it is of type {escaped(kind)}, the route carries {name} now')
         try:
-            encode, make_message_key = self._encode_of(route, name)
+            check_headers, encode, make_message_key = self._encode_of(route, name)
+            check_headers(letter.headers)
             value = encode(message.cdr)
             return make_message_key(message), value
         except (RecordError, ConfigError) as error:
             text = f'{type(error).__name__}: {escaped(str(error))}'
             raise RecordError(f'would fail again: {text}') from error
 
-    def _encode_of(self, route: RosToKafkaRoute, name: str) -> tuple[Encode, MakeKey]:
+    def _encode_of(
+        self, route: RosToKafkaRoute, name: str
+    ) -> tuple[CheckHeaders, Encode, MakeKey]:
         if (route.name, name) not in self._encodes:
-            layout = load_type(name).layout
-            encode = FORMATS[route.format].make_encode(layout)
+            layout = load_layout(name, self._config.ros.message_path)
             self._encodes[route.name, name] = (
-                limited(encode, route.max_message_bytes),
+                check_of(route, layout),
+                encode_of(route, self._config, layout),
                 make_key(route.sink.key, route.source.ros, layout),
             )
         return self._encodes[route.name, name]

@@ -23,6 +23,7 @@ class Choice(NamedTuple):
         partition: Of the dead-letter topic.
         offset: In that partition.
         limit: How many, the oldest first.
+        places: These letters and no others.
     """
 
     route: str = ''
@@ -32,6 +33,7 @@ class Choice(NamedTuple):
     partition: int | None = None
     offset: int | None = None
     limit: int | None = None
+    places: frozenset[Place] | None = None
 
     @property
     def is_narrow(self) -> bool:
@@ -48,6 +50,7 @@ class Choice(NamedTuple):
             and (self.until_ms is None or letter.time_ms < self.until_ms)
             and self.partition in {None, letter.place.partition}
             and self.offset in {None, letter.place.offset}
+            and (self.places is None or letter.place in self.places)
         )
 
     def _has_reason(self, reason: str) -> bool:

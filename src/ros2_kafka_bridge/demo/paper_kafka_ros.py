@@ -21,7 +21,7 @@ from ros2_kafka_bridge.demo.paper import arguments
 from ros2_kafka_bridge.demo.snapshots import Count
 
 PERIOD_S = 0.01
-SETTLE_S = 0.5
+SETTLE_S = 1.0
 
 
 def main() -> None:

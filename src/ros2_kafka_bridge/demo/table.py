@@ -176,11 +176,11 @@ def table(looks: Sequence[Look]) -> Table:
 
 def line(look: Look) -> str:
     """One line of a contestant, for where there is no terminal."""
-    if look.latency is None:
+    if not look.seconds:
         return f'{look.title}: {look.phase}'
     counts = ', '.join(f'{name} {read(look)}' for name, read in COUNTS)
-    times = ' / '.join(f'{1000 * time_s:.1f}' for time_s in look.latency)
-    return (
-        f'{look.title}: {look.phase}, {look.seconds:.0f} s, {look.rate:,.0f} sent a second, '
-        f'{counts}, latency {times} ms'
-    )
+    sent = f'{look.seconds:.0f} s, {look.rate:,.0f} sent a second'
+    told = f'{look.title}: {look.phase}, {sent}, {counts}'
+    if look.latency is None:
+        return told
+    return f'{told}, latency {" / ".join(f"{1000 * time_s:.1f}" for time_s in look.latency)} ms'

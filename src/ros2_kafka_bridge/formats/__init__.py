@@ -8,8 +8,9 @@ from collections.abc import Callable
 from typing import NamedTuple, Protocol, TypeVar
 
 from ros2_kafka_bridge.errors import RecordTooLargeError
-from ros2_kafka_bridge.formats import cdr, text
+from ros2_kafka_bridge.formats import avro, cdr, json, protobuf, text
 from ros2_kafka_bridge.formats.layout import Layout
+from ros2_kafka_bridge.formats.scope import Scope
 
 Decode = Callable[[bytes | None], bytes]
 """Value of a record (None: a tombstone) -> CDR bytes. Raises DecodeError."""
@@ -25,16 +26,21 @@ Converted = TypeVar('Converted')
 class MakeDecode(Protocol):
     """Makes the decode function for one message type."""
 
-    def __call__(self, layout: Layout, /) -> Decode:
-        """Raises ConfigError where the format cannot carry the type."""
+    def __call__(self, layout: Layout, scope: Scope, /) -> Decode:
+        """Raises ConfigError where the format cannot carry the type.
+
+        The function made may raise RouteError, too, where a Schema Registry does not answer.
+        """
         ...
 
 
 class MakeEncode(Protocol):
     """Makes the encode function for one message type."""
 
-    def __call__(self, layout: Layout, /) -> Encode:
-        """Raises ConfigError where the format cannot carry the type."""
+    def __call__(self, layout: Layout, scope: Scope, /) -> Encode:
+        """Raises ConfigError where the format cannot carry the type, and RouteError where a
+        Schema Registry does not answer or refuses the schema: the function made asks no network.
+        """
         ...
 
 
@@ -53,6 +59,9 @@ class Format(NamedTuple):
 FORMATS: dict[str, Format] = {
     'text': Format(text.make_decode, text.make_encode, frozenset({'std_msgs/msg/String'})),
     'cdr': Format(cdr.make_decode, cdr.make_encode, None),
+    'json': Format(json.make_decode, json.make_encode, None),
+    'avro': Format(avro.make_decode, avro.make_encode, None),
+    'protobuf': Format(protobuf.make_decode, protobuf.make_encode, None),
 }
 
 

@@ -7,17 +7,18 @@ from collections.abc import Callable
 
 from ros2_kafka_bridge.errors import DecodeError, EncodeError
 from ros2_kafka_bridge.formats.layout import Layout, has_slack
+from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.walk import make_end
 
 
-def make_decode(layout: Layout) -> Callable[[bytes | None], bytes]:
+def make_decode(layout: Layout, _scope: Scope) -> Callable[[bytes | None], bytes]:
     """Make the function from a record's value to the same bytes, without padding behind.
 
     Returns:
         The function. It raises DecodeError for a null value and for what is not one message
         of this type; where nothing is to be cut off, it returns the same object.
     """
-    exact = _make_exact(layout)
+    exact = make_exact(layout)
 
     def decode(value: bytes | None) -> bytes:
         if value is None:
@@ -27,13 +28,13 @@ def make_decode(layout: Layout) -> Callable[[bytes | None], bytes]:
     return decode
 
 
-def make_encode(layout: Layout) -> Callable[[bytes], bytes]:
+def make_encode(layout: Layout, _scope: Scope) -> Callable[[bytes], bytes]:
     """Make the function from a message's bytes to the same bytes, without padding behind.
 
     Returns:
         The function. It raises EncodeError for what is not one message of this type.
     """
-    exact = _make_exact(layout)
+    exact = make_exact(layout)
 
     def encode(message: bytes) -> bytes:
         try:
@@ -44,7 +45,12 @@ def make_encode(layout: Layout) -> Callable[[bytes], bytes]:
     return encode
 
 
-def _make_exact(layout: Layout) -> Callable[[bytes], bytes]:
+def make_exact(layout: Layout) -> Callable[[bytes], bytes]:
+    """Make the function that validates a message and cuts off the padding behind it.
+
+    Returns:
+        The function. It raises DecodeError for what is not one message of this type.
+    """
     end_of = make_end(layout)
     slack = has_slack(layout)
 

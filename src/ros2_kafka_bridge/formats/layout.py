@@ -45,11 +45,31 @@ class Sequence:
     bound: int | None = None
 
 
+Scalar: TypeAlias = bool | int | float | str
+
+
 class Field(NamedTuple):
-    """One field of a message."""
+    """One field of a message.
+
+    Args:
+        default: What the definition says where nobody sets the field; a tuple for an array or
+            sequence, None where the definition says nothing (then it is zero or empty).
+        doc: What the comments of the definition say about it, without a trailing newline.
+    """
 
     name: str
     kind: 'Kind'
+    default: Scalar | tuple[Scalar, ...] | None = None
+    doc: str = ''
+
+
+class Constant(NamedTuple):
+    """A named value of a message type; it is no part of the bytes."""
+
+    name: str
+    kind: Primitive | String
+    value: Scalar
+    doc: str = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +79,16 @@ class Layout:
     Args:
         type_name: As `std_msgs/msg/String`.
         fields: In the order of the bytes. A message without fields is one byte of any value.
+        constants: In the order of the definition.
+        doc: What the comments of the definition say about the type.
+        type_hash: `RIHS01_` and 64 hex digits (REP 2011), None where it is not known.
     """
 
     type_name: str
     fields: tuple[Field, ...]
+    constants: tuple[Constant, ...] = ()
+    doc: str = ''
+    type_hash: str | None = None
 
 
 Kind: TypeAlias = Primitive | String | Array | Sequence | Layout
@@ -103,6 +129,6 @@ def has_slack(kind: Kind) -> bool:
         case Array() | Sequence():
             return has_slack(kind.item)
         case Layout():
-            return any(has_slack(inner) for _, inner in kind.fields)
+            return any(has_slack(inner) for _, inner, *_ in kind.fields)
         case _:
             return False

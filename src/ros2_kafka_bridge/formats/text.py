@@ -9,6 +9,7 @@ from typing import Final
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
 from ros2_kafka_bridge.formats.layout import Layout
+from ros2_kafka_bridge.formats.scope import Scope
 
 MESSAGE_TYPE: Final = 'std_msgs/msg/String'
 
@@ -19,7 +20,7 @@ _PREFIX: Final = struct.Struct('<4sI').pack
 _HEADER: Final = b'\x00\x01\x00\x00'
 
 
-def make_decode(layout: Layout) -> Callable[[bytes | None], bytes]:
+def make_decode(layout: Layout, _scope: Scope) -> Callable[[bytes | None], bytes]:
     """Make the function from a record's value to the CDR bytes of a String.
 
     Returns:
@@ -32,7 +33,7 @@ def make_decode(layout: Layout) -> Callable[[bytes | None], bytes]:
     return _decode
 
 
-def make_encode(layout: Layout) -> Callable[[bytes], bytes]:
+def make_encode(layout: Layout, _scope: Scope) -> Callable[[bytes], bytes]:
     """Make the function from the CDR bytes of a String to a record's value.
 
     Returns:

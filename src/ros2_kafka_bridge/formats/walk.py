@@ -26,6 +26,7 @@ from ros2_kafka_bridge.formats.layout import (
     String,
     width_of,
 )
+from ros2_kafka_bridge.formats.values.source import compiled
 
 _BOOL: Final = Primitive('bool')
 _EVEN_BYTES: Final = 8192
@@ -37,11 +38,14 @@ def make_end(layout: Layout) -> Callable[[bytes], int]:
     Returns:
         A function from CDR bytes to the index just behind the last field; it looks at nothing
         behind that. It raises DecodeError with the field, the offset and what was expected.
+
+    Raises:
+        ConfigError: The type is nested too deeply.
     """
     code = _Code()
     code.message(layout)
     code.close()
-    return code.compile()
+    return code.compile(layout.type_name)
 
 
 def make_reader(layout: Layout, path: str) -> Callable[[bytes], object]:
@@ -52,7 +56,8 @@ def make_reader(layout: Layout, path: str) -> Callable[[bytes], object]:
         the field, and raises DecodeError.
 
     Raises:
-        ConfigError: There is no such field, or it is not one number or text.
+        ConfigError: There is no such field, it is not one number or text, or the type is
+            nested too deeply.
     """
     scalars = list(_scalars(layout, ''))
     if path not in scalars:
@@ -62,11 +67,11 @@ def make_reader(layout: Layout, path: str) -> Callable[[bytes], object]:
         raise ConfigError([f'{layout.type_name} has no number or text at {path}{hint}'])
     code = _Code(target=path)
     code.message(layout)
-    return code.compile()
+    return code.compile(layout.type_name)
 
 
 def _scalars(layout: Layout, prefix: str) -> Iterator[str]:
-    for name, kind in layout.fields:
+    for name, kind, *_ in layout.fields:
         if isinstance(kind, Layout):
             yield from _scalars(kind, f'{prefix}{name}.')
         elif isinstance(kind, Primitive | String):
@@ -85,7 +90,7 @@ def _least(kind: Kind) -> int:
         case Array():
             return kind.length * _least(kind.item)
         case Layout():
-            return sum(_least(inner) for _, inner in kind.fields) or 1
+            return sum(_least(inner) for _, inner, *_ in kind.fields) or 1
 
 
 class _Even(NamedTuple):
@@ -105,7 +110,7 @@ def _even(kind: Kind) -> _Even | None:
         case Array():
             named = [(f'[{i}]', kind.item) for i in range(kind.length)]
         case Layout():
-            named = [(f'.{name}', inner) for name, inner in kind.fields]
+            named = [(f'.{name}', inner) for name, inner, *_ in kind.fields]
         case _:
             return None
     parts = [(name, _even(inner)) for name, inner in named]
@@ -157,10 +162,10 @@ class _Code:
     modulus: int = 8
     rest: int = 0
 
-    def compile(self) -> Callable[[bytes], Any]:
-        source = '\n'.join([_HEAD, *self.lines])
+    def compile(self, type_name: str) -> Callable[[bytes], Any]:
         scope = {**_TOOLS, **self.names}
-        exec(compile(source, '<cdr>', 'exec'), scope)  # noqa: S102 -- our own text, see above
+        code = compiled('\n'.join([_HEAD, *self.lines]), type_name)
+        exec(code, scope)  # noqa: S102 -- our own text, see above
         function: Callable[[bytes], Any] = scope['walk']
         return function
 
@@ -169,7 +174,7 @@ class _Code:
         self._line(f'return {_after(self.ahead)}')
 
     def message(self, layout: Layout, path: str = '') -> None:
-        for name, kind in layout.fields:
+        for name, kind, *_ in layout.fields:
             if not self.done:
                 self._field(kind, f'{path}.{name}' if path else name)
         if not layout.fields:

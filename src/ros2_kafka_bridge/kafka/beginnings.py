@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 from confluent_kafka import OFFSET_BEGINNING, Consumer, KafkaException, TopicPartition
 
-from ros2_kafka_bridge.logs import Occasional
+from ros2_kafka_bridge.about import About
+from ros2_kafka_bridge.logs import summed
 
 _REQUEST_S = 10.0
 
@@ -38,7 +39,7 @@ class Beginnings:
         self._topic = topic
         self._start = start
         self._log = log
-        self._occasional = Occasional(log)
+        self._occasional = summed(log)
 
     def expect_new_topic(self) -> None:
         """Note that the topic is not there: once it is, all that it holds is new."""
@@ -144,7 +145,8 @@ class Beginnings:
         self._occasional.error(
             f'{self._topic}[{partition}]: {news} records were deleted before the bridge read them '
             f'(offsets {missing.start} to {missing.stop - 1}); it goes on at {missing.stop}: keep '
-            'the topic longer than the bridge can be away (retention.ms, retention.bytes)'
+            'the topic longer than the bridge can be away (retention.ms, retention.bytes)',
+            about=About(self._topic, partition, missing.start),
         )
 
     def _say_not_there(self, partition: int, wanted: int, low: int, high: int) -> None:
@@ -154,4 +156,5 @@ class Beginnings:
             '%s[%d]: offset %d is not there, the topic holds %d to %d: it was made anew or '
             'cut off; the bridge reads all that it holds now',
             self._topic, partition, wanted, low, high - 1,
+            extra={'about': About(self._topic, partition, wanted)},
         )  # fmt: skip

@@ -1,14 +1,17 @@
 """Looking at a broker without changing anything, for `check --connect`."""
 
+import contextlib
 import time
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from confluent_kafka import ConsumerGroupTopicPartitions, KafkaException, TopicPartition
+from confluent_kafka import Consumer, KafkaException, TopicPartition
 
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.errors import translate
 from ros2_kafka_bridge.kafka.health import Admin
+from ros2_kafka_bridge.kafka.properties import consumer_properties
+from ros2_kafka_bridge.logs import client_log
 from ros2_kafka_bridge.plural import count
 
 _REQUEST_S = 5.0
@@ -33,6 +36,7 @@ class Broker:
     """A cluster, looked at with the user's own properties."""
 
     def __init__(self, properties: Mapping[str, Any]) -> None:
+        self._properties = properties
         self._admin = Admin(properties, __name__)
 
     def greeting(self) -> str:
@@ -68,22 +72,22 @@ class Broker:
             TransportError: The coordinator does not answer.
         """
         asked = [TopicPartition(topic, number) for number in range(partitions)]
-        request = ConsumerGroupTopicPartitions(group, asked)
         deadline_s = time.monotonic() + _REQUEST_S
-        while True:
-            try:
-                answer = self._admin.requests.list_consumer_group_offsets(
-                    [request], request_timeout=_REQUEST_S
-                )[group].result()
-                break
-            except KafkaException as error:
-                problem = translate(error.args[0], 'its offsets cannot be read')
-                # A broker that has just started loads its groups for a moment.
-                if not isinstance(problem, TransportError) or time.monotonic() > deadline_s:
-                    raise problem from error
-                time.sleep(0.2)
-        found = answer.topic_partitions or []
-        return {p.partition: p.offset for p in found if p.offset >= 0}
+        # A consumer asks, because librdkafka's admin request can end the process while the
+        # coordinator of a broker that has just started loads its groups.
+        properties = consumer_properties(self._properties, group=group, client_id=__name__)
+        client = Consumer(properties, logger=client_log(__name__))
+        with contextlib.closing(client):
+            while True:
+                try:
+                    answer = client.committed(asked, timeout=_REQUEST_S)
+                    break
+                except KafkaException as error:
+                    problem = translate(error.args[0], 'its offsets cannot be read')
+                    if not isinstance(problem, TransportError) or time.monotonic() > deadline_s:
+                        raise problem from error
+                    time.sleep(0.2)
+        return {p.partition: p.offset for p in answer if p.offset >= 0}
 
 
 def _topics(names: list[str]) -> Any:

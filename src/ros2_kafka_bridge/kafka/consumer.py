@@ -2,10 +2,9 @@
 
 import contextlib
 import logging
-import threading
 import time
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
 from confluent_kafka import (
@@ -17,21 +16,27 @@ from confluent_kafka import (
     TopicPartition,
 )
 
+from ros2_kafka_bridge import unattended
 from ros2_kafka_bridge.endpoints import Rebalance, Record
 from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.kafka.beginnings import Beginnings
 from ros2_kafka_bridge.kafka.errors import Client, translate
-from ros2_kafka_bridge.kafka.health import ClientHealth, check_files
+from ros2_kafka_bridge.kafka.health import BROKERS_LOST, ClientHealth, check_files
+from ros2_kafka_bridge.kafka.lag import Lag
+from ros2_kafka_bridge.kafka.statistics import read, with_statistics
+from ros2_kafka_bridge.kafka.watch import Watch
 
 _REQUEST_S = 10.0
 _LEAVE_S = 2.0
 _AGAIN_S = 0.5
 _LOOK_EVERY_S = 2.0
-_LOOK_S = 0.2
+_LOOK_S = 0.5
+_LAST_LOOK_S = 1.0
 _REJOIN_MS = 30_000
-_OUTSIDE_S = 45.0
 _CLOSE_S = 5.0
-_STUCK_LOOK_S = 10.0
+_AT_ONCE_S = 30.0  # one more client sooner is left to the route, which waits between two
+_SHUT_OUT_WORDS = 'Static consumer fenced'  # librdkafka's, whatever the code
+_SHUT_OUT = 'the group has taken a late request for another member: begins anew with another'
 
 
 class KafkaSource:
@@ -60,27 +65,31 @@ class KafkaSource:
             'enable.partition.eof': True,
             'max.poll.interval.ms': rejoin_ms,
         }
-        self._properties = own | dict(properties)
+        self._properties = with_statistics(own | dict(properties))
         self._topic = topic
         self._beginnings = Beginnings(topic, start, log)
         self._log = log
         self._about = Client('READ', self._properties)
         self._health = ClientHealth(f'topic {topic}', log, self._about)
+        self._watch = Watch(topic, float(properties.get('fetch.wait.max.ms', 500)) / 1000)
+        self._lag = Lag()
         self._consumer: Consumer | None = None
+        self._clients = 0  # made so far: what an old one still says does not count
         self._rebalance: Rebalance
+        self._assigned: set[int] = set()  # a client that is shut out does not tell
         self._committed: dict[int, int] = {}
         self._positions: dict[int, int] = {}  # as they were to be committed last
         self._left: dict[int, tuple[int, int]] = {}  # of lost partitions: committed and position
         self._gone: set[int] = set()  # partitions handed over while records were read
         self._look_at_s = 0.0
+        self._anew_at_s = -_AT_ONCE_S
+        self._is_shut_out = False  # of the group
+        self._is_committing = False  # not heard of yet
         self._held = False
         self._fresh = False  # some partitions came while the others were held
         self._closing = False
-        self._outside_since_s: float | None = None  # without a place in the group that it had
-        self._behind: dict[
-            int, int
-        ] = {}  # partitions that hold more than was read, at the last look
-        self._stuck_look_at_s = 0.0
+        self._joined = False
+        self.rebalances = 0
         self.ends: dict[int, int] = {}
 
     @property
@@ -99,49 +108,81 @@ class KafkaSource:
         Raises:
             RouteError: librdkafka refuses the properties.
         """
-
-        def on_assign(_: Consumer, partitions: list[TopicPartition]) -> None:
-            self._fresh = True
-            self._outside_since_s = None
-            self._gone -= _numbers(partitions)
-            self._log.info('reads %s', _names(self._topic, partitions))
-            self._go_on(partitions)
-
-        def on_revoke(_: Consumer, partitions: list[TopicPartition]) -> None:
-            if self._closing:
-                return
-            self._log.info('hands over %s', _names(self._topic, partitions))
-            rebalance.revoked(_numbers(partitions))
-            self._forget(partitions)
-
-        def on_lost(_: Consumer, partitions: list[TopicPartition]) -> None:
-            self._log.warning(
-                'lost %s: Kafka has not heard of this bridge, another may read on',
-                _names(self._topic, partitions),
-            )
-            self._outside_since_s = time.monotonic()
-            rebalance.lost(_numbers(partitions))
-            for number in _numbers(partitions) & self._positions.keys():
-                self._left[number] = self._committed.get(number, 0), self._positions[number]
-            self._forget(partitions)
-
         self._rebalance = rebalance
-        self._outside_since_s = None
-        self._behind = {}
-        self._stuck_look_at_s = time.monotonic() + _STUCK_LOOK_S
-        self._closing = self._held = False
         self._health.on_open()
         check_files(self._properties, f'topic {self._topic}')
-        callbacks = {'error_cb': self._health.on_error, 'on_commit': self._on_commit}
+        self._begin()
+
+    def _begin(self) -> None:
+        """Join the group with a new client."""
+        self._clients += 1
+        self._watch.begin()
+        self._closing = self._held = self._joined = False
+        self._is_shut_out = self._is_committing = False
+        callbacks = {
+            'error_cb': self._own(self._on_error),
+            'stats_cb': self._own(lambda text: self._health.on_statistics(read(text))),
+            'on_commit': self._own(self._on_commit),
+        }
         try:
             self._consumer = Consumer(
                 self._properties | callbacks, logger=logging.getLogger(f'{__name__}.librdkafka')
             )
             self._consumer.subscribe(
-                [self._topic], on_assign=on_assign, on_revoke=on_revoke, on_lost=on_lost
+                [self._topic],
+                on_assign=self._own(self._on_assign),
+                on_revoke=self._own(self._on_revoke),
+                on_lost=self._own(self._on_lost),
             )
         except KafkaException as error:
             raise self._translated(error) from error
+
+    def _own(self, callback: Callable[..., None]) -> Callable[..., None]:
+        """A callback of the client that is made now; for nothing once there is another."""
+        client = self._clients
+
+        def called(*said: Any) -> None:
+            if client == self._clients:
+                callback(*said)
+
+        return called
+
+    def _on_assign(self, _: Consumer, partitions: list[TopicPartition]) -> None:
+        self._fresh = self._joined = True
+        self.rebalances += bool(partitions)
+        self._watch.on_assign()
+        self._health.on_contact()
+        self._gone -= _numbers(partitions)
+        self._assigned |= _numbers(partitions)
+        self._log.info('reads %s', _names(self._topic, partitions))
+        self._go_on(partitions)
+
+    def _on_revoke(self, _: Consumer, partitions: list[TopicPartition]) -> None:
+        if self._closing:
+            return
+        self.rebalances += bool(partitions)
+        self._log.info('hands over %s', _names(self._topic, partitions))
+        self._rebalance.revoked(_numbers(partitions))
+        self._assigned -= _numbers(partitions)
+        self._forget(partitions)
+
+    def _on_lost(self, _: Consumer, partitions: list[TopicPartition]) -> None:
+        self._log.warning(
+            'lost %s: Kafka has not heard of this bridge, another may read on',
+            _names(self._topic, partitions),
+        )
+        self._lose(partitions)
+
+    def _lose(self, partitions: list[TopicPartition]) -> None:
+        """Forget partitions, but for how far the route had come."""
+        numbers = _numbers(partitions)
+        self.rebalances += 1
+        self._watch.on_lost()
+        self._positions.update(self._rebalance.lost(numbers))
+        self._assigned -= numbers
+        for number in numbers & self._positions.keys():
+            self._left[number] = self._committed.get(number, 0), self._positions[number]
+        self._forget(partitions)
 
     def poll(self, limit: int, timeout_s: float) -> Sequence[Record]:
         """Wait up to `timeout_s` for the first record, then return what is there."""
@@ -158,29 +199,36 @@ class KafkaSource:
         return self._read(1, 0.0)
 
     def commit(self, positions: Mapping[int, int]) -> None:
-        """Commit the next offset to read of each partition, without waiting for it."""
+        """Commit the next offset to read of each partition, without waiting for it.
+
+        One at a time, and none while Kafka is away: what librdkafka still holds when it is back
+        can reach a broker that has given this member up, which ends the client.
+        """
         self._positions.update(positions)
         news = self._news(positions)
-        if not news:
+        if not news or self._is_committing or self.away:
             return
         try:
-            self._client.commit(offsets=news, asynchronous=True)
+            self._commit_soon(news)
         except KafkaException as error:
             self._log.warning('cannot commit now: %s', error.args[0].str())
 
     def commit_now(self, positions: Mapping[int, int], timeout_s: float) -> bool:
-        """Commit and wait; False when it was not confirmed in time."""
+        """Commit and wait; False when it was not confirmed in time, or the partitions are lost."""
         # librdkafka's own synchronous commit waits for a broker without any limit.
         deadline_s = time.monotonic() + timeout_s
         again_s = 0.0
         self._client.pause(self._client.assignment())
         while self._news(positions) and (now_s := time.monotonic()) < deadline_s:
-            if now_s >= again_s:
+            if now_s >= again_s and not self._is_committing:
+                if self.away:
+                    self._ask_broker(min(_LAST_LOOK_S, deadline_s - now_s))
                 self.commit(positions)
                 again_s = now_s + _AGAIN_S
             with contextlib.suppress(KafkaException):  # fatal for the client, and known
                 self._client.poll(0.05)
-        return not self._news(positions)
+        lost = bool(self._left) and self._watch.is_outside
+        return not lost and not self._news(positions)
 
     def commit_before_revoke(self, positions: Mapping[int, int]) -> None:
         """Commit from inside a rebalance, where polling for the answer is not possible."""
@@ -189,7 +237,7 @@ class KafkaSource:
             return
         try:
             if self.away:  # librdkafka would wait for the broker without limit
-                self._client.commit(offsets=news, asynchronous=True)
+                self._commit_soon(news)
             else:
                 self._client.commit(offsets=news, asynchronous=False)
         except KafkaException as error:
@@ -197,36 +245,39 @@ class KafkaSource:
 
     def lag(self, positions: Mapping[int, int]) -> int:
         """How many records of the assigned partitions come behind `positions`."""
-        total = 0
-        for partition in self._client.assignment():
-            _, end = self._client.get_watermark_offsets(partition, cached=True)
-            position = positions.get(partition.partition)
-            if end >= 0 and position is not None:
-                total += max(0, end - position)
-        return total
+        ask = self._held and not self.away
+        return self._lag.count(self._client, positions, ask=ask)
 
     def close(self) -> None:
         """Leave the group; what is to be committed has been."""
         if self._consumer is not None:
             self._closing = True
+            # Who leaves while it joins stays a member for Kafka: the next one would wait for it.
+            self._poll_while(lambda: not self._joined and not self.away)
             # A member with a name stays in the group when it closes, but not when it unsubscribes.
             with contextlib.suppress(KafkaException):  # fatal for the client, and known
                 self._consumer.unsubscribe()
-            deadline_s = time.monotonic() + _LEAVE_S
-            while self._consumer.assignment() and time.monotonic() < deadline_s:
-                with contextlib.suppress(KafkaException):
-                    self._consumer.poll(0.01)
+            self._poll_while(lambda: bool(self._client.assignment()))
+            self._clients += 1  # one that is left behind has no say any more
             self._close_client(self._consumer)
             self._consumer = None
+            self._lag.clear()
             for known in (
                 self._committed, self._positions, self._left, self.ends, self._beginnings.wanted,
             ):  # fmt: skip
                 known.clear()
+            self._assigned.clear()
+
+    def _poll_while(self, condition: Callable[[], bool]) -> None:
+        """Let the client work for a moment, without taking records."""
+        deadline_s = time.monotonic() + _LEAVE_S
+        while condition() and time.monotonic() < deadline_s:
+            with contextlib.suppress(KafkaException):
+                self._client.poll(0.01)
 
     def _close_client(self, consumer: Consumer) -> None:
         """Close a client, or leave it behind: one that is not in its group may wait for ever."""
-        closing = threading.Thread(target=consumer.close, daemon=True)
-        closing.start()
+        closing = unattended.start('old consumer', consumer.close)
         closing.join(_CLOSE_S)
         if closing.is_alive():
             self._log.warning('the Kafka client of %s does not end: left behind', self._topic)
@@ -244,13 +295,19 @@ class KafkaSource:
         try:
             first = self._client.poll(timeout_s)
         except KafkaException as error:  # fatal for the client
-            raise self._translated(error) from error
+            if not self._note_whether_shut_out(error.args[0]):
+                raise self._translated(error) from error
+            first = None
         self._health.raise_failure()
+        if self._is_shut_out or (first is None and self._health.has_lost_brokers):
+            self._begin_anew(self._client)
+            return ()
         if self.away and first is None:
             self._look_for_broker()
         if first is None:
-            self._look_whether_outside()
-            self._look_whether_stuck()
+            self._watch.look_whether_outside(self.away)
+            if not self._held and not self.away and self._watch.is_due():
+                self._watch.look_whether_stuck(self._client, self._reached())
             return ()
         self._gone.clear()
         batch = [first, *self._client.consume(limit - 1, 0.0)] if limit > 1 else [first]
@@ -263,40 +320,42 @@ class KafkaSource:
         # The stubs do not tell that headers are a list; they are.
         return cast('Sequence[Record]', batch)
 
-    def _look_whether_outside(self) -> None:
-        """Give up a client that does not find back into its group.
+    def _begin_anew(self, old: Consumer) -> None:
+        """Put another client in the place of one that is of no use any more.
 
-        Seen with brokers that stood still for a little longer than the session: librdkafka says
-        that the partitions are lost, and then waits for ever.
+        What it read and the route has confirmed is not read again, unless another bridge reads on.
+
+        Raises:
+            RouteError: The last one was of no use either.
         """
-        if self._outside_since_s is None:
-            return
-        now_s = time.monotonic()
-        if self.away:
-            self._outside_since_s = now_s
-        elif now_s - self._outside_since_s > _OUTSIDE_S:
-            raise RouteError(
-                f'topic {self._topic}: lost its partitions {_OUTSIDE_S:.0f} s ago and does not '
-                'get back into its group: begins anew'
-            )
+        reason = _SHUT_OUT if self._is_shut_out else BROKERS_LOST
+        before_s, self._anew_at_s = self._anew_at_s, time.monotonic()
+        if self._anew_at_s - before_s < _AT_ONCE_S:
+            raise RouteError(f'topic {self._topic}: {reason}')
+        self._log.warning('%s', reason)
+        if self._assigned:
+            self._lose(self._places(dict.fromkeys(self._assigned, OFFSET_INVALID)))
+        self._health.on_new_client()
+        if self._properties.get('group.protocol') == 'consumer':
+            # Which gives a name to another only when the one that had it has left.
+            self._properties['group.instance.id'] = uuid.uuid4().hex
+        try:
+            self._begin()
+        finally:
+            if self._left:
+                self._watch.on_lost()
+            if self._consumer is not old:
+                with contextlib.suppress(RuntimeError):  # no more threads: left behind
+                    unattended.start('old consumer', old.close)
 
-    def _look_whether_stuck(self) -> None:
-        """Give up a client that does not read what its partitions hold.
+    def _note_whether_shut_out(self, error: KafkaError) -> bool:
+        """Whether the group has shut this client out: for a late request, its name is its own."""
+        self._is_shut_out = self._is_shut_out or _SHUT_OUT_WORDS in error.str()
+        return self._is_shut_out
 
-        Seen with topics whose leader was not known yet when their reading began: librdkafka says
-        nothing, and never asks for the records.
-        """
-        now_s = time.monotonic()
-        if now_s < self._stuck_look_at_s or self._held or self.away:
-            return
-        self._stuck_look_at_s = now_s + _STUCK_LOOK_S
-        behind = {p: at for p, at in self._reached().items() if self._holds_more(p, at)}
-        if any(self._behind.get(partition) == at for partition, at in behind.items()):
-            raise RouteError(
-                f'topic {self._topic}: holds records that the Kafka client does not read: '
-                'begins anew'
-            )
-        self._behind = behind
+    def _on_error(self, error: KafkaError) -> None:
+        if not self._note_whether_shut_out(error):
+            self._health.on_error(error)
 
     def _reached(self) -> dict[int, int]:
         """How far each partition was read, of those where that is known."""
@@ -305,26 +364,22 @@ class KafkaSource:
         reached = {p.partition: max(p.offset, known.get(p.partition, -1)) for p in places}
         return {p: max(at, self.ends.get(p, -1)) for p, at in reached.items() if at >= 0}
 
-    def _holds_more(self, partition: int, at: int) -> bool:
-        here = TopicPartition(self._topic, partition)
-        try:
-            _, end = self._client.get_watermark_offsets(here, timeout=_LOOK_S)
-        except KafkaException:  # the broker does not answer: that is another matter
-            return False
-        return bool(end > at)
-
     def _look_for_broker(self) -> None:
         """Ask whether the broker is back: a quiet topic would not tell."""
         now_s = time.monotonic()
         if now_s >= self._look_at_s:
             self._look_at_s = now_s + _LOOK_EVERY_S
-            with contextlib.suppress(KafkaException):
-                self._client.list_topics(self._topic, timeout=_LOOK_S)
-                self._health.on_contact()
+            self._ask_broker(_LOOK_S)
+
+    def _ask_broker(self, within_s: float) -> None:
+        with contextlib.suppress(KafkaException):
+            self._client.list_topics(self._topic, timeout=within_s)
+            self._health.on_contact()
 
     def _is_record(self, message: Message) -> bool:
         error = message.error()
         if error is None:
+            self._health.on_contact()
             self._note_reached(message)
             return True
         if error.code() == KafkaError._AUTO_OFFSET_RESET:  # noqa: SLF001 (its public name)
@@ -340,7 +395,7 @@ class KafkaSource:
             return False
         if error.code() == KafkaError.UNKNOWN_TOPIC_OR_PART:
             self._beginnings.expect_new_topic()
-        self._health.on_error(error)
+        self._on_error(error)
         self._health.raise_failure()
         return False
 
@@ -356,10 +411,9 @@ class KafkaSource:
             self.ends.pop(partition, None)
             beginning = self._beginnings.find(self._client, partition, wanted, known)
             if beginning.anew:
-                self._forget([TopicPartition(self._topic, partition)])
                 self._rebalance.lost(frozenset({partition}))
-                news = self._places({partition: beginning.offset})
-                self._client.commit(offsets=news, asynchronous=True)
+                self._forget([TopicPartition(self._topic, partition)])
+                self._commit_soon(self._places({partition: beginning.offset}))
             self._client.incremental_unassign(self._places({partition: OFFSET_INVALID}))
             self._client.incremental_assign(self._places({partition: beginning.offset}))
         except KafkaException as error:
@@ -383,9 +437,14 @@ class KafkaSource:
             if resumed:
                 stored = dict.fromkeys(_numbers(partitions), OFFSET_INVALID)
                 self._client.incremental_assign(self._places(stored | resumed))
-                self._client.commit(offsets=self._places(resumed), asynchronous=True)
+                self._positions.update(resumed)
+                self._commit_soon(self._places(resumed))
         except KafkaException as error:
             self._log.warning('begins at the committed offsets: %s', error.args[0].str())
+
+    def _commit_soon(self, offsets: list[TopicPartition]) -> None:
+        self._client.commit(offsets=offsets, asynchronous=True)
+        self._is_committing = True
 
     def _places(self, offsets: Mapping[int, int]) -> list[TopicPartition]:
         return [TopicPartition(self._topic, p, offset) for p, offset in offsets.items()]
@@ -398,6 +457,7 @@ class KafkaSource:
         ]
 
     def _on_commit(self, error: KafkaError | None, partitions: list[TopicPartition]) -> None:
+        self._is_committing = False
         if error is not None:
             self._log.warning('cannot commit now: %s', error.str())
             return
@@ -410,6 +470,7 @@ class KafkaSource:
         for partition in partitions:
             self._gone.add(partition.partition)
             self._beginnings.forget(partition.partition)
+            self._lag.forget(partition.partition)
             for known in (self._committed, self._positions, self.ends):
                 known.pop(partition.partition, None)
 

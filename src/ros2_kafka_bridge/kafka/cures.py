@@ -69,7 +69,12 @@ CURES: Final = (
         'sasl.oauthbearer.client.secret, and that the token endpoint answers',
         TransportError,
     ),
-    Cure('_AUTHENTICATION', r'current SASL state', '', TransportError),  # a session just ended
+    Cure(
+        '_AUTHENTICATION',  # a session just ended, or the connection did
+        r'current SASL state|handshake failed: Local: (?:Broker transport failure|Timed out)',
+        '',
+        TransportError,
+    ),
     Cure(
         '_AUTHENTICATION',
         r'Unsupported SASL mechanism|mechanism handshake failed',
@@ -112,6 +117,12 @@ CURES: Final = (
         '',
         'give this user {right} on the topic (ACL), and before Kafka 2.8 IDEMPOTENT_WRITE on the '
         'cluster',
+    ),
+    # Each life of a bridge has a name of its own in the group, so that nobody else can have it.
+    Cure(
+        '_FATAL FENCED_INSTANCE_ID',
+        r'Static consumer fenced',
+        'an earlier request of this bridge has come late: it joins once more',
     ),
     Cure('UNKNOWN_TOPIC_OR_PART _UNKNOWN_TOPIC _UNKNOWN_PARTITION', '', 'create the topic'),
 )

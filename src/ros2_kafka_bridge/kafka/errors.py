@@ -120,7 +120,7 @@ def translate(error: KafkaError, where: str, client: Client = UNKNOWN_CLIENT) ->
     """Make the bridge's error of a Kafka error; `where` names topic, partition or client.
 
     A broker whose certificate was not trusted is asked for it again, to say why: that takes up
-    to two seconds. A code that a newer librdkafka adds is a RouteError: the route says so and
+    to twenty seconds. A code that a newer librdkafka adds is a RouteError: the route says so and
     tries again.
     """
     problem = explain(error, client, _reason_of_distrust(error, client))

@@ -8,6 +8,8 @@ from ros2_kafka_bridge.endpoints import HeaderList
 # confluent-kafka returns a broken list together with an exception where the name of a header is
 # not UTF-8. A call from Python's own byte code may overlook that; one from C never does.
 _ASK: Final = methodcaller('headers')
+_SOURCE_TIME: Final = 'ros.source_time_ns'
+_MOST_DIGITS: Final = 19
 
 
 class HasHeaders(Protocol):
@@ -28,3 +30,11 @@ def headers_of(record: HasHeaders) -> HeaderList | None:
         return _ASK(record) or []
     except (SystemError, UnicodeDecodeError):
         return None
+
+
+def source_time_ns(headers: HeaderList) -> int:
+    """When a ROS message was published, since 1970, as a bridge has noted it; 0 if none has."""
+    for name, value in headers:
+        if name == _SOURCE_TIME and value and len(value) <= _MOST_DIGITS and value.isdigit():
+            return int(value)
+    return 0

@@ -11,9 +11,13 @@ from confluent_kafka.admin import AdminClient
 
 from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
 from ros2_kafka_bridge.kafka.errors import NO_ANSWER, Client, Problem, explain, translate
+from ros2_kafka_bridge.kafka.statistics import Statistics
 from ros2_kafka_bridge.kafka.tls import unreadable
 
 _TOLD_AGAIN_S: Final = 60.0
+_BLIP_S: Final = 1.0  # a connection that is made anew looks as if no broker answered
+_WITHOUT_S: Final = 1.0  # it knows none for a moment, too, before it tries bootstrap.servers again
+BROKERS_LOST: Final = 'the Kafka client has forgotten all brokers: begins anew with another'
 
 
 def check_files(properties: Mapping[str, Any], where: str) -> None:
@@ -27,7 +31,7 @@ def check_files(properties: Mapping[str, Any], where: str) -> None:
 
 
 class ClientHealth:
-    """Keeps what a client says of itself in its error callback, for the route's own thread.
+    """Keeps what a client says of itself in its callbacks, for the route's own thread.
 
     Used by the thread that polls the client: librdkafka calls back from there.
 
@@ -48,14 +52,39 @@ class ClientHealth:
         self._client = client
         self._failure: KafkaError | None = None
         self._cause: Problem | None = None  # of being away
+        self._away_since_s = 0.0
         self._told: dict[str, float] = {}
         self._said = ''  # of being away, since the last contact
+        self._without_since_s: float | None = None  # a report of no broker, and none of any since
+        self.has_lost_brokers = False
         self.away = ''
 
     def on_open(self) -> None:
         """Forget what the client before has said: this one speaks for itself."""
         self._failure = None
         self.away = self._said = ''
+        self.on_new_client()
+
+    def on_new_client(self) -> None:
+        """Note that another client has taken the place of one that was of no use any more."""
+        self._without_since_s = None
+        self.has_lost_brokers = False
+
+    def on_statistics(self, statistics: Statistics) -> None:
+        """Take a report of the client (librdkafka's statistics callback).
+
+        `has_lost_brokers` tells then whether it has forgotten all brokers, and would never connect
+        to any again. Where the only broker goes down in order, its last answers name no broker.
+        librdkafka forgets those it knew, and should begin with bootstrap.servers; now and then it
+        cancels that itself (since 2.13, its issue 5301).
+        """
+        now_s = time.monotonic()
+        if statistics.knows_brokers:
+            self._without_since_s = None
+        elif self._without_since_s is None:
+            self._without_since_s = now_s
+        since_s = self._without_since_s
+        self.has_lost_brokers = since_s is not None and now_s - since_s >= _WITHOUT_S
 
     def on_error(self, error: KafkaError) -> None:
         """Take an error of the client (librdkafka's error callback)."""
@@ -63,6 +92,8 @@ class ClientHealth:
         if issubclass(problem.kind, RouteError):
             self._failure = self._failure or error
         elif issubclass(problem.kind, TransportError) and self._is_news(problem):
+            if not self.away:
+                self._away_since_s = time.monotonic()
             self._cause = problem
             self.away = f'Kafka is away: {problem.sentence}'
 
@@ -93,9 +124,9 @@ class ClientHealth:
 
         While an old token holds, records go on between two requests for a new one that fail.
         """
-        if self._cause is None or not _is_cause(self._cause):
-            return True
         now_s = time.monotonic()
+        if self._cause is None or not _is_cause(self._cause):
+            return now_s - self._away_since_s >= _BLIP_S
         due = now_s - self._told.get(self.away, -_TOLD_AGAIN_S) >= _TOLD_AGAIN_S
         if due:
             self._told[self.away] = now_s

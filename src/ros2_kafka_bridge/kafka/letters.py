@@ -106,6 +106,20 @@ class LetterReader:
             for message in self._read(Place(topic, partition, begin), end, whole=whole):
                 yield parse(topic, message)
 
+    def newest(self, topic: str, most: int) -> Iterator[Letter | Mark]:
+        """Read the last offsets of a dead-letter topic, at most so many of each partition.
+
+        Raises:
+            TransportError: The broker is away.
+            RouteError: The topic may not be read.
+        """
+        for partition in range(self.partitions[topic]):
+            low, high = self._bounds(topic, partition)
+            begin = max(low, high - most)
+            if begin < high:
+                for message in self._read(Place(topic, partition, begin), high, whole=False):
+                    yield parse(topic, message)
+
     def fetch(self, topic: str, partition: int, offsets: Collection[int]) -> Iterator[Letter]:
         """Read these letters whole, in order; those that are gone are left out."""
         wanted = set(offsets)

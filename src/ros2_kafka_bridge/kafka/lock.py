@@ -16,7 +16,10 @@ Tried with two and three members, librdkafka 2.x and Apache Kafka 4 (session 6 s
   after 6 s, though none has lost it to another. Once Kafka answers, a member with a name
   (`group.instance.id`, made anew in every life) gets its old place within 0.2 s: the holder holds
   on. Without names, all would wait 6 s more for the members of before the outage to expire, and
-  then any of them would get it.
+  then   any of them would get it.
+- A request of before a break of the network that comes late, behind the ones of after it: Kafka
+  takes it for another member of the same name, and the client gives up for good. A new one of that
+  name gets its place.
 """
 
 import contextlib
@@ -24,28 +27,31 @@ import logging
 import time
 import uuid
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, Final, Self
 
-from confluent_kafka import Consumer, KafkaException, TopicPartition
+from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
 
+from ros2_kafka_bridge import unattended
 from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
 from ros2_kafka_bridge.kafka.admin import ensure_topic
 from ros2_kafka_bridge.kafka.errors import Client, translate
-from ros2_kafka_bridge.kafka.health import Admin, ClientHealth, check_files
+from ros2_kafka_bridge.kafka.health import BROKERS_LOST, Admin, ClientHealth, check_files
 from ros2_kafka_bridge.kafka.properties import (
     common_properties,
     consumer_properties,
 )
+from ros2_kafka_bridge.kafka.statistics import read, with_statistics
 from ros2_kafka_bridge.logs import client_log
 
 HEARTBEAT_MS: Final = 1000
 _REQUEST_S: Final = 5.0
-_WANTED_S: Final = 1.5
 _TOPIC_S: Final = 10.0  # until a topic just made is known
 _AGAIN_S: Final = 0.2
 _LEAVE_S: Final = 2.0
 _LOOK_EVERY_S: Final = 2.0
 _LOOK_S: Final = 0.2
+_NEW_CLIENT_EVERY_S: Final = 1.0
 
 
 def lock_topic(bridge: str) -> str:
@@ -82,14 +88,20 @@ class GroupLock:
         users = {
             n: v for n, v in kafka.items() if n not in {'group.protocol', 'group.remote.assignor'}
         }
-        self._properties = consumer_properties(users, group=self.group, client_id=bridge) | {
+        self._properties = with_statistics(
+            consumer_properties(users, group=self.group, client_id=bridge)
+        ) | {
             'group.instance.id': uuid.uuid4().hex,
             'heartbeat.interval.ms': HEARTBEAT_MS,
         }
         self._common = common_properties(kafka, client_id=bridge)
         self._about = Client('READ', self._properties)
+        self._log = log
         self._health = ClientHealth(f'topic {self.topic}', log, self._about)
         self._consumer: Consumer | None = None
+        self._clients = 0  # made so far: what an old one still says does not count
+        self._given_up = False  # by the client
+        self._new_client_at_s = 0.0
         self._assigned = False
         self._look_at_s = 0.0
 
@@ -116,16 +128,10 @@ class GroupLock:
         check_files(self._properties, f'topic {self.topic}')
         ensure_topic(self._common, self.topic)
         self._health.on_open()
-        own = {'error_cb': self._health.on_error}
         try:
-            self._consumer = Consumer(self._properties | own, logger=client_log(__name__))
+            self._consumer = self._new_client()
             self._check_topic(self._consumer)
-            self._consumer.subscribe(
-                [self.topic],
-                on_assign=self._on_assign,
-                on_revoke=self._on_revoke,
-                on_lost=self._on_lost,
-            )
+            self._join(self._consumer)
         except (KafkaException, BridgeError) as error:
             self.close()
             if isinstance(error, KafkaException):
@@ -148,7 +154,12 @@ class GroupLock:
         except KafkaException as error:  # fatal for the client
             raise self._translated(error) from error
         if message is not None and (problem := message.error()) is not None:
-            self._health.on_error(problem)
+            self._on_error(self._clients, problem)
+        if self._health.has_lost_brokers and not self._given_up:
+            self._log.warning('%s', BROKERS_LOST)
+            self._given_up = True
+        if self._given_up and time.monotonic() >= self._new_client_at_s:
+            self._join_anew(self._consumer)
 
     def check(self) -> None:
         """Look whether anything keeps this bridge from ever holding it.
@@ -165,15 +176,24 @@ class GroupLock:
                 self._health.on_contact()
 
     def is_wanted(self) -> bool:
-        """Whether another bridge stands by; False where Kafka does not tell."""
-        try:
-            requests = Admin(self._common, __name__).requests
-            answer = requests.describe_consumer_groups([self.group], request_timeout=_REQUEST_S)[
-                self.group
-            ]
-            return len(answer.result(_WANTED_S + 1).members) > 1
-        except (KafkaException, TimeoutError, BridgeError):
-            return False
+        """Whether another bridge stands by; False, with a warning, where Kafka does not tell."""
+        deadline_s = time.monotonic() + _REQUEST_S
+        problem = ''
+        while not problem:
+            left_s = deadline_s - time.monotonic()
+            try:
+                return self._members(max(_AGAIN_S, left_s)) > 1
+            except (KafkaException, TimeoutError, BridgeError) as error:
+                problem = '' if left_s > _AGAIN_S else str(error) or 'it does not answer'
+            time.sleep(_AGAIN_S)
+        self._log.warning('Kafka does not tell whether another bridge stands by (%s)', problem)
+        return False
+
+    def _members(self, within_s: float) -> int:
+        """How many bridges want to hold it, or do."""
+        requests = Admin(self._common, __name__).requests
+        asked = requests.describe_consumer_groups([self.group], request_timeout=within_s)
+        return len(asked[self.group].result(within_s).members)
 
     def close(self) -> None:
         """Leave it to another."""
@@ -182,12 +202,48 @@ class GroupLock:
         if consumer is None:
             return
         # A member with a name stays in the group when it closes, but not when it unsubscribes.
-        consumer.unsubscribe()
+        with contextlib.suppress(KafkaException):  # fatal for the client, and known
+            consumer.unsubscribe()
         deadline_s = time.monotonic() + _LEAVE_S
         while consumer.assignment() and time.monotonic() < deadline_s:
             with contextlib.suppress(KafkaException):
                 consumer.poll(0.01)
         consumer.close()
+
+    def _new_client(self) -> Consumer:
+        self._clients += 1
+        self._given_up = False
+        own = {
+            'error_cb': partial(self._on_error, self._clients),
+            'stats_cb': partial(self._on_statistics, self._clients),
+        }
+        return Consumer(self._properties | own, logger=client_log(__name__))
+
+    def _join(self, consumer: Consumer) -> None:
+        consumer.subscribe(
+            [self.topic],
+            on_assign=self._on_assign,
+            on_revoke=self._on_revoke,
+            on_lost=self._on_lost,
+        )
+
+    def _join_anew(self, old: Consumer) -> None:
+        """Put another client in the place of one that has given up, and would never tell anything.
+
+        The holder holds on meanwhile, as it does while Kafka is away.
+        """
+        self._log.warning('gave up its place among the bridges of this route: joins them anew')
+        self._new_client_at_s = time.monotonic() + _NEW_CLIENT_EVERY_S
+        self.joined = self._assigned = False
+        self._health.on_open()
+        try:
+            self._consumer = self._new_client()
+            self._join(self._consumer)
+        except KafkaException as error:
+            raise self._translated(error) from error
+        finally:
+            # It may take long to end, and the lock is looked at in the middle of a route.
+            unattended.start('old lock', old.close)
 
     def _check_topic(self, consumer: Consumer) -> None:
         deadline_s = time.monotonic() + _TOPIC_S
@@ -219,6 +275,8 @@ class GroupLock:
         )
 
     def _on_assign(self, consumer: Consumer, partitions: list[TopicPartition]) -> None:
+        if consumer is not self._consumer:
+            return
         self._health.on_contact()
         self.joined = True
         if partitions:
@@ -231,11 +289,23 @@ class GroupLock:
         # An empty list after a loss says that another has it; otherwise that nothing changes.
         self.held = self._assigned
 
-    def _on_revoke(self, _: Consumer, _partitions: list[TopicPartition]) -> None:
-        self._assigned = self.held = False
+    def _on_revoke(self, consumer: Consumer, _: list[TopicPartition]) -> None:
+        if consumer is self._consumer:
+            self._assigned = self.held = False
 
-    def _on_lost(self, _: Consumer, _partitions: list[TopicPartition]) -> None:
-        self._assigned = False
+    def _on_lost(self, consumer: Consumer, _: list[TopicPartition]) -> None:
+        if consumer is self._consumer:
+            self._assigned = False
+
+    def _on_error(self, client: int, error: KafkaError) -> None:
+        if client == self._clients:
+            is_fatal = error.fatal() or error.code() == KafkaError._FATAL  # noqa: SLF001 (public)
+            self._given_up = self._given_up or is_fatal
+            self._health.on_error(error)
+
+    def _on_statistics(self, client: int, text: str) -> None:
+        if client == self._clients:
+            self._health.on_statistics(read(text))
 
     def _translated(self, error: KafkaException) -> BridgeError:
         return translate(error.args[0], f'topic {self.topic}', self._about)

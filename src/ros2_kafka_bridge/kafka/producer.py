@@ -8,13 +8,22 @@ from typing import Any, Generic
 
 from confluent_kafka import KafkaError, KafkaException, Message, Producer
 
-from ros2_kafka_bridge.endpoints import Outgoing, Reports, Token
-from ros2_kafka_bridge.errors import BridgeError, RecordTooLargeError
+from ros2_kafka_bridge.endpoints import Load, Outgoing, Reports, Token
+from ros2_kafka_bridge.errors import (
+    BridgeError,
+    RecordTooLargeError,
+    RouteError,
+    TransportError,
+)
 from ros2_kafka_bridge.kafka.errors import Client, translate
-from ros2_kafka_bridge.kafka.health import ClientHealth, check_files
+from ros2_kafka_bridge.kafka.health import BROKERS_LOST, ClientHealth, check_files
 from ros2_kafka_bridge.kafka.properties import LINGER_MS
+from ros2_kafka_bridge.kafka.statistics import read, with_statistics
 
 _LARGEST_BYTES = 1_000_000  # librdkafka's default
+_QUEUE = 'queue.buffering.max.messages'
+_LARGEST_QUEUE = 100_000  # librdkafka's default
+_PASSED_OVER = 'Kafka may have taken a later record as the first of a partition: written again'
 _HURRY_S = 0.001  # nothing is hurried by a flush that is over before the client's thread wakes
 
 
@@ -23,29 +32,38 @@ class KafkaSink(Generic[Token]):
 
     Args:
         properties: librdkafka properties of a producer.
-        where: What to call it in errors (`topic orders`).
+        topic: Where the records go.
         log: Where to say what happens.
     """
 
     def __init__(
         self,
         properties: Mapping[str, Any],
-        where: str,
+        topic: str,
         log: logging.LoggerAdapter[logging.Logger],
     ) -> None:
-        self._properties = dict(properties)
-        self._where = where
+        self._properties = with_statistics(properties)
+        self._where = where = f'topic {topic}'
         self._about = Client('WRITE', properties)
         self._health = ClientHealth(where, log, self._about)
         self._may_hurry = self._properties.get('linger.ms') == LINGER_MS
         self._producer: Producer | None = None
+        self._is_idempotent = str(self._properties.get('enable.idempotence')).lower() == 'true'
+        self._answering: set[int | None] = set()  # partitions that have told an offset
         self._confirmed: list[Token] = []
         self._failed: list[tuple[Token, BridgeError]] = []
+        self.round_trip_s: tuple[float, float] | None = None  # to the broker, in the last seconds
 
     @property
     def away(self) -> str:
         """Why nothing can be produced just now; empty when all is well."""
         return self._health.away
+
+    @property
+    def load(self) -> Load:
+        """What is on its way, of what may be."""
+        queued = 0 if self._producer is None else len(self._producer)
+        return Load(queued, int(self._properties.get(_QUEUE, _LARGEST_QUEUE)))
 
     def open(self) -> None:
         """Make the client; it connects in the background.
@@ -54,15 +72,24 @@ class KafkaSink(Generic[Token]):
             RouteError: librdkafka refuses the properties.
         """
         self._health.on_open()
+        self._answering.clear()
         check_files(self._properties, self._where)
+        callbacks = {'error_cb': self._health.on_error, 'stats_cb': self._on_statistics}
         with self._translated():
             self._producer = Producer(
-                self._properties | {'error_cb': self._health.on_error},
+                self._properties | callbacks,
                 logger=logging.getLogger(f'{__name__}.librdkafka'),
             )
 
     def produce(self, record: Outgoing, token: Token) -> bool:
-        """Hand over a record; False: the queue is full, nothing was taken."""
+        """Hand over a record; False: nothing was taken, the queue is full.
+
+        Until a first record is confirmed, one is a full queue: of several on the way to a
+        partition that is just beginning, Kafka may refuse the first and take the second, as it
+        knows nothing of this producer yet. librdkafka then reports both as delivered.
+        """
+        if not self._answering and self._is_idempotent and len(self._client):
+            return False
         try:
             self._client.produce(
                 record.topic,
@@ -91,6 +118,8 @@ class KafkaSink(Generic[Token]):
         self._confirmed, self._failed = [], []
         if not reports.confirmed and not reports.failed:
             self._health.raise_failure()
+            if self._health.has_lost_brokers:
+                raise RouteError(f'{self._where}: {BROKERS_LOST}')
         return reports
 
     def hurry(self) -> None:
@@ -122,9 +151,16 @@ class KafkaSink(Generic[Token]):
         except KafkaException as error:
             raise translate(error.args[0], self._where, self._about) from error
 
+    def _on_statistics(self, text: str) -> None:
+        statistics = read(text)
+        self.round_trip_s = statistics.round_trip_s
+        self._health.on_statistics(statistics)
+
     def _report(self, token: Token, error: KafkaError | None, message: Message) -> None:
-        if error is None:
+        if error is None and self._is_there(message):
             self._confirmed.append(token)
+        elif error is None:
+            self._failed.append((token, TransportError(f'{self._where}: {_PASSED_OVER}')))
         elif error.code() == KafkaError.MSG_SIZE_TOO_LARGE:
             self._failed.append(
                 (
@@ -134,6 +170,18 @@ class KafkaSink(Generic[Token]):
             )
         else:
             self._failed.append((token, translate(error, self._where, self._about)))
+
+    def _is_there(self, message: Message) -> bool:
+        """Whether a record that was reported as delivered is in its partition.
+
+        librdkafka reports a record that was refused without an offset, as soon as a later one is
+        taken: it must have been written before, and the answer lost. That is so unless the
+        partition knew nothing of this producer: then Kafka takes any record as its first.
+        """
+        partition = message.partition()
+        if message.offset() is not None:
+            self._answering.add(partition)
+        return partition in self._answering or not self._is_idempotent
 
     def _refusal(self, error: KafkaError, record: Outgoing) -> BridgeError:
         if error.code() == KafkaError.MSG_SIZE_TOO_LARGE:

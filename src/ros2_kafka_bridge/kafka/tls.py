@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-_PATIENCE_S: Final = 2.0
+_PATIENCE_S: Final = 10.0
 _FILES: Final = (
     'ssl.ca.location',
     'ssl.certificate.location',
@@ -35,7 +35,7 @@ def address_in(text: str) -> Address | None:
 def distrust(address: Address, properties: Mapping[str, Any]) -> str:
     """Shake hands with a broker, as its client would, and say why it is not trusted.
 
-    Waits for at most two seconds.
+    Waits for at most ten seconds to connect, and as long for the handshake.
 
     Args:
         address: A TLS listener.

@@ -22,6 +22,8 @@ TRANSACTION_S: Final = 20.0
 _STEP_S: Final = 0.5
 _OPEN_S: Final = 15.0
 _COMMIT_S: Final = 15.0
+_LAST_ANSWERS_S: Final = 5.0
+_POLL_S: Final = 0.1
 _LARGEST_BYTES: Final = 1_000_000_000
 _ANY_PARTITION: Final = -1
 _FENCED: Final = {
@@ -29,10 +31,14 @@ _FENCED: Final = {
     KafkaError.PRODUCER_FENCED,
     KafkaError.INVALID_PRODUCER_EPOCH,
 }
+_FAILED_BEFORE: Final = {
+    KafkaError._STATE,  # noqa: SLF001
+    KafkaError._FATAL,  # noqa: SLF001
+}
 _NO_CAUSE: Final = {
+    *_FAILED_BEFORE,
     KafkaError._PURGE_QUEUE,  # noqa: SLF001
     KafkaError._PURGE_INFLIGHT,  # noqa: SLF001
-    KafkaError._FATAL,  # noqa: SLF001
     KafkaError._INCONSISTENT,  # noqa: SLF001
     KafkaError.OUT_OF_ORDER_SEQUENCE_NUMBER,
 }
@@ -89,8 +95,8 @@ class Transactions:
         self._stop = stop
         self._about = Client('WRITE', properties)
         self._producer: Producer | None = None
-        self._shut_out = False
         self._failed: dict[int, KafkaError] = {}
+        self._gap = False  # in the numbers of the client's records, as the broker sees them
 
     def __enter__(self) -> Self:
         """Shut out whoever wrote before, and wait until what it began has ended.
@@ -104,8 +110,6 @@ class Transactions:
         return self
 
     def _begin_anew(self) -> None:
-        if self._producer is not None:
-            self._producer.purge()
         try:
             self._producer = Producer(self._properties, logger=client_log(__name__))
         except KafkaException as error:
@@ -114,11 +118,32 @@ class Transactions:
 
     def __exit__(self, *_: object) -> None:
         # What is open is left to the next one, or to the broker's time-out: never committed here.
-        if self._producer is not None:
-            # librdkafka has ended the process where a client that was shut out was purged, too.
-            if not self._shut_out:
-                self._producer.purge()
-            self._producer = None
+        self._let_go()
+
+    def _let_go(self) -> None:
+        """End a client, once the answers that are on their way to it have come.
+
+        librdkafka (2.16) frees the text of a fatal error as it ends, and again where an answer
+        says only then that another has taken over (`rd_kafka_txn_set_fatal_error`): the process
+        is aborted.
+        """
+        producer, self._producer = self._producer, None
+        if producer is None:
+            return
+        began_s = time.monotonic()
+        try:
+            producer.purge(in_flight=False)
+            while len(producer) and time.monotonic() - began_s < self._last_answers_s:
+                # Not `flush`, which fails where a callback runs after that of a fatal error.
+                with suppress(KafkaException):  # known, or told by what is reported
+                    producer.poll(_POLL_S)
+        finally:
+            # confluent-kafka means it the other way round: this one waits for the broker threads.
+            producer.purge(blocking=False)
+
+    @property
+    def _last_answers_s(self) -> float:
+        return _STEP_S if self._stop.at_once else _LAST_ANSWERS_S
 
     def write(self, parcels: Sequence[Parcel]) -> list[Refused]:
         """Write parcels in one transaction; returns those that Kafka refuses, without the others.
@@ -131,7 +156,7 @@ class Transactions:
         left = list(parcels)
         while left:
             bad = self._attempt(left)
-            if not bad:
+            if bad is None:
                 break
             refused += bad
             numbers = {one.parcel.number for one in bad}
@@ -143,7 +168,8 @@ class Transactions:
         assert self._producer is not None, 'the transactions are open'
         return self._producer
 
-    def _attempt(self, parcels: Sequence[Parcel]) -> list[Refused]:
+    def _attempt(self, parcels: Sequence[Parcel]) -> list[Refused] | None:
+        """Write them all; None: they are written. Otherwise which to leave out of the next try."""
         self._failed = {}
         try:
             self._client.begin_transaction()
@@ -151,8 +177,8 @@ class Transactions:
                 self._produce(parcel)
             self._repeat_raw(self._client.commit_transaction, _COMMIT_S)
         except KafkaException as error:
-            return self._after(error.args[0], parcels)
-        return []
+            return self._after(self._reason(error.args[0]), parcels)
+        return None
 
     def _produce(self, parcel: Parcel) -> None:
         for record, number in parcel.sends:
@@ -173,24 +199,39 @@ class Transactions:
                     if time.monotonic() > deadline_s:
                         raise TransportError('Kafka takes no more records') from None
                 except KafkaException as error:
-                    self._failed.setdefault(parcel.number, error.args[0])
+                    self._note(parcel.number, error.args[0])
                     raise
             self._client.poll(0)
 
     def _report(self, number: int, error: KafkaError | None, _: Message) -> None:
         if error is not None:
-            self._failed.setdefault(number, error)
+            self._note(number, error)
+
+    def _note(self, number: int, error: KafkaError) -> None:
+        """Keep why a parcel has failed, rather than what that did to the rest of it."""
+        known = self._failed.get(number)
+        if known is None or known.code() in _NO_CAUSE:
+            self._failed[number] = error
+
+    def _reason(self, error: KafkaError) -> KafkaError:
+        """Why a transaction has failed that takes no more records: the commit tells."""
+        if error.code() not in _FAILED_BEFORE:
+            return error
+        try:
+            self._client.commit_transaction(_STEP_S)  # refused at once
+        except KafkaException as reason:
+            found: KafkaError = reason.args[0]
+            return found
+        return error
 
     def _after(self, error: KafkaError, parcels: Sequence[Parcel]) -> list[Refused]:
-        """End a transaction that has failed; tells which parcels it failed for."""
-        if error.code() in _FENCED:
-            self._shut_out = True
-            raise self._translated(error)
+        """End a transaction that has failed; tells which parcels to leave out of the next try."""
+        self._check_shut_out(error)
         if error.fatal() or not self._abort():
-            # The next client of this name ends it.
-            with suppress(KafkaException):  # fatal, and known
-                self._client.flush(_STEP_S)
-            self._begin_anew()
+            self._let_go()
+            for failed in self._failed.values():  # an answer that has come only now
+                self._check_shut_out(failed)
+            self._begin_anew()  # the next client of this name ends what is open
         errors = {number: self._translated(failed) for number, failed in self._failed.items()}
         bad = [
             Refused(parcel, cause)
@@ -198,17 +239,29 @@ class Transactions:
             if isinstance(cause := errors.get(parcel.number), RecordError)
         ]
         if bad:
+            self._gap = True
             return bad
         told = [failed for failed in self._failed.values() if failed.code() not in _NO_CAUSE]
+        if self._gap and not told and error.code() == KafkaError.OUT_OF_ORDER_SEQUENCE_NUMBER:
+            # The client has counted the record that was refused, the broker has not; with the end
+            # of this transaction both begin anew. A new client would do so, too, but take over
+            # from whoever has taken over meanwhile.
+            self._gap = False
+            return []
         raise self._translated(told[0] if told else error)
 
     def _abort(self) -> bool:
         """Abort; False where Kafka never began the transaction, or refused a part of it."""
         try:
             self._repeat_raw(self._client.abort_transaction, _COMMIT_S)
-        except KafkaException:
+        except KafkaException as error:
+            self._check_shut_out(error.args[0])
             return False
         return True
+
+    def _check_shut_out(self, error: KafkaError) -> None:
+        if error.code() in _FENCED:
+            raise self._translated(error)
 
     def _repeat(self, call: Callable[[float], Any], patience_s: float) -> None:
         try:

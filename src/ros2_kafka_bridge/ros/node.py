@@ -4,7 +4,8 @@ import logging
 import os
 import re
 import tempfile
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from importlib import metadata
 from pathlib import Path
@@ -24,6 +25,7 @@ from ros2_kafka_bridge.ros.profile import (
 
 _FIRST_WITH_FASTDDS_3 = 8
 _PREFIX = 'kafka_bridge_'
+_STARTING = threading.Lock()  # two starts in one process would mix their environments
 
 
 class Peer(NamedTuple):
@@ -148,7 +150,32 @@ def middleware() -> str:
 
 @contextmanager
 def open_node(name: str, domain_id: int | None, endpoints: Endpoints) -> Iterator[RosNode]:
-    """Join the ROS graph.
+    """Join the ROS graph with a node that has endpoints only.
+
+    Raises:
+        ConfigError: rclpy is missing, or refuses the name or the environment.
+    """
+    rclpy = _import_rclpy()
+
+    def make(context: Any) -> Any:
+        return rclpy.create_node(
+            node_name(name),
+            context=context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+            parameter_overrides=[rclpy.Parameter('start_type_description_service', value=False)],
+        )
+
+    with open_made(make, domain_id, endpoints) as node:
+        yield node
+
+
+@contextmanager
+def open_made(
+    make: Callable[[Any], Any], domain_id: int | None, endpoints: Endpoints
+) -> Iterator[RosNode]:
+    """Join the ROS graph with the node that `make` makes in a context.
 
     Raises:
         ConfigError: rclpy is missing, or refuses the name or the environment.
@@ -157,7 +184,7 @@ def open_node(name: str, domain_id: int | None, endpoints: Endpoints) -> Iterato
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415 (heavy)
 
     with ExitStack() as stack:
-        with _profile(endpoints), translated('ROS'):
+        with _STARTING, _profile(endpoints), translated('ROS'):
             context = rclpy.Context()
             rclpy.init(
                 args=[],
@@ -166,16 +193,7 @@ def open_node(name: str, domain_id: int | None, endpoints: Endpoints) -> Iterato
                 signal_handler_options=SignalHandlerOptions.NO,
             )
             stack.callback(context.try_shutdown)
-            node = rclpy.create_node(
-                node_name(name),
-                context=context,
-                use_global_arguments=False,
-                enable_rosout=False,
-                start_parameter_services=False,
-                parameter_overrides=[
-                    rclpy.Parameter('start_type_description_service', value=False)
-                ],
-            )
+            node = make(context)
             stack.callback(node.destroy_node)
         yield RosNode(node, context)
 
@@ -222,12 +240,12 @@ def _dialect() -> Dialect:
 
 
 def _peer(info: Any) -> Peer:
-    type_hash = getattr(info, 'topic_type_hash', None)
+    type_hash = str(getattr(info, 'topic_type_hash', ''))
     # Whoever reaches the DDS network chooses these names; they are shown, logged and written.
     return Peer.of_qos(
         node=printable(f'{info.node_namespace.rstrip("/")}/{info.node_name}'),
         message_type=printable(info.topic_type),
         gid=bytes(info.endpoint_gid)[:16],
-        type_hash='' if type_hash is None else str(type_hash),
+        type_hash=type_hash if type_hash.startswith('RIHS') else '',  # INVALID: not of ROS
         qos=info.qos_profile,
     )

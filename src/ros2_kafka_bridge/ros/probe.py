@@ -19,7 +19,7 @@ SAMPLES = 4
 """Length of the probe's history and of its reader's cache, for the profile."""
 
 _MESSAGE = b'\x00\x01\x00\x00' + bytes(8)
-_MATCH_S = 5.0
+_ANSWER_S = 5.0
 _PATIENCE_S = 0.03
 
 
@@ -70,11 +70,13 @@ def _try(publisher: Any, subscription: Any) -> Abilities:
     from ros2_kafka_bridge.ros.take import MatchEvents, take  # noqa: PLC0415 (heavy)
 
     events = MatchEvents(publisher)
-    deadline_s = time.monotonic() + _MATCH_S
+    deadline_s = time.monotonic() + _ANSWER_S
     while not events.look()[0] and time.monotonic() < deadline_s:
         time.sleep(0.002)
     accepted = sum(_accepts(publisher) for _ in range(3 * SAMPLES))
-    taken = take(subscription, 1)
+    deadline_s = time.monotonic() + _ANSWER_S
+    while not (taken := take(subscription, 1)) and time.monotonic() < deadline_s:
+        time.sleep(0.002)
     events.close()
     info = taken[0][1] if taken else {}
     return Abilities(

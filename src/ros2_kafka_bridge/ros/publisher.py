@@ -5,10 +5,10 @@ import time
 from typing import Any
 
 from ros2_kafka_bridge.config.settings import QoS
-from ros2_kafka_bridge.endpoints import Readers
-from ros2_kafka_bridge.logs import Occasional
+from ros2_kafka_bridge.endpoints import Load, Matches, Readers
+from ros2_kafka_bridge.logs import summed
 from ros2_kafka_bridge.ros.errors import translated
-from ros2_kafka_bridge.ros.node import RosNode
+from ros2_kafka_bridge.ros.node import Peer, RosNode
 from ros2_kafka_bridge.ros.qos import mismatch, profile, waits
 from ros2_kafka_bridge.ros.types import MessageType
 
@@ -48,7 +48,8 @@ class RosSink:
         self._message_type = message_type
         self._qos = qos
         self._room = room
-        self._occasional = Occasional(log)
+        self._occasional = summed(log)
+        self._matched = self._mismatched = 0
         self._told: set[tuple[str, str]] = set()  # of those in the graph
         self._graph_at_s = 0.0
         self._waits = waits(qos)
@@ -89,6 +90,16 @@ class RosSink:
         self._refusal = rclpy_implementation.RCLError
         self._zero = Duration()
 
+    @property
+    def load(self) -> Load:
+        """What its history holds, as far as its readers have told."""
+        return Load(self._published - self._acknowledged, self._room or 0)
+
+    @property
+    def matches(self) -> Matches:
+        """Its subscribers at the last look."""
+        return Matches(self._matched, self._mismatched)
+
     def publish(self, cdr: bytes) -> bool:
         """Publish; False: the history is full, nothing was taken, try the same bytes again."""
         try:
@@ -104,6 +115,7 @@ class RosSink:
     def readers(self) -> Readers:
         """Look at the readers."""
         matched, gone = self._events.look()
+        self._matched = matched
         if gone != self._gone:
             self._gone = gone
             self._published = self._acknowledged = self._confirmed = 0
@@ -139,19 +151,21 @@ class RosSink:
         peers = self._node.subscribers(self._topic)
         here = {peer.node for peer in peers}
         self._told = {(node, what) for node, what in self._told if node in here}
-        for peer in peers:
-            if not peer.named:
-                continue
-            if peer.message_type != self._message_type.name:
-                self._tell(peer.node, f'subscribes to it as {peer.message_type}: no match')
-            elif reason := mismatch(self._publisher_qos, peer.qos):
-                self._tell(
-                    peer.node, f'does not match, give this route the qos it asks for: {reason}'
-                )
-            elif peer.reliability == 'best_effort':
-                self._tell(peer.node, 'reads best effort: nothing tells what it has received')
+        self._mismatched = sum(self._look_at_peer(peer) for peer in peers)
 
-    def _tell(self, node: str, what: str) -> None:
-        if (node, what) not in self._told:
-            self._told.add((node, what))
-            self._occasional.warning(f'{self._topic}: {node} {what}')
+    def _look_at_peer(self, peer: Peer) -> bool:
+        """Tells whether it does not match."""
+        if peer.message_type != self._message_type.name:
+            self._tell(peer, f'subscribes to it as {peer.message_type}: no match')
+            return True
+        if reason := mismatch(self._publisher_qos, peer.qos):
+            self._tell(peer, f'does not match, give this route the qos it asks for: {reason}')
+            return True
+        if peer.reliability == 'best_effort':
+            self._tell(peer, 'reads best effort: nothing tells what it has received')
+        return False
+
+    def _tell(self, peer: Peer, what: str) -> None:
+        if peer.named and (peer.node, what) not in self._told:
+            self._told.add((peer.node, what))
+            self._occasional.warning(f'{self._topic}: {peer.node} {what}')

@@ -5,10 +5,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ros2_kafka_bridge.about import About
 from ros2_kafka_bridge.config.settings import QoS
-from ros2_kafka_bridge.endpoints import Message
+from ros2_kafka_bridge.endpoints import Matches, Message
 from ros2_kafka_bridge.errors import RouteError, TransportError
-from ros2_kafka_bridge.logs import Occasional
+from ros2_kafka_bridge.logs import summed
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.node import Peer, RosNode
 from ros2_kafka_bridge.ros.qos import mismatch, profile
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from ros2_kafka_bridge.ros.take import Taken
 
 _GRAPH_S = 0.1
+_ASK_S = 0.02
+_MOST_HASHES = 1000
 _REMEMBERED = 1000
 # Asking holds the thread of the route for seconds where Kafka is away: most of the time is for
 # taking from the other publishers.
@@ -65,7 +68,7 @@ class Sequences:
         ask: Callable[[], dict[bytes, Offer]] = dict,
     ) -> None:
         self._publishers: dict[bytes, _Publisher] = {}
-        self._occasional = Occasional(log)
+        self._occasional = summed(log)
         self._topic = topic
         self._ask = ask
         self.lost = 0
@@ -102,7 +105,8 @@ class Sequences:
         self._occasional.warning(
             f'{count} messages of {self._topic} were lost before the bridge (publisher '
             f'{gid.hex()}, {last + 1} to {seq - 1}): its publisher is KEEP_LAST or best effort '
-            'and faster than its readers'
+            'and faster than its readers',
+            about=About(ros_topic=self._topic, gid=gid.hex(), seq=last + 1),
         )
 
 
@@ -148,8 +152,11 @@ class RosSource:
         self._waiter: Any = None
         self._take: Any = None
         self._graph_at_s = 0.0
+        self._asked_at_s = 0.0
+        self._mismatched: set[bytes] = set()  # of those in the graph
+        self.matches = Matches()
         self._strangers: set[tuple[str, str]] = set()  # of those in the graph
-        self._occasional = Occasional(log)
+        self._occasional = summed(log)
 
     @property
     def lost_upstream(self) -> int:
@@ -168,10 +175,14 @@ class RosSource:
         self._waiter = take.Waiter(self._node.context)
         self.follow()
 
-    def take(self, limit: int, timeout_s: float) -> Sequence[Message]:
-        """Wait up to `timeout_s` for messages, then take at most `limit`."""
+    def look(self) -> None:
+        """Follow the publishers, if it is time for that."""
         if time.monotonic() >= self._graph_at_s:
             self.follow()
+
+    def take(self, limit: int, timeout_s: float) -> Sequence[Message]:
+        """Wait up to `timeout_s` for messages, then take at most `limit`."""
+        self.look()
         messages = self._take_all(limit)
         if not messages and self.exhausted and timeout_s > 0:
             self._wait(timeout_s)
@@ -184,8 +195,16 @@ class RosSource:
             self._node.handle.destroy_subscription(subscription)
         self._subscriptions = {}
 
-    def type_hash(self, gid: bytes) -> str:
-        """REP-2011 hash of what a publisher sends; that of the type here if it is not told."""
+    def type_hash(self, gid: bytes) -> str | None:
+        """REP-2011 hash of what a publisher sends; that of the type here if it is not told.
+
+        None where the graph does not show the publisher (yet): ask again.
+        """
+        if gid and gid not in self._hashes and time.monotonic() >= self._asked_at_s + _ASK_S:
+            self._asked_at_s = time.monotonic()
+            self._offers()
+        if gid and gid not in self._hashes:
+            return None
         return self._hashes.get(gid) or self._message_type.type_hash or ''
 
     def follow(self) -> None:
@@ -206,12 +225,14 @@ class RosSource:
         peers = self._node.publishers(self._topic)
         self._say_other_types(peers)
         self._say_mismatches(peers)
-        self._hashes = {peer.gid: peer.type_hash for peer in peers}
-        return {
-            peer.gid: self._offer(peer)
-            for peer in peers
-            if peer.message_type == self._message_type.name
-        }
+        if len(self._hashes) > _MOST_HASHES:
+            self._hashes.clear()
+        # Those that have gone stay: what they sent may still be in line.
+        self._hashes |= {peer.gid: peer.type_hash for peer in peers}
+        right = [peer for peer in peers if peer.message_type == self._message_type.name]
+        matched = sum(peer.gid not in self._mismatched for peer in right)
+        self.matches = Matches(matched, len(peers) - matched)
+        return {peer.gid: self._offer(peer) for peer in right}
 
     def _close_unwanted(self, wanted: set[Offer]) -> None:
         """Close what was found empty after its last publisher had gone."""
@@ -289,11 +310,13 @@ class RosSource:
                 messages.append(message)
 
     def _say_mismatches(self, peers: list[Peer]) -> None:
+        self._mismatched &= {peer.gid for peer in peers}
         for peer in peers:
             if peer.gid in self._hashes:
                 continue
             reason = mismatch(peer.qos, profile(self._qos, *self._offer(peer)))
             if reason:
+                self._mismatched.add(peer.gid)
                 self._occasional.error(
                     f'{peer.node} on {self._topic} does not match the qos of this route, leave '
                     f'it out to follow the publishers: {reason}'

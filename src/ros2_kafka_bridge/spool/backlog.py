@@ -76,6 +76,11 @@ class Backlog:
         return max(1, -self._excess_bytes // self._largest_bytes)
 
     @property
+    def size_bytes(self) -> int:
+        """What the rows on disk are accounted for."""
+        return self._spool.size_bytes if self._spool is not None else 0
+
+    @property
     def last(self) -> int:
         """Number of the newest row."""
         return self._spool.last if self._spool is not None else 0

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.testing.class_archive import make_archive
 
 JARS_VARIABLE: Final = 'ROS2_KAFKA_BRIDGE_KAFKA_JARS'
 POM: Final = Path(__file__).with_name('pom.xml')
@@ -48,8 +49,11 @@ def install_jars(directory: Path | None = None) -> Path:
     jars.parent.mkdir(parents=True, exist_ok=True)
     with (jars.parent / '.lock').open('w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if not jars.is_dir():
+        is_new = not jars.is_dir()
+        if is_new:
             _copy_jars(jars)
+    if is_new:
+        make_archive(jars)
     return jars
 
 

@@ -21,6 +21,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 )
 
 from ros2_kafka_bridge.errors import ConfigError, TransportError
+from ros2_kafka_bridge.testing.class_archive import archive_flags
 from ros2_kafka_bridge.testing.kafka_jars import install_jars, java
 from ros2_kafka_bridge.testing.owned import start_owned
 
@@ -129,8 +130,9 @@ class KafkaNode:
         assert not self.is_running, 'the node runs already'
         self.directory.mkdir(parents=True, exist_ok=True)
         self._log_offset = self.log_file.stat().st_size if self.log_file.exists() else 0
-        flags = [*JVM_FLAGS, *LOG_FLAGS, *self._jvm_flags]
-        program = [java(), *flags, '-cp', f'{install_jars()}/*']
+        jars = install_jars()
+        flags = [*JVM_FLAGS, *LOG_FLAGS, *archive_flags(jars), *self._jvm_flags]
+        program = [java(), *flags, '-cp', f'{jars}/*']
         config = self._write_config(properties)
         found = self._format(program, config, cluster_id)
         self._process = start_owned([*program, 'kafka.Kafka', str(config)], self.log_file)

@@ -1,4 +1,4 @@
-"""A real Apache Kafka on this machine: one KRaft node, up in about three seconds.
+"""A real Apache Kafka on this machine: one KRaft node, up in about two seconds.
 
 `LocalKafka` is for tests. `python -m ros2_kafka_bridge.testing.local_kafka` is for trying things
 out: it runs one in the foreground. Both need Java 17 or newer and, the first time, Maven.

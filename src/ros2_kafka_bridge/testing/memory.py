@@ -7,6 +7,8 @@ from typing import Generic
 
 from ros2_kafka_bridge.endpoints import (
     HeaderList,
+    Load,
+    Matches,
     Message,
     Outgoing,
     Readers,
@@ -64,6 +66,7 @@ class MemoryRecordSource:
     lost_upstream: int = 0
     ends: dict[int, int] = field(default_factory=dict)
     held: bool = False
+    rebalances: int = 0
     rebalance: Rebalance | None = None
 
     def open(self, rebalance: Rebalance) -> None:
@@ -127,6 +130,16 @@ class MemoryRecordSink(Generic[Token]):
     records: list[Outgoing] = field(default_factory=list)
     _in_flight: list[tuple[Token, Outgoing]] = field(default_factory=list)
 
+    @property
+    def load(self) -> Load:
+        """What is in flight."""
+        return Load(len(self._in_flight), self.room)
+
+    @property
+    def round_trip_s(self) -> tuple[float, float] | None:
+        """There is no broker."""
+        return None
+
     def open(self) -> None:
         """Open."""
         self.is_open = True
@@ -177,6 +190,13 @@ class MemoryMessageSource:
 
     waiting: deque[Message] = field(default_factory=deque)
     lost_upstream: int = 0
+    matched: int = 1
+    looked: int = 0
+
+    @property
+    def matches(self) -> Matches:
+        """Its publishers."""
+        return Matches(self.matched)
 
     @property
     def exhausted(self) -> bool:
@@ -185,6 +205,10 @@ class MemoryMessageSource:
 
     def open(self) -> None:
         """Subscribe."""
+
+    def look(self) -> None:
+        """Note that it was asked to follow its publishers."""
+        self.looked += 1
 
     def take(self, limit: int, timeout_s: float) -> Sequence[Message]:
         """Hand out what waits."""
@@ -208,9 +232,20 @@ class MemoryMessageSink:
     matched: int = 1
     acknowledging: bool = True
     published: list[bytes] = field(default_factory=list)
+    mismatched: int = 0
     _since_loss: int = 0
     _confirmed: int = 0
     _lost: bool = False
+
+    @property
+    def load(self) -> Load:
+        """What is not acknowledged."""
+        return Load(self._since_loss - self._confirmed, self.room)
+
+    @property
+    def matches(self) -> Matches:
+        """Its readers."""
+        return Matches(self.matched, self.mismatched)
 
     def open(self) -> None:
         """Make the publisher."""

@@ -1,0 +1,1 @@
+"""How fast the formats are, beside what other Python bridges do."""

@@ -1,0 +1,105 @@
+"""How a running bridge is doing, asked where it is watched: what `status` prints."""
+
+import json
+import sys
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any, Final
+from urllib.error import HTTPError, URLError
+from urllib.request import ProxyHandler, Request, build_opener
+
+from ros2_kafka_bridge.commands.screen import screen, show_line, show_table
+from ros2_kafka_bridge.config.operations import Address
+from ros2_kafka_bridge.config.settings import Config
+from ros2_kafka_bridge.errors import ConfigError
+
+_PATIENCE_S: Final = 10.0
+_EVERY_ADDRESS: Final = {'0.0.0.0': '127.0.0.1', '::': '::1'}  # noqa: S104 (only compared)
+_COLUMNS: Final = (
+    'route', 'state', '#rate /s', '#p50', '#p99', '#lag', '#in flight', '#dead letters', 'reason',
+)  # fmt: skip
+
+
+def report(config: Config, file: Path, *, as_json: bool) -> int:
+    """Ask the bridge of a configuration how it is doing, and print it.
+
+    Returns:
+        0 when it is ready, 1 when it is not.
+
+    Raises:
+        ConfigError: The file says no address, or nobody answers there, or somebody else.
+    """
+    address = _address(config, file)
+    state = _ask(address, file)
+    if state['bridge']['name'] != config.name:
+        other = f'{address} is the bridge {state["bridge"]["name"]}, not {config.name}'
+        raise ConfigError([f'{other}: give each bridge a port of its own in monitoring.listen'])
+    if as_json:
+        sys.stdout.write(json.dumps(state, indent=2) + '\n')
+    else:
+        _show(state)
+    return 0 if state['bridge']['ready'] else 1
+
+
+def _address(config: Config, file: Path) -> Address:
+    address = config.monitoring.address if config.monitoring else None
+    if address is None:
+        text = f'{file}: the bridge cannot be asked, because it listens nowhere; add '
+        raise ConfigError([f'{text}monitoring: {{listen: 127.0.0.1:9464}} and start it again'])
+    return address
+
+
+def _ask(address: Address, file: Path) -> dict[str, Any]:
+    host = _EVERY_ADDRESS.get(address.host, address.host)
+    url = f'http://[{host}]' if ':' in host else f'http://{host}'
+    request = Request(f'{url}:{address.port}/api/state')  # noqa: S310 (http, as it is written here)
+    # The address is this machine's or in its own network: no proxy knows the way.
+    opener = build_opener(ProxyHandler({}))
+    try:
+        with opener.open(request, timeout=_PATIENCE_S) as answer:
+            found = json.loads(answer.read())
+    except HTTPError as error:
+        with error:
+            status = HTTPStatus(error.code).phrase
+        raise ConfigError([f'{address}: what answers there is no bridge ({status})']) from None
+    except (URLError, OSError) as error:
+        reason = getattr(error, 'reason', error)
+        text = f'{address} does not answer ({reason}): does a bridge run with {file}?'
+        raise ConfigError([text]) from None
+    except ValueError:
+        found = None
+    if not isinstance(found, dict) or not {'bridge', 'routes'} <= found.keys():
+        raise ConfigError([f'{address}: what answers there is no bridge'])
+    return found
+
+
+def _show(state: dict[str, Any]) -> None:
+    console, bridge = screen(), state['bridge']
+    word = 'ready' if bridge['ready'] else 'not ready'
+    style = 'bold green' if bridge['ready'] else 'bold red'
+    show_line(console, f'{bridge["name"]}: {word}, {bridge["lifecycle"]}', style)
+    for problem in bridge['problems']:
+        show_line(console, f'  {problem}', 'red')
+    rows = [[[cell] for cell in _row(route)] for route in state['routes']]
+    if rows:
+        show_table(console, 'Routes', _COLUMNS, rows)
+    for worker in state['workers']:
+        if worker['problem']:
+            show_line(console, f'worker {worker["number"]}: {worker["problem"]}', 'red')
+    if problem := (state['broker'] or {}).get('problem'):
+        show_line(console, f'Kafka: {problem}', 'red')
+
+
+def _row(route: dict[str, Any]) -> list[str]:
+    p50, p99 = map(_seconds, route['in_bridge_s'] or (None, None))
+    lag = '-' if route['lag'] is None else str(route['lag'])
+    dead = str(route['ended']['dead_lettered'])
+    rate, in_flight = f'{route["rate"]:g}', str(route['in_flight'])
+    reason = route['reason'] or '-'
+    return [route['name'], route['state'], rate, p50, p99, lag, in_flight, dead, reason]
+
+
+def _seconds(value: float | None) -> str:
+    if value is None:
+        return '-'
+    return f'{value * 1000:.1f} ms' if value < 1 else f'{value:.1f} s'

@@ -1,0 +1,142 @@
+"""The settings of what watches a bridge: metrics, health, the page, its ROS node, traces."""
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Final, Literal
+from urllib.parse import urlsplit
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from ros2_kafka_bridge.config.values import no_bool
+from ros2_kafka_bridge.config.words import Mistake, Settings
+
+_SECRET: Final[dict[str, Any]] = {'writeOnly': True}
+_SHORTEST_TOKEN: Final = 16
+_ENDPOINTS: Final = ('OTEL_EXPORTER_OTLP_ENDPOINT', 'OTEL_EXPORTER_OTLP_TRACES_ENDPOINT')
+
+
+class Address(str):
+    """An address to listen on, as `host:port`; an IPv6 host stands in brackets."""
+
+    __slots__ = ()
+
+    @property
+    def host(self) -> str:
+        """The host, without brackets."""
+        return self.rpartition(':')[0].strip('[]')
+
+    @property
+    def port(self) -> int:
+        """The port."""
+        return int(self.rpartition(':')[2])
+
+
+def _address(value: str) -> str:
+    if value == 'off':
+        return value
+    host, colon, port = value.rpartition(':')
+    bare = host.strip('[]')
+    right = colon and bare and (':' not in bare or host == f'[{bare}]')
+    if not right or not re.fullmatch(r'\d{1,5}', port) or int(port) > 65_535:
+        raise ValueError('expected host:port such as 127.0.0.1:9464 or [::1]:9464, or off')
+    return value
+
+
+def _token(value: str) -> str:
+    if len(value) < _SHORTEST_TOKEN:
+        raise ValueError(
+            f'is too short to keep others out: at least {_SHORTEST_TOKEN} characters, such as '
+            'those of: openssl rand -hex 16'
+        )
+    if not value.isascii() or not value.isprintable() or ' ' in value:
+        raise ValueError('expected ASCII characters without blanks: it goes into an HTTP header')
+    return value
+
+
+def _endpoint(value: str) -> str:
+    parts = urlsplit(value)
+    if parts.scheme not in {'http', 'https'} or not parts.netloc:
+        raise ValueError('expected an address such as http://localhost:4318/v1/traces')
+    return value
+
+
+ListenAddress = Annotated[str, AfterValidator(_address)]
+Token = Annotated[str, AfterValidator(_token)]
+Endpoint = Annotated[str, AfterValidator(_endpoint)]
+Share = Annotated[float, Field(ge=0, le=1), BeforeValidator(no_bool)]
+
+
+class MonitoringSettings(Settings):
+    """What a bridge shows of itself, in a process beside those that move messages."""
+
+    listen: ListenAddress = Field(
+        '127.0.0.1:9464',
+        description='Address of metrics, health and the live page. off: none of them.',
+    )
+    token: Token | None = Field(
+        None,
+        description='Who knows it may pause, resume and replay from the page, and reload. '
+        'Without it the page is read-only.',
+        json_schema_extra=_SECRET,
+    )
+    allowed_hosts: list[str] = Field(
+        default_factory=list,
+        description='Further names under which browsers may ask for the page, such as that of a '
+        'reverse proxy.',
+    )
+    node: bool = Field(
+        True,  # noqa: FBT003 (its default)
+        description='Whether a ROS node publishes /diagnostics and has the parameters, services '
+        'and lifecycle of the bridge.',
+    )
+    start: Literal['active', 'unconfigured'] = Field(
+        'active',
+        description='active: the routes run at once. unconfigured: they wait for a lifecycle '
+        'manager that configures and activates the node.',
+    )
+
+    @property
+    def address(self) -> Address | None:
+        """Where to listen, None for nowhere."""
+        return None if self.listen == 'off' else Address(self.listen)
+
+
+class TracingSettings(Settings):
+    """W3C trace context in the headers of records, and spans by OpenTelemetry."""
+
+    sample: Share = Field(
+        0.01,
+        description='Share of the messages from ROS whose trace is sampled. A record from Kafka '
+        'says in its traceparent header whether it is; one without the header counts as one from '
+        'ROS.',
+    )
+    endpoint: Endpoint | None = Field(
+        None,
+        description='Where spans are sent: OTLP over HTTP, such as '
+        'http://localhost:4318/v1/traces. Without it OTEL_EXPORTER_OTLP_* of the environment '
+        'say so, or no span is made and only the headers are written.',
+    )
+    service: str | None = Field(
+        None, description='service.name of the spans; the name of the bridge without it.'
+    )
+
+    def exports(self, environ: Mapping[str, str]) -> bool:
+        """Whether spans are made and sent."""
+        return _exports(self.endpoint, environ)
+
+    @classmethod
+    def mistakes(
+        cls, given: Mapping[str, Any], context: Mapping[str, Any], /
+    ) -> Iterator[Mistake]:
+        """Spans without what sends them."""
+        check, endpoint = context.get('check_format'), given.get('endpoint')
+        if check is None or not _exports(endpoint, context.get('environ', {})):
+            return
+        if problem := check('tracing'):
+            yield Mistake(('endpoint',) if endpoint else (), problem)
+
+
+def _exports(endpoint: object, environ: Mapping[str, str]) -> bool:
+    if environ.get('OTEL_SDK_DISABLED', '').strip().lower() == 'true':
+        return False
+    return bool(endpoint or any(environ.get(name) for name in _ENDPOINTS))

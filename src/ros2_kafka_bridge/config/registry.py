@@ -1,0 +1,191 @@
+"""The settings of the Schema Registry's client, by the names that confluent-kafka gives them."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+from urllib.parse import urlsplit
+
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
+
+from ros2_kafka_bridge.config.values import CountOrNone, NotNegative, Positive
+from ros2_kafka_bridge.config.words import Mistake, Settings, kind_of
+from ros2_kafka_bridge.kafka.properties import PropertyValue
+
+_SECRET: dict[str, Any] = {'writeOnly': True}
+_NEEDED = {
+    'OAUTHBEARER': (
+        'bearer.auth.client.id',
+        'bearer.auth.client.secret',
+        'bearer.auth.scope',
+        'bearer.auth.issuer.endpoint.url',
+        'bearer.auth.logical.cluster',
+    ),
+    'OAUTHBEARER_AZURE_IMDS': ('bearer.auth.logical.cluster',),
+    'STATIC_TOKEN': ('bearer.auth.token', 'bearer.auth.logical.cluster'),
+}
+_OPTIONAL = {
+    'OAUTHBEARER': ('bearer.auth.identity.pool.id',),
+    'OAUTHBEARER_AZURE_IMDS': (
+        'bearer.auth.identity.pool.id',
+        'bearer.auth.issuer.endpoint.url',
+        'bearer.auth.issuer.endpoint.query',
+    ),
+    'STATIC_TOKEN': ('bearer.auth.identity.pool.id',),
+}
+_SOURCE = 'bearer.auth.credentials.source'
+_FILES = ('ssl.ca.location', 'ssl.certificate.location', 'ssl.key.location')
+
+
+def _urls(value: str) -> str:
+    for url in value.split(','):
+        parts = urlsplit(url.strip())
+        if parts.scheme not in {'http', 'https'} or not parts.netloc:
+            raise ValueError('expected addresses with commas, such as https://registry:8081')
+        if '@' in parts.netloc:
+            raise ValueError('holds a user or a password: these belong in basic.auth.user.info')
+    return value
+
+
+def _user_info(value: str) -> str:
+    if ':' not in value:
+        raise ValueError('expected <user>:<password>')
+    return value
+
+
+def _authorities(value: object) -> object:
+    if isinstance(value, str) or value is False:
+        return value
+    raise ValueError(f'expected a path, or false for no check, got {kind_of(value)}')
+
+
+Urls = Annotated[str, AfterValidator(_urls)]
+UserInfo = Annotated[str, AfterValidator(_user_info)]
+Authorities = Annotated[str | Literal[False], BeforeValidator(_authorities)]
+
+
+class SchemaRegistrySettings(Settings):
+    """The Schema Registry of the formats avro and protobuf: properties of confluent-kafka's
+    `SchemaRegistryClient`, by their own names.
+    """
+
+    # The names in a file are those of the client, never Python's.
+    model_config = ConfigDict(populate_by_name=False)
+
+    url: Urls = Field(description='Address, or several with commas; tried in this order.')
+    basic_auth: UserInfo | None = Field(
+        None,
+        alias='basic.auth.user.info',
+        description='User and password, as `<user>:<password>`.',
+        json_schema_extra=_SECRET,
+    )
+    ssl_ca: Authorities | None = Field(
+        None,
+        alias='ssl.ca.location',
+        description="File or directory of the authorities that sign the registry's certificate; "
+        "without it certifi's. false checks nothing.",
+    )
+    ssl_certificate: str | None = Field(
+        None, alias='ssl.certificate.location', description="File of the bridge's certificate."
+    )
+    ssl_key: str | None = Field(
+        None, alias='ssl.key.location', description='File of the key of that certificate.'
+    )
+    ssl_key_password: str | None = Field(
+        None,
+        alias='ssl.key.password',
+        description='Password of that key.',
+        json_schema_extra=_SECRET,
+    )
+    bearer_source: Literal['OAUTHBEARER', 'OAUTHBEARER_AZURE_IMDS', 'STATIC_TOKEN'] | None = Field(
+        None, alias=_SOURCE, description='Where bearer tokens come from.'
+    )
+    bearer_token: str | None = Field(
+        None,
+        alias='bearer.auth.token',
+        description='The token of STATIC_TOKEN.',
+        json_schema_extra=_SECRET,
+    )
+    bearer_client: str | None = Field(
+        None, alias='bearer.auth.client.id', description='Who asks for a token.'
+    )
+    bearer_secret: str | None = Field(
+        None,
+        alias='bearer.auth.client.secret',
+        description='The secret of that client.',
+        json_schema_extra=_SECRET,
+    )
+    bearer_scope: str | None = Field(
+        None, alias='bearer.auth.scope', description='The scope of a token.'
+    )
+    bearer_endpoint: str | None = Field(
+        None, alias='bearer.auth.issuer.endpoint.url', description='Who issues tokens.'
+    )
+    bearer_query: str | None = Field(
+        None,
+        alias='bearer.auth.issuer.endpoint.query',
+        description='The query of OAUTHBEARER_AZURE_IMDS.',
+    )
+    bearer_cluster: str | None = Field(
+        None,
+        alias='bearer.auth.logical.cluster',
+        description='The logical cluster that a token is for.',
+    )
+    bearer_pool: str | None = Field(
+        None,
+        alias='bearer.auth.identity.pool.id',
+        description='Identity pools, with commas.',
+    )
+    proxy: str | None = Field(None, description='Address of a proxy.')
+    timeout: Positive | None = Field(
+        None, description='Longest time for an answer, in seconds. The bridge chooses 5.'
+    )
+    max_retries: CountOrNone | None = Field(
+        None,
+        alias='max.retries',
+        description='How often a request is sent again, before the route as a whole is tried '
+        'again. The bridge chooses 1.',
+    )
+    retries_wait: NotNegative | None = Field(
+        None, alias='retries.wait.ms', description='First wait before that, in milliseconds.'
+    )
+    retries_max_wait: NotNegative | None = Field(
+        None, alias='retries.max.wait.ms', description='Longest wait before that.'
+    )
+
+    @classmethod
+    def mistakes(
+        cls, given: Mapping[str, Any], context: Mapping[str, Any], /
+    ) -> Iterator[Mistake]:
+        """What belongs together, and files that are not there."""
+        for name in ('ssl.key.location', 'ssl.key.password'):
+            if given.get(name) is not None and given.get('ssl.certificate.location') is None:
+                yield Mistake((name,), 'needs ssl.certificate.location, too')
+        if given.get('basic.auth.user.info') is not None and given.get(_SOURCE) is not None:
+            yield Mistake((_SOURCE,), 'basic.auth.user.info is there: leave one of them out')
+        yield from _bearer_mistakes(given)
+        for name in _FILES if context.get('check_kafka') else ():
+            path = given.get(name)
+            if isinstance(path, str) and not Path(path).exists():
+                yield Mistake((name,), 'no such file')
+
+    def properties(self) -> dict[str, PropertyValue]:
+        """What the client is made with, secrets included."""
+        made: dict[str, PropertyValue] = self.model_dump(by_alias=True, exclude_none=True)
+        return made
+
+
+def _bearer_mistakes(given: Mapping[str, Any]) -> Iterator[Mistake]:
+    source = given.get(_SOURCE)
+    said = [name for name, value in given.items() if value is not None]
+    parts = [name for name in said if name.startswith('bearer.auth.') and name != _SOURCE]
+    if source is None:
+        for name in parts:
+            yield Mistake((name,), f'needs {_SOURCE}, too: {", ".join(_NEEDED)}')
+        return
+    needed = _NEEDED.get(str(source), ())
+    for name in needed:
+        if name not in said:
+            yield Mistake((name,), f'is missing: {source} needs it')
+    for name in parts:
+        if name not in (*needed, *_OPTIONAL.get(str(source), ())):
+            yield Mistake((name,), f'{source} has no use for it')

@@ -1,0 +1,250 @@
+"""The settings of a route, and of which direction one is."""
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo
+
+from ros2_kafka_bridge.config import checks
+from ros2_kafka_bridge.config.endpoints import (
+    KafkaSink,
+    KafkaSource,
+    RosSink,
+    RosSource,
+    SpoolSettings,
+)
+from ros2_kafka_bridge.config.formats import JsonSettings, SchemaSettings
+from ros2_kafka_bridge.config.values import (
+    CheckFormat,
+    Count,
+    CountOrNone,
+    Name,
+    NotNegative,
+    Positive,
+)
+from ros2_kafka_bridge.config.words import (
+    Mistake,
+    Settings,
+    field_names,
+    kind_of,
+    look,
+    mistakes_in,
+    near,
+    refused,
+)
+
+TEXT_TYPE = 'std_msgs/msg/String'
+
+
+FORMAT_NAMES = ('text', 'cdr', 'json', 'avro', 'protobuf')
+BLOCKS = {'json': ('json',), 'schema': ('avro', 'protobuf')}
+"""The blocks of a route that belong to formats, with the formats that have them."""
+
+
+class Route(Settings):
+    """What the routes of both directions share."""
+
+    name: Name = Field(description='Name of the route, once in a file.')
+    format: Literal['text', 'cdr', 'json', 'avro', 'protobuf'] = Field(
+        description=f"How a record's value encodes a message: text ({TEXT_TYPE} only), or for "
+        'any type cdr (as ROS sends it), json, avro or protobuf.'
+    )
+    # Pydantic's own methods have the names that these have in a file.
+    json_settings: JsonSettings | None = Field(
+        None, alias='json', description='How JSON is written and read (format: json).'
+    )
+    schema_settings: SchemaSettings | None = Field(
+        None,
+        alias='schema',
+        description='Where the schema comes from (format: avro and format: protobuf).',
+    )
+    when_full: Literal['wait', 'drop_oldest'] = Field(
+        'wait', description='What happens when the sink takes no more: nothing is lost with wait.'
+    )
+    on_error: Literal['dead_letter', 'stop', 'drop'] = Field(
+        'dead_letter', description='What happens to what can never be delivered.'
+    )
+    max_in_flight: Count = Field(
+        1, description='Messages handed to the sink and not yet confirmed, at most.'
+    )
+    max_in_flight_bytes: Count = Field(
+        16 * 1024 * 1024, description='Bytes handed to the sink and not yet confirmed, at most.'
+    )
+    max_message_bytes: Count = Field(
+        1_000_000, description='Largest message or value of a record, in bytes.'
+    )
+    drain_s: NotNegative = Field(
+        8, description='Longest time for the drain at a stop, in seconds.'
+    )
+
+    @classmethod
+    def mistakes(
+        cls, given: Mapping[str, Any], context: Mapping[str, Any], /
+    ) -> Iterator[Mistake]:
+        """The text format carries one type only, and a format has no use for another's block."""
+        name = given.get('format')
+        for side in ('from', 'to'):
+            message_type = look(given, side, 'type')
+            if name == 'text' and message_type not in {None, TEXT_TYPE}:
+                text = f'format: text carries {TEXT_TYPE} only: another type needs format: json'
+                yield Mistake((side, 'type'), f'{text}, cdr, avro or protobuf')
+        for block, formats in BLOCKS.items():
+            if given.get(block) is not None and name in FORMAT_NAMES and name not in formats:
+                has = ' and '.join(f'format: {one}' for one in formats)
+                only = 'have' if len(formats) > 1 else 'has'
+                yield Mistake((block,), f'only {has} {only} it, this is format: {name}')
+        check: CheckFormat | None = context.get('check_format')
+        if check and isinstance(name, str) and (problem := check(name)):
+            yield Mistake(('format',), problem)
+
+
+class KafkaToRosRoute(Route):
+    """A route from Kafka to ROS."""
+
+    source: KafkaSource = Field(alias='from', description='Kafka topic to read.')
+    sink: RosSink = Field(alias='to', description='ROS topic to publish to.')
+    max_in_flight: Count = Field(
+        500, description='Messages published and not yet confirmed, at most.'
+    )
+    min_subscribers: CountOrNone = Field(
+        1, description='Subscribers to wait for before publishing; with 0 to nobody, too.'
+    )
+    max_age_s: Positive | None = Field(
+        None, description='Age at which a record is dropped, not published, in seconds.'
+    )
+    max_rate: Positive | None = Field(
+        None, description='Messages per second at most, for readers with keep_last.'
+    )
+    check_type_hash: bool = Field(
+        True,  # noqa: FBT003 (its default)
+        description='Whether a record whose header ros.type_hash is not that of the type here is '
+        'a dead letter. Without it the format alone decides.',
+    )
+
+    def group(self, bridge: str) -> str:
+        """The consumer group of this route in the bridge of that name."""
+        return self.source.group or f'{bridge}.{self.name}'
+
+    @property
+    def dead_letter_topic(self) -> str:
+        """The Kafka topic for what can never be delivered."""
+        return self.source.dead_letter or self.source.kafka + checks.DEAD_LETTER_SUFFIX
+
+
+class RosToKafkaRoute(Route):
+    """A route from ROS to Kafka."""
+
+    source: RosSource = Field(alias='from', description='ROS topic to take from.')
+    sink: KafkaSink = Field(alias='to', description='Kafka topic to write.')
+    max_in_flight: Count = Field(
+        2000, description='Records produced and not yet confirmed, at most.'
+    )
+    spool: SpoolSettings | None = Field(
+        None, description='Where messages wait on disk while Kafka does not take them.'
+    )
+
+    exclusive: bool = Field(
+        False,  # noqa: FBT003 (its default)
+        description='Several bridges run this file, and one at a time runs this route: another '
+        'takes over when it dies.',
+    )
+
+    @property
+    def dead_letter_topic(self) -> str:
+        """The Kafka topic for what can never be delivered."""
+        return self.sink.dead_letter or self.sink.kafka + checks.DEAD_LETTER_SUFFIX
+
+
+_ENDPOINTS: dict[tuple[str, str], type[Settings]] = {
+    ('from', 'kafka'): KafkaSource,
+    ('from', 'ros'): RosSource,
+    ('to', 'kafka'): KafkaSink,
+    ('to', 'ros'): RosSink,
+}
+_WORDS = {'kafka': 'Kafka', 'ros': 'ROS'}
+_EXAMPLES = {'kafka': '{kafka: orders}', 'ros': '{ros: /orders}'}
+_OTHER = {'kafka': 'ros', 'ros': 'kafka', 'from': 'to', 'to': 'from'}
+
+
+def _kind(route: Mapping[str, Any], side: str) -> str | None:
+    """The kind of topic on one side of an unchecked route, None where that is not clear."""
+    end = route.get(side)
+    kinds = [kind for kind in _WORDS if kind in end] if isinstance(end, Mapping) else []
+    return kinds[0] if len(kinds) == 1 else None
+
+
+def model_of(route: Mapping[str, Any]) -> type[KafkaToRosRoute | RosToKafkaRoute]:
+    """The settings class of an unchecked route, by its direction."""
+    source = _kind(route, 'from') or _OTHER.get(_kind(route, 'to') or '', 'kafka')
+    return KafkaToRosRoute if source == 'kafka' else RosToKafkaRoute
+
+
+def _by_direction(value: Any, info: ValidationInfo) -> Any:
+    if isinstance(value, Route):
+        return value
+    if not isinstance(value, Mapping):
+        raise ValueError(f'expected a mapping, got {kind_of(value)}')  # noqa: TRY004  # pydantic's
+    model = model_of(value)
+    found = [*_side_mistakes(value), *_misplaced(model, value)]
+    known = {mistake.path for mistake in found}
+    try:
+        made = model.model_validate(value, context=info.context)
+    except ValidationError as error:
+        new = mistakes_in(model, error)
+        found += [m for m in new if m.path not in known and m.path[:1] not in known]
+    if found:
+        raise refused(model.__name__, found)
+    return made
+
+
+def _side_mistakes(route: Mapping[str, Any]) -> Iterator[Mistake]:
+    """What keeps a route from having one topic in Kafka and one in ROS."""
+    for side in ('from', 'to'):
+        end, other = route.get(side), _kind(route, _OTHER[side])
+        right = _EXAMPLES[_OTHER[other]] if other else ' or '.join(_EXAMPLES.values())
+        if end is None:
+            yield Mistake((side,), f'is missing: a topic such as {right}')
+        elif not isinstance(end, Mapping):
+            yield Mistake((side,), f'expected a mapping such as {right}, got {kind_of(end)}')
+        elif all(kind in end for kind in _WORDS):
+            yield Mistake((side,), 'names both a kafka and a ros topic: a side is one of them')
+        elif _kind(route, side) is None:
+            hint = next((found for word in end for found in [near(word, _WORDS)] if found), '')
+            yield Mistake((side,), f'names no topic, such as {right}{hint}')
+    if (kind := _kind(route, 'from')) and kind == _kind(route, 'to'):
+        text = f'both sides are {_WORDS[kind]}: a route joins Kafka and ROS, such as '
+        yield Mistake(('to',), text + _EXAMPLES[_OTHER[kind]])
+
+
+_PYTHONS = {
+    'source': 'from', 'sink': 'to', 'json_settings': 'json', 'schema_settings': 'schema',
+}  # fmt: skip
+
+
+def _misplaced(model: type[Settings], route: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Fields that exist, but not for this direction or side, and Python's names in a file."""
+    for name, right in _PYTHONS.items():
+        if name in route:
+            yield Mistake((name,), f"unknown field '{name}' (did you mean '{right}'?)")
+    words = ('ROS to Kafka', 'Kafka to ROS')[:: 1 if model is RosToKafkaRoute else -1]
+    other = KafkaToRosRoute if model is RosToKafkaRoute else RosToKafkaRoute
+    for name in route.keys() & (field_names(other).keys() - field_names(model).keys()):
+        text = f'only a route from {words[1]} has it, this one goes from {words[0]}'
+        yield Mistake((name,), text)
+    for side in ('from', 'to'):
+        kind = _kind(route, side)
+        for name in route[side] if kind else ():
+            yield from _misplaced_in_end(side, kind or '', name)
+
+
+def _misplaced_in_end(side: str, kind: str, name: str) -> Iterator[Mistake]:
+    if name in field_names(_ENDPOINTS[side, kind]):
+        return
+    for (right_side, right_kind), model in _ENDPOINTS.items():
+        if name in field_names(model):
+            where = f"only a {_WORDS[right_kind]} topic in '{right_side}' has it"
+            yield Mistake((side, name), f"{where}, this is a {_WORDS[kind]} topic in '{side}'")
+            return
+
+
+AnyRoute = Annotated[KafkaToRosRoute | RosToKafkaRoute, BeforeValidator(_by_direction)]

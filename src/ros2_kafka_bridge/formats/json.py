@@ -1,0 +1,170 @@
+"""json: the fields of the message as one JSON object, by their names in ROS.
+
+JSON is decoded straight into the structs of the message type, so that a wrong field is found
+where it stands, and its path is told.
+"""
+
+import codecs
+import json
+import re
+from collections.abc import Callable
+from typing import Any, Final
+
+import msgspec
+
+from ros2_kafka_bridge.config.formats import JsonSettings
+from ros2_kafka_bridge.errors import DecodeError, EncodeError
+from ros2_kafka_bridge.formats.layout import Layout
+from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.formats.values.read import make_read
+from ros2_kafka_bridge.formats.values.structs import Structs, Style, explain, make_structs
+from ros2_kafka_bridge.formats.values.write import make_write
+
+_DIALECT: Final = 'https://json-schema.org/draft/2020-12/schema'
+
+
+def make_decode(layout: Layout, scope: Scope) -> Callable[[bytes | None], bytes]:
+    """Make the function from a record's value to the CDR bytes of a message.
+
+    Returns:
+        The function. It raises DecodeError for a null value, for what is not JSON, and, with
+        the path of the field, for what the message type or the route's settings refuse.
+    """
+    style = _style(scope.json)
+    from_json = msgspec.json.Decoder(make_structs(layout, style)[layout.type_name]).decode
+    write = make_write(layout, style, scope.max_message_bytes)
+
+    def decode(value: bytes | None) -> bytes:
+        if value is None:
+            raise DecodeError('the value is null (a tombstone), and json has no message for it')
+        try:
+            message = from_json(value)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            raise DecodeError(_reason(value, error)) from None
+        return write(message)
+
+    return decode
+
+
+def make_encode(layout: Layout, scope: Scope) -> Callable[[bytes], bytes]:
+    """Make the function from a message's CDR bytes to a record's value.
+
+    Returns:
+        The function. It raises EncodeError for what is not one message of this type, and for
+        NaN and infinity where the settings refuse them.
+    """
+    style = _style(scope.json)
+    if style.non_finite == 'null':
+        # So msgspec writes NaN and infinity by itself: nobody has to look for them.
+        style = style._replace(non_finite='float')
+    read = make_read(layout, make_structs(layout, style), style)
+    to_json = msgspec.json.Encoder().encode
+
+    def encode(message: bytes) -> bytes:
+        try:
+            return to_json(read(message))
+        except DecodeError as error:
+            raise EncodeError(str(error)) from None
+
+    return encode
+
+
+def schema(layout: Layout, settings: JsonSettings) -> str:
+    """Tell what a record has to look like, as JSON Schema (draft 2020-12).
+
+    It comes from the structs that decode. Keywords that begin with `ros.` are what JSON Schema
+    has no word for: type, type hash and constants.
+    """
+    structs = make_structs(layout, _style(settings))
+    root = structs[layout.type_name]
+    [top], inner = msgspec.json.schema_components([root], ref_template='#/$defs/{name}')
+    layouts = {_reference(one.type_name): one for one in _layouts(layout).values()}
+    definitions = {
+        name: _described(found, layouts[name], structs, settings) for name, found in inner.items()
+    }
+    return json.dumps({'$schema': _DIALECT, **top, '$defs': definitions}, indent=2) + '\n'
+
+
+def _style(settings: JsonSettings) -> Style:
+    return Style(
+        bytes_as='list' if settings.bytes == 'list' else 'bytes',
+        non_finite=settings.non_finite,
+        integers=settings.integers,
+        missing=settings.missing,
+        unknown=settings.unknown,
+    )
+
+
+# Why a value is no JSON, looked for only once it is refused
+
+
+def _reason(value: bytes, error: Exception) -> str:
+    if not value.strip():
+        return 'the value is empty, and json needs an object'
+    if value.startswith(codecs.BOM_UTF8):
+        return 'a byte order mark (EF BB BF) at byte 0: JSON has none'
+    try:
+        value.decode()
+    except UnicodeDecodeError as bad:
+        return f'not UTF-8 at byte {bad.start}: {value[bad.start]:#04x}'
+    if isinstance(error, RecursionError):
+        return 'nested too deeply'
+    assert isinstance(error, msgspec.MsgspecError)
+    if isinstance(error, msgspec.ValidationError):
+        return explain(error)
+    return _malformed(value, str(error))
+
+
+def _malformed(value: bytes, said: str) -> str:
+    """Msgspec's own words, and what often stands where JSON ends to be JSON."""
+    if said.endswith('truncated'):
+        half = _HALF_PAIR.search(value)
+        if half:
+            return f'JSON is malformed: half a surrogate pair (byte {half.start()})'
+        return f'JSON is malformed: it ends too soon (byte {len(value)})'
+    place = _BYTE.search(said)
+    word = _NON_FINITE.match(value, int(place[1])) if place else None
+    return f'{said}: JSON has no {word[0].decode()}, see non_finite' if word else said
+
+
+_BYTE: Final = re.compile(r'\(byte (\d+)\)$')
+_HALF_PAIR: Final = re.compile(rb'\\u[dD][89abAB][0-9a-fA-F]{2}(?!\\u[dD][c-fC-F])')
+_NON_FINITE: Final = re.compile(rb'NaN|Infinity')
+
+
+# The schema
+
+
+def _layouts(layout: Layout) -> dict[str, Layout]:
+    """The layouts of a message type and of all types in it, by name."""
+    found = {layout.type_name: layout}
+    for field in layout.fields:
+        kind: Any = field.kind
+        while not isinstance(kind, Layout) and hasattr(kind, 'item'):
+            kind = kind.item
+        if isinstance(kind, Layout):
+            found |= _layouts(kind)
+    return found
+
+
+def _reference(type_name: str) -> str:
+    """How msgspec names the definition of a type."""
+    return type_name.replace('/', '_')
+
+
+def _described(
+    found: dict[str, Any], layout: Layout, structs: Structs, settings: JsonSettings
+) -> dict[str, Any]:
+    described = {'title': layout.type_name, **found}
+    if not layout.doc:
+        described.pop('description', None)
+    if settings.missing == 'default':
+        defaults = json.loads(msgspec.json.encode(structs[layout.type_name]()))
+        for field in layout.fields:
+            if not isinstance(field.kind, Layout):
+                described['properties'][field.name]['default'] = defaults[field.name]
+    if layout.type_hash:
+        described['ros.type_hash'] = layout.type_hash
+    if layout.constants:
+        described['ros.constants'] = {one.name: one.value for one in layout.constants}
+    return described

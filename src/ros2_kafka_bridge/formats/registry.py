@@ -1,0 +1,300 @@
+"""The Schema Registry: its client, and what its errors mean.
+
+The client is confluent-kafka's own. It is opened without asking the network; what its user asks
+stands in `Registry.registering` or `Registry.reading`, which make errors of the bridge of all
+that the client can raise.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit, urlunsplit
+from weakref import finalize
+
+from ros2_kafka_bridge.errors import BridgeError, ConfigError, DecodeError, RouteError
+from ros2_kafka_bridge.kafka.properties import PropertyValue, is_secret
+from ros2_kafka_bridge.message_types.definition import has_parser
+
+if TYPE_CHECKING:
+    from confluent_kafka.schema_registry import Schema, SchemaRegistryClient
+
+    from ros2_kafka_bridge.formats.scope import Scope
+
+# A route that fails is tried again with backoff: the client need not be patient itself.
+_DEFAULTS: Final[dict[str, PropertyValue]] = {
+    'timeout': 5,
+    'max.retries': 1,
+    'retries.wait.ms': 200,
+    'retries.max.wait.ms': 1000,
+}
+_STRATEGIES: Final = {'topic': 'TOPIC', 'record': 'RECORD', 'topic_record': 'TOPIC_RECORD'}
+_NO_REGISTRY: Final = (
+    'no Schema Registry: add schema_registry: {url: ...} to the file, or '
+    'schema: {registry: false} to the route'
+)
+_MAGIC: Final = 0
+_LONGEST_ANSWER: Final = 2000
+
+FRAME: Final = 5
+"""The bytes before a value: a zero byte, and the id of its schema."""
+NO_SCHEMA: Final = 40403
+_NOT_FOUND: Final = frozenset({40401, 40402, NO_SCHEMA})  # subject, version, schema
+_READ_ONLY: Final = 42205
+
+
+def strategy(scope: 'Scope') -> str:
+    """The `subject.name.strategy.type` of confluent, whose default would ask the network."""
+    return _STRATEGIES[scope.schema.subject]
+
+
+def subject(scope: 'Scope', record_name: str) -> str:
+    """The subject of a record's value, by the strategy of the route."""
+    return {
+        'topic': f'{scope.topic}-value',
+        'record': record_name,
+        'topic_record': f'{scope.topic}-{record_name}',
+    }[scope.schema.subject]
+
+
+def framed_id(value: bytes) -> int:
+    """The id of a value's schema: a zero byte stands before it, the value behind it.
+
+    Raises:
+        DecodeError: The value does not begin so.
+    """
+    if len(value) < FRAME:
+        raise DecodeError(
+            f'{len(value)} bytes: a value with the id of its schema has at least {FRAME}; '
+            'was it written without a Schema Registry? (schema: {registry: false})'
+        )
+    if value[0] != _MAGIC:
+        raise DecodeError(
+            f'begins with {value[0]:#04x}, and the id of a schema has a zero byte before it; '
+            'was it written without a Schema Registry? (schema: {registry: false})'
+        )
+    return int.from_bytes(value[1:FRAME], 'big')
+
+
+def open_registry(scope: 'Scope') -> 'Registry':
+    """Make the client of the registry; nothing is asked yet.
+
+    Raises:
+        ConfigError: There is no registry, or a property is wrong.
+    """
+    if not scope.registry:
+        raise ConfigError([_NO_REGISTRY])
+    mask = _mask(scope.registry)
+    url = _without_password(str(scope.registry.get('url', '')))
+    return Registry(_client(_DEFAULTS | dict(scope.registry), mask), url, mask)
+
+
+def text_of(schema: 'Schema') -> str:
+    """The text of a schema that was read.
+
+    Raises:
+        TypeError: The answer had none, which `Registry.reading` makes a RouteError of: a proxy,
+            or a registry under maintenance, answers so, and says nothing about the schema.
+    """
+    if not schema.schema_str:
+        raise TypeError('an answer without a schema')
+    return schema.schema_str
+
+
+def _client(properties: dict[str, PropertyValue], mask: re.Pattern[str]) -> 'SchemaRegistryClient':
+    # Half a second to import, and only these formats need it.
+    from confluent_kafka.schema_registry import SchemaRegistryClient  # noqa: PLC0415
+    from confluent_kafka.schema_registry.common._httpx_compat import httpx  # noqa: PLC0415
+
+    try:
+        return SchemaRegistryClient.new_client(properties)
+    except OSError as error:
+        # The error of a file that is missing or no certificate does not name it.
+        files = [f'{n} {v}' for n, v in properties.items() if n.endswith('.location')]
+        raise ConfigError(
+            [f'schema_registry: {error.strerror or error}: look at {" and ".join(files)}']
+        ) from None
+    except (ImportError, TypeError, ValueError, httpx.InvalidURL) as error:
+        # Of a proxy, also one in the environment, whose protocol needs another package.
+        raise ConfigError([f'schema_registry: {mask.sub("***", str(error))}']) from None
+
+
+def _mask(properties: Mapping[str, PropertyValue]) -> re.Pattern[str]:
+    """Finds what must never be shown."""
+    secrets = [str(value) for name, value in properties.items() if is_secret(name)]
+    for url in _urls(f'{properties.get("url", "")},{properties.get("proxy", "")}'):
+        secrets += [url.password] if url.password else []
+        secrets += [url.netloc.rpartition('@')[0]] * ('@' in url.netloc)
+    # A password may be said without its user. The user is no secret, and one of a single letter
+    # would hide half of what is said.
+    secrets += [secret.partition(':')[2] for secret in secrets]
+    found = sorted({secret for secret in secrets if secret}, key=len, reverse=True)
+    return re.compile('|'.join(map(re.escape, found)) if found else r'(?!)')
+
+
+def _urls(urls: str) -> list[Any]:
+    return [urlsplit(url.strip()) for url in urls.split(',')]
+
+
+def _without_password(urls: str) -> str:
+    shown = (url._replace(netloc=url.netloc.rpartition('@')[2]) for url in _urls(urls))
+    return ','.join(urlunsplit(url) for url in shown)
+
+
+@dataclass(frozen=True, slots=True)
+class Registry:
+    """A client of the Schema Registry.
+
+    Args:
+        client: confluent-kafka's own.
+        url: As the user wrote it, without a password.
+        mask: Finds what must never be shown.
+    """
+
+    client: 'SchemaRegistryClient'
+    url: str
+    mask: re.Pattern[str] = field(repr=False)
+
+    def close_with(self, owner: object) -> None:
+        """Close the connection when `owner`, whoever asks the registry, is gone."""
+        finalize(owner, self.client.close)
+
+    @contextmanager
+    def registering(
+        self, subject: str, type_name: str, schema_format: str, *, auto_register: bool
+    ) -> Iterator[None]:
+        """Make errors of the bridge of what the client raises while a schema is registered.
+
+        Args:
+            subject: Where the schema is registered or looked up.
+            type_name: The message type that the schema is of.
+            schema_format: `avro` or `protobuf`.
+            auto_register: Whether it is registered; else it is only looked up.
+
+        Raises:
+            ConfigError: The registry refuses the schema, or has none where none is registered.
+            RouteError: The registry does not answer, or not to this user.
+        """
+        printed = f'ros2-kafka-bridge schema {type_name} --format {schema_format}'
+        missing = (
+            f'{self.url} has no schema of {type_name} in subject {subject}, and auto_register is '
+            f'false: register what `{printed}` prints, or set schema: {{auto_register: true}}'
+        )
+        if not has_parser():
+            missing += (
+                '; the docs of a type belong to its schema, and are left out here, because there '
+                'is no rosidl_adapter: was it registered where ROS 2 is installed?'
+            )
+        not_found = None if auto_register else ConfigError([missing])
+        with self._asking(f'subject {subject}', not_found):
+            yield
+
+    @contextmanager
+    def reading(self, schema_id: int) -> Iterator[None]:
+        """Make errors of the bridge of what the client raises while a schema is read by its id.
+
+        The client forgets what it was answered: who reads keeps what is good.
+
+        Raises:
+            DecodeError: The registry has no such schema.
+            RouteError: The registry does not answer, or not to this user.
+        """
+        missing = DecodeError(f'{self.url} has no schema with the id {schema_id}')
+        try:
+            with self._asking(f'schema {schema_id}', missing):
+                yield
+        finally:
+            # It keeps an answer without a schema as well as any other.
+            self.client.clear_caches()  # type: ignore[no-untyped-call]  # of the library
+
+    @contextmanager
+    def _asking(self, about: str, missing: BridgeError | None) -> Iterator[None]:
+        """`missing` is what an answer of "not found" means, where it means something."""
+        from confluent_kafka.schema_registry.common._httpx_compat import httpx  # noqa: PLC0415
+        from confluent_kafka.schema_registry.error import (  # noqa: PLC0415 -- heavy, as above
+            OAuthTokenError,
+            SchemaRegistryError,
+        )
+        from confluent_kafka.serialization import SerializationError  # noqa: PLC0415 -- the same
+
+        try:
+            yield
+        except SchemaRegistryError as error:
+            raise self._refused(error, about, missing) from None
+        except (httpx.UnsupportedProtocol, httpx.InvalidURL) as error:
+            raise ConfigError([f'schema_registry: url: {self._shown(error)}']) from None
+        except httpx.HTTPError as error:
+            raise RouteError(f'Schema Registry {self.url}: {self._away(error)}') from None
+        except OAuthTokenError as error:
+            raise RouteError(
+                f'Schema Registry {self.url}: no token from bearer.auth.issuer.endpoint.url: '
+                f'{self._shown(error.message)}'
+            ) from None
+        except ValueError as error:
+            # What is no JSON comes through the client as it is.
+            if type(error).__name__ != 'JSONDecodeError':
+                raise
+            raise RouteError(
+                f'Schema Registry {self.url}: answers with something else than JSON: '
+                'does url name a Schema Registry?'
+            ) from None
+        except (AttributeError, KeyError, TypeError, SerializationError) as error:
+            # JSON of another shape goes wrong wherever the client looks at it first.
+            raise RouteError(
+                f'Schema Registry {self.url}: answers with something else than a registry does '
+                f'({self._shown(error)}): does url name a Schema Registry?'
+            ) from error
+
+    def _shown(self, error: object) -> str:
+        return self.mask.sub('***', str(error))[:_LONGEST_ANSWER]
+
+    def _refused(self, error: Any, about: str, missing: BridgeError | None) -> BridgeError:
+        """What an answer of the registry means, by its status and its own code."""
+        status, code = error.http_status_code, error.error_code
+        said = self._shown(error.error_message or f'status {status}')
+        where = f'Schema Registry {self.url}, {about}'
+        if missing and status == 404 and code in _NOT_FOUND:
+            return missing
+        if status == 409:
+            return ConfigError([f'{where}: {_INCOMPATIBLE}: {said}'])
+        if code == _READ_ONLY:
+            return RouteError(
+                f'{where}: the registry is read-only ({said}): register the schema where it is '
+                'not, or set schema: {auto_register: false}'
+            )
+        if status == 422:
+            return ConfigError([f'{where}: the registry does not take the schema: {said}'])
+        cure = _CURES.get(status, '')
+        if not cure and status < 500:
+            cure = '; does url name a Schema Registry?'
+        return RouteError(f'{where}: {said} (status {status}){cure}')
+
+    def _away(self, error: Exception) -> str:
+        """Why there is no answer."""
+        text = self._shown(error) or type(error).__name__
+        for sign, cure in _AWAY.items():
+            if sign in text:
+                return f'{cure} ({text})'
+        name = type(error).__name__
+        return f'does not answer ({text if text == name else f"{name}: {text}"})'
+
+
+_INCOMPATIBLE: Final = (
+    'the schema is not compatible with the versions that are there; use another subject (another '
+    'topic, or schema: {subject: record}), or change the compatibility of this one; '
+    'the registry says'
+)
+_CURES: Final = {
+    401: ': it wants to know who asks: look at basic.auth.user.info or bearer.auth.*',
+    403: ': this user may not do that: give it the right to this subject',
+    429: ': it has too many requests for now',
+}
+_AWAY: Final = {
+    'Hostname mismatch': 'its certificate is for another name than the one in url',
+    'IP address mismatch': 'its certificate is for another name than the one in url',
+    'CERTIFICATE_VERIFY_FAILED': 'its certificate is not trusted: name the CA in ssl.ca.location',
+    'WRONG_VERSION_NUMBER': 'it speaks no TLS there: try http:// in url',
+    'CERTIFICATE_REQUIRED': 'it asks for a certificate: set ssl.certificate.location',
+    'UNKNOWN_CA': 'it does not trust the certificate in ssl.certificate.location',
+}

@@ -1,0 +1,253 @@
+"""Type descriptions (REP 2011, 2016): what ROS 2 writes down of a message type, and its hash."""
+
+import ast
+import hashlib
+import json
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Final
+
+import msgspec
+
+from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.formats.layout import (
+    PRIMITIVES,
+    Array,
+    Field,
+    Kind,
+    Layout,
+    Primitive,
+    Scalar,
+    Sequence,
+    String,
+)
+
+
+class FieldType(msgspec.Struct, frozen=True):
+    """What a field holds.
+
+    Args:
+        type_id: A number of type_description_interfaces/msg/FieldType.
+        capacity: The length of an array or the bound of a sequence; 0 without one.
+        string_capacity: The bound of a string; 0 without one.
+        nested_type_name: As `std_msgs/msg/Header`; empty where it is no message.
+    """
+
+    type_id: int
+    capacity: int
+    string_capacity: int
+    nested_type_name: str
+
+
+class FieldDescription(msgspec.Struct, frozen=True):
+    """One field of a type; `default_value` is the text of a Python literal, or empty."""
+
+    name: str
+    type: FieldType
+    default_value: str = ''
+
+
+class TypeDescription(msgspec.Struct, frozen=True):
+    """One type, without the types that it holds. The order of the fields is in its hash."""
+
+    type_name: str
+    fields: tuple[FieldDescription, ...]
+
+
+class Described(msgspec.Struct, frozen=True):
+    """A type with all that it holds, by name, each with its hash where that is known."""
+
+    types: dict[str, TypeDescription]
+    hashes: dict[str, str]
+
+
+class Ids(IntEnum):
+    """Of type_description_interfaces/msg/FieldType, what ROS 2 makes of a .msg file."""
+
+    NESTED = 1
+    INT8 = 2
+    UINT8 = 3
+    INT16 = 4
+    UINT16 = 5
+    INT32 = 6
+    UINT32 = 7
+    INT64 = 8
+    UINT64 = 9
+    FLOAT32 = 10
+    FLOAT64 = 11
+    BOOL = 15
+    BYTE = 16
+    STRING = 17
+    WSTRING = 18
+    BOUNDED_STRING = 21
+    BOUNDED_WSTRING = 22
+
+
+class Lists(IntEnum):
+    """What is added to an id for a list of it."""
+
+    NONE = 0
+    ARRAY = 48
+    BOUNDED_SEQUENCE = 96
+    SEQUENCE = 144
+
+
+EMPTY_MEMBER: Final = 'structure_needs_at_least_one_member'
+"""The uint8 that ROS 2 puts into a type without fields, and shows nobody."""
+
+_LISTS: Final = 48
+_PRIMITIVES: Final = {one.value: one.name.lower() for one in Ids if one.name.lower() in PRIMITIVES}
+
+
+def type_hash(name: str, types: Mapping[str, TypeDescription]) -> str:
+    """The hash of a type, from its own description and from those of all that it holds.
+
+    Args:
+        name: As `std_msgs/msg/String`.
+        types: At least that type and all that it holds.
+
+    Returns:
+        `RIHS01_` and 64 hex digits (REP 2011).
+    """
+    inner = sorted(_held(name, types))
+    description = {
+        'type_description': _without_defaults(types[name]),
+        'referenced_type_descriptions': [_without_defaults(types[one]) for one in inner],
+    }
+    text = json.dumps(description, ensure_ascii=True, separators=(', ', ': '))
+    return f'RIHS01_{hashlib.sha256(text.encode()).hexdigest()}'
+
+
+def nested_names(description: TypeDescription) -> list[str]:
+    """The types that a type holds itself."""
+    names = (field.type.nested_type_name for field in description.fields)
+    return [name for name in dict.fromkeys(names) if name]
+
+
+def make_layout(name: str, described: Described) -> Layout:
+    """The layout of a type.
+
+    Raises:
+        ConfigError: The bridge cannot carry such a type, or it holds itself.
+    """
+    made: dict[str, Layout] = {}
+    return _layout((name,), described, made)
+
+
+def _held(name: str, types: Mapping[str, TypeDescription]) -> set[str]:
+    held: set[str] = set()
+    open_names = nested_names(types[name])
+    while open_names:
+        inner = open_names.pop()
+        if inner not in held:
+            held.add(inner)
+            open_names += nested_names(types[inner])
+    return held
+
+
+def _without_defaults(description: TypeDescription) -> dict[str, object]:
+    fields = [
+        {'name': field.name, 'type': msgspec.to_builtins(field.type)}
+        for field in description.fields
+    ]
+    return {'type_name': description.type_name, 'fields': fields}
+
+
+def _layout(path: tuple[str, ...], described: Described, made: dict[str, Layout]) -> Layout:
+    """The layout of the last type of a path, which leads to it from the outermost type."""
+    *outer, name = path
+    if name in outer:
+        raise ConfigError([f'{name} holds itself: {" > ".join(path[outer.index(name) :])}'])
+    if name not in made:
+        description = described.types[name]
+        fields = tuple(_field(field, path, described, made) for field in description.fields)
+        if [field.name for field in fields] == [EMPTY_MEMBER]:
+            fields = ()
+        made[name] = Layout(name, fields, type_hash=described.hashes.get(name))
+    return made[name]
+
+
+def _field(
+    field: FieldDescription,
+    path: tuple[str, ...],
+    described: Described,
+    made: dict[str, Layout],
+) -> Field:
+    try:
+        kind = _kind(field.type, path, described, made)
+        return Field(field.name, kind, _default(field.default_value, kind))
+    except ValueError as error:
+        raise ConfigError([f'{path[-1]}, field {field.name}: {error}']) from error
+
+
+def _kind(
+    field_type: FieldType,
+    path: tuple[str, ...],
+    described: Described,
+    made: dict[str, Layout],
+) -> Kind:
+    repeated, base = divmod(field_type.type_id, _LISTS)
+    item = _item(base, field_type, path, described, made)
+    match repeated * _LISTS:
+        case Lists.NONE:
+            return item
+        case Lists.ARRAY:
+            return Array(item, field_type.capacity)
+        case Lists.BOUNDED_SEQUENCE:
+            return Sequence(item, field_type.capacity)
+        case Lists.SEQUENCE:
+            return Sequence(item)
+        case _:
+            raise ValueError(f'there is no type_id {field_type.type_id}')
+
+
+def _item(
+    base: int,
+    field_type: FieldType,
+    path: tuple[str, ...],
+    described: Described,
+    made: dict[str, Layout],
+) -> Kind:
+    if base in _PRIMITIVES:
+        return Primitive(_PRIMITIVES[base])
+    match base:
+        case Ids.NESTED:
+            return _layout((*path, field_type.nested_type_name), described, made)
+        case Ids.STRING | Ids.BOUNDED_STRING:
+            return String(field_type.string_capacity or None)
+        case Ids.WSTRING | Ids.BOUNDED_WSTRING:
+            return String(field_type.string_capacity or None, wide=True)
+        case _:
+            raise ValueError(f'type_id {field_type.type_id} of a .idl file cannot be carried')
+
+
+def _default(text: str, kind: Kind) -> Scalar | tuple[Scalar, ...] | None:
+    if not text:
+        return None
+    match kind:
+        case String():
+            return text
+        case Primitive('float32' | 'float64'):
+            return _float(text)
+        case Array(Primitive('float32' | 'float64')) | Sequence(Primitive('float32' | 'float64')):
+            # No literal of Python is NaN or infinite.
+            return tuple(_float(one) for one in text.strip('()[] ,').split(',') if one.strip())
+        case Primitive() | Array() | Sequence():
+            return _literal(text)
+        case Layout():
+            raise ValueError(f'a message has no default, as {text!r}')
+
+
+def _float(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f'the default {text!r:.60} is no number') from None
+
+
+def _literal(text: str) -> Scalar | tuple[Scalar, ...]:
+    try:
+        value: Scalar | tuple[Scalar, ...] = ast.literal_eval(text)
+    except (ValueError, SyntaxError, TypeError):
+        raise ValueError(f'the default {text!r:.60} is no literal of Python') from None
+    return value

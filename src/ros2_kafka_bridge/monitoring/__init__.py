@@ -1,0 +1,1 @@
+"""What watches a bridge, in a process beside those that move messages."""

@@ -1,0 +1,101 @@
+"""The ROS graph as the routes meet it: who is there, with which QoS, and what does not match."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from ros2_kafka_bridge.commands.matching import (
+    AnyRoute,
+    Problem,
+    others,
+    own_publishers,
+    own_readers,
+    publisher_problem,
+    reader_problem,
+    type_of,
+)
+from ros2_kafka_bridge.commands.names import is_of_ros_itself
+from ros2_kafka_bridge.commands.topics import ros_end
+from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
+from ros2_kafka_bridge.ros.node import Peer, Topic, domain_in_words, middleware, own_nodes
+
+_NO_TIME_NS = 2**31 * 10**9 - 1
+_TOPICS_OF_ROS = '/rosout', '/parameter_events'
+
+Json = dict[str, Any]
+
+
+def seen(config: Config, routes: Sequence[AnyRoute], topics: Sequence[Topic]) -> Json:
+    """All topics, those of routes first, also those that nobody has joined yet."""
+    known = {topic.name for topic in topics}
+    missing = sorted({ros_end(route) for route in routes} - known)
+    rows = [
+        _topic(config, routes, topic)
+        for topic in [*topics, *(Topic(name, [], [], []) for name in missing)]
+    ]
+    return {
+        'problem': '',
+        'domain': domain_in_words(config.ros.domain_id),
+        'middleware': middleware(),
+        'topics': sorted(rows, key=lambda it: (not it['routes'], it['of_ros'], it['name'])),
+    }
+
+
+def _topic(config: Config, routes: Sequence[AnyRoute], topic: Topic) -> Json:
+    own = own_nodes(config.name)
+    joined = [route for route in routes if ros_end(route) == topic.name]
+    return {
+        'name': topic.name,
+        'types': topic.types,
+        'of_ros': is_of_ros_itself(topic.name) or topic.name in _TOPICS_OF_ROS,
+        'publishers': [_peer(peer, bool(own.fullmatch(peer.node))) for peer in topic.publishers],
+        'subscribers': [_peer(peer, bool(own.fullmatch(peer.node))) for peer in topic.subscribers],
+        'routes': [
+            {
+                'route': route.name,
+                'does': 'publishes' if isinstance(route, KafkaToRosRoute) else 'takes',
+            }
+            for route in joined
+        ],
+        'matches': [
+            {
+                'route': route.name,
+                'node': peer.node,
+                'problem': problem.text if problem else '',
+                'cure': problem.cure if problem else '',
+            }
+            for route in joined
+            for peer, problem in _matches(config, routes, route, topic)
+        ],
+    }
+
+
+def _matches(
+    config: Config, routes: Sequence[AnyRoute], route: AnyRoute, topic: Topic
+) -> Iterator[tuple[Peer, Problem | None]]:
+    """Everybody whom a route could meet; its own bridge as its file says, not as it runs."""
+    if isinstance(route, KafkaToRosRoute):
+        for peer in [*others(topic.subscribers, config.name), *own_readers(routes, route)]:
+            yield peer, reader_problem(route, peer)
+        return
+    publishers = [*others(topic.publishers, config.name), *own_publishers(routes, route)]
+    message_type = type_of(route, publishers)
+    for peer in publishers:
+        yield peer, publisher_problem(route, peer, message_type)
+
+
+def _peer(peer: Peer, own: bool) -> Json:  # noqa: FBT001 (a field)
+    return {
+        'node': peer.node if peer.named else 'not known yet',
+        'type': peer.message_type,
+        'own': own,
+        'qos': [peer.reliability, peer.durability, *_further(peer.qos)],
+    }
+
+
+def _further(qos: Any) -> Iterator[str]:
+    """What is not as usual, in words; history and depth are not told to others."""
+    if qos.liveliness.name == 'MANUAL_BY_TOPIC':
+        yield 'liveliness manual_by_topic'
+    for name in ('deadline', 'lifespan'):
+        if 0 < (time_ns := getattr(qos, name).nanoseconds) < _NO_TIME_NS:
+            yield f'{name} {time_ns / 1e9:g} s'

@@ -1,0 +1,195 @@
+"""Who may ask for what.
+
+A page of another site can make a browser send requests here. It cannot set `Host` or `Origin`:
+a wrong `Host` is a name that was bent to this address (DNS rebinding), a wrong `Origin` is
+another site's page. No cookie is used, so a browser adds nothing of its own to such a request;
+who changes something shows the token each time.
+"""
+
+import hmac
+from collections.abc import Callable, Iterable
+from http import HTTPStatus
+from ipaddress import IPv6Address, ip_address
+from typing import Final, NamedTuple
+
+from starlette.datastructures import Headers
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from ros2_kafka_bridge.config.operations import MonitoringSettings
+from ros2_kafka_bridge.printable import printable
+
+OPEN_PATHS: Final = frozenset({'/metrics', '/livez', '/readyz'})
+"""What Prometheus and the kubelet ask for, by addresses that nobody can list."""
+
+_POLICY: Final = (
+    b"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+    b"connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS: Final = (
+    (b'content-security-policy', _POLICY),
+    (b'x-content-type-options', b'nosniff'),
+    (b'x-frame-options', b'DENY'),
+    (b'referrer-policy', b'no-referrer'),
+    (b'cross-origin-resource-policy', b'same-origin'),
+    (b'cross-origin-opener-policy', b'same-origin'),
+    (b'permissions-policy', b'camera=(), geolocation=(), microphone=()'),
+)
+_READS: Final = frozenset({'GET', 'HEAD'})
+_LOOPBACK: Final = frozenset({'127.0.0.1', 'localhost', '::1'})
+_PASSED_ON: Final = ('forwarded', 'x-forwarded-for', 'x-real-ip')  # by a proxy, for another
+_SCHEMES: Final = ('http', 'https')
+_OWN_SITES: Final = frozenset({'same-origin', 'none'})  # none: typed in, or from a bookmark
+_ANY: Final = frozenset({'0.0.0.0', '::'})  # noqa: S104 (only compared)
+
+
+class Names(NamedTuple):
+    """What may stand in `Host`.
+
+    Args:
+        hosts: In lower case, with and without the port.
+        added: Those of them that the user has named.
+    """
+
+    hosts: frozenset[str]
+    added: frozenset[str]
+
+
+def names_of(host: str, port: int, more: Iterable[str] = ()) -> Names:
+    """The names of a page: the address that it listens on, this machine's, and further ones."""
+    own = {host} - _ANY
+    if host in _LOOPBACK | _ANY:
+        own |= _LOOPBACK
+    added = _with_port(more, port)
+    return Names(_with_port(own, port) | added, added)
+
+
+def _with_port(names: Iterable[str], port: int) -> frozenset[str]:
+    bare = {f'[{name}]' if name.count(':') > 1 and '[' not in name else name for name in names}
+    return frozenset({one for name in bare for one in (name.lower(), f'{name.lower()}:{port}')})
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a `Host` names this machine itself."""
+    name = host[1:].partition(']')[0] if host.startswith('[') else host.partition(':')[0]
+    return name.lower() in _LOOPBACK
+
+
+def is_of_this_machine(client: str | None, headers: Headers) -> bool:
+    """Whether a request comes from this machine, as far as anybody can tell.
+
+    `Host` alone does not say it: who asks from elsewhere may write there what they like.
+
+    Args:
+        client: The address at the other end of the connection.
+        headers: Of the request.
+    """
+    try:
+        address = ip_address(client or '')
+    except ValueError:
+        return False
+    if isinstance(address, IPv6Address):
+        address = address.ipv4_mapped or address
+    passed_on = any(name in headers for name in _PASSED_ON)
+    return address.is_loopback and not passed_on and is_loopback(headers.get('host', ''))
+
+
+class Refusal(NamedTuple):
+    """Why something is not done."""
+
+    status: HTTPStatus
+    text: str
+
+
+def without_right(settings: MonitoringSettings, authorization: str) -> Refusal | None:
+    """Why somebody may change nothing; None if they may.
+
+    Args:
+        settings: With the token.
+        authorization: The header of the request, empty if there is none.
+    """
+    if settings.token is None:
+        text = (
+            'this bridge can only be looked at: its configuration names no monitoring.token; '
+            'make one with: openssl rand -hex 16'
+        )
+        return Refusal(HTTPStatus.FORBIDDEN, text)
+    scheme, _, given = authorization.partition(' ')
+    right = hmac.compare_digest(given.strip().encode(), settings.token.encode())
+    if scheme.lower() == 'bearer' and right:
+        return None
+    said = 'this is not the token' if given else 'it needs the token'
+    return Refusal(HTTPStatus.UNAUTHORIZED, f'{said} of the bridge (monitoring.token)')
+
+
+class Guard:
+    """Refuses requests of others, and adds the headers that keep the page to itself.
+
+    Args:
+        app: What is guarded.
+        names: Tells what may stand in `Host`, as it is now.
+    """
+
+    def __init__(self, app: ASGIApp, names: Callable[[], Names]) -> None:
+        self._app = app
+        self._names = names
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: D102
+        if scope['type'] != 'http':
+            await self._app(scope, receive, send)
+            return
+        is_static = scope['path'].startswith('/static/')
+        cache = (b'cache-control', b'no-cache' if is_static else b'no-store')
+
+        async def send_with_headers(message: Message) -> None:
+            if message['type'] == 'http.response.start':
+                message = {**message, 'headers': [*message['headers'], *_HEADERS, cache]}
+            await send(message)
+
+        refusal = self._refusal(scope['method'], scope['path'], Headers(scope=scope))
+        if refusal is None:
+            await self._app(scope, receive, send_with_headers)
+            return
+        response = JSONResponse({'error': refusal.text}, refusal.status)
+        await response(scope, receive, send_with_headers)
+
+    def _refusal(self, method: str, path: str, headers: Headers) -> Refusal | None:
+        reads = method in _READS
+        if reads and path in OPEN_PATHS:
+            return None
+        host = headers.get('host', '').lower()
+        names = self._names()
+        if host not in names.hosts:
+            text = f'this page is not {printable(host)!r}: add that name to '
+            return Refusal(HTTPStatus.MISDIRECTED_REQUEST, f'{text}monitoring.allowed_hosts')
+        if reads:
+            return _read_from_elsewhere(path, headers)
+        return _cross_site(headers, host, names)
+
+
+def _read_from_elsewhere(path: str, headers: Headers) -> Refusal | None:
+    """Why what a page of another site makes a browser ask for is not even looked up.
+
+    It could not read the answer; but each would cost Kafka a look at its dead letters.
+    """
+    if not path.startswith('/api/') or headers.get('sec-fetch-site', 'none') in _OWN_SITES:
+        return None
+    return Refusal(HTTPStatus.FORBIDDEN, 'a page of another site may ask for nothing here')
+
+
+def _cross_site(headers: Headers, host: str, names: Names) -> Refusal | None:
+    """Why a request may not change anything, whoever sends it.
+
+    A program that is no browser sends no `Origin`: the token alone speaks for it.
+    """
+    origin = headers.get('origin', '').lower()
+    allowed = {f'{scheme}://{name}' for name in (host, *names.added) for scheme in _SCHEMES}
+    site = headers.get('sec-fetch-site', 'none')
+    if (origin and origin not in allowed) or site not in _OWN_SITES:
+        who = printable(origin) or 'another site'
+        return Refusal(HTTPStatus.FORBIDDEN, f'a page of {who} may change nothing here')
+    kind = headers.get('content-type', '').partition(';')[0].strip().lower()
+    if kind != 'application/json':
+        text = 'the body must be application/json'
+        return Refusal(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, text)
+    return None

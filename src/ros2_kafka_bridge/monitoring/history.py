@@ -1,0 +1,127 @@
+"""The last minutes of each route: rates, percentiles of the last minute, points of spark lines."""
+
+import threading
+from collections import deque
+from typing import Final, NamedTuple
+
+from ros2_kafka_bridge.metrics import Snapshot
+from ros2_kafka_bridge.monitoring.protocol import Report
+from ros2_kafka_bridge.monitoring.quantiles import percentiles
+
+SPAN_S: Final = 600
+BUCKET_S: Final = 5
+_WINDOW_S: Final = 60
+_RATE_S: Final = 5
+
+
+class Point(NamedTuple):
+    """A route at one moment.
+
+    Args:
+        time_s: Since 1970.
+        rate: Confirmed a second, since the point before.
+        held: The lag of a route from Kafka, what another has in flight and on disk.
+    """
+
+    time_s: float
+    rate: float
+    held: int
+
+
+class Recent(NamedTuple):
+    """A route in the last seconds.
+
+    Args:
+        rate: Confirmed a second.
+        bytes_rate: Bytes confirmed a second.
+        in_bridge: The 50th and 99th percentile in seconds; None where nothing was confirmed.
+        end_to_end: The same.
+        round_trip: The same.
+        waited: Share of the time in which the sink held the route back.
+    """
+
+    rate: float = 0.0
+    bytes_rate: float = 0.0
+    in_bridge: tuple[float, float] | None = None
+    end_to_end: tuple[float, float] | None = None
+    round_trip: tuple[float, float] | None = None
+    waited: float = 0.0
+
+
+class _Track(NamedTuple):
+    points: deque[Point]
+    snapshots: deque[tuple[float, Snapshot]]
+
+
+class History:
+    """What reports have told of each route; those that are gone are forgotten."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._tracks: dict[str, _Track] = {}
+
+    def add(self, report: Report) -> None:
+        """Take a report."""
+        with self._lock:
+            before = self._tracks
+            self._tracks = {}
+            for told in report.routes:
+                name = told.snapshot.route
+                track = before.get(name) or _Track(deque(maxlen=SPAN_S), deque())
+                _extend(track, report.time_s, told.snapshot)
+                self._tracks[name] = track
+
+    def recent(self, route: str) -> Recent:
+        """A route in the last seconds: rates of five, percentiles of sixty."""
+        with self._lock:
+            track = self._tracks.get(route)
+            seen = list(track.snapshots) if track else []
+        if len(seen) < 2:
+            return Recent()
+        now_s, now = seen[-1]
+        then_s, then = next(entry for entry in seen if now_s - entry[0] <= _RATE_S)
+        passed_s = max(now_s - then_s, 0.001)
+        first = seen[0][1].measures
+        last = now.measures
+        return Recent(
+            rate=_gain(now.confirmed, then.confirmed) / passed_s,
+            bytes_rate=_gain(last.bytes_confirmed, then.measures.bytes_confirmed) / passed_s,
+            in_bridge=percentiles(last.in_bridge, first.in_bridge),
+            end_to_end=percentiles(last.end_to_end, first.end_to_end),
+            round_trip=percentiles(last.round_trip, first.round_trip),
+            waited=min(1.0, _gain(last.waited_s, then.measures.waited_s) / passed_s),
+        )
+
+    def spark(self, route: str) -> list[tuple[int, int, int]]:
+        """The last ten minutes in steps of five seconds: when, mean rate, most held."""
+        with self._lock:
+            track = self._tracks.get(route)
+            points = list(track.points) if track else []
+        buckets: dict[int, list[Point]] = {}
+        for point in points:
+            buckets.setdefault(int(point.time_s) // BUCKET_S * BUCKET_S, []).append(point)
+        return [
+            (at, round(sum(p.rate for p in found) / len(found)), max(p.held for p in found))
+            for at, found in buckets.items()
+        ]
+
+
+def _extend(track: _Track, time_s: float, snapshot: Snapshot) -> None:
+    rate = 0.0
+    if track.snapshots and time_s <= track.snapshots[-1][0]:
+        # The clock was set back: nothing from before can be compared with what comes.
+        track.points.clear()
+        track.snapshots.clear()
+    if track.snapshots:
+        then_s, then = track.snapshots[-1]
+        rate = _gain(snapshot.confirmed, then.confirmed) / max(time_s - then_s, 0.1)
+    held = snapshot.in_flight + snapshot.spooled if snapshot.lag is None else snapshot.lag
+    track.points.append(Point(time_s, rate, held))
+    track.snapshots.append((time_s, snapshot))
+    while time_s - track.snapshots[0][0] > _WINDOW_S:
+        track.snapshots.popleft()
+
+
+def _gain(now: float, then: float) -> float:
+    """What came on; what runs a route again after its process had died counts from 0."""
+    return now - then if now >= then else now

@@ -1,0 +1,363 @@
+"""The metrics of a bridge in the words of Prometheus."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from itertools import accumulate
+from pathlib import Path
+from typing import Final, Literal, NamedTuple
+
+from prometheus_client.core import (
+    CounterMetricFamily,
+    GaugeMetricFamily,
+    HistogramMetricFamily,
+    Metric,
+)
+from prometheus_client.registry import Collector
+from prometheus_client.utils import floatToGoString
+
+from ros2_kafka_bridge import __version__
+from ros2_kafka_bridge.config.routes import AnyRoute
+from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.metrics import BOUNDS_S, Distribution, Outcome, State
+from ros2_kafka_bridge.monitoring.protocol import Report, RouteReport, Worker
+from ros2_kafka_bridge.monitoring.state import Watch
+from ros2_kafka_bridge.monitoring.words import direction_of, ends_of, type_of
+
+PREFIX: Final = 'ros2_kafka_bridge_'
+_NO_ERRORS: Final = dict.fromkeys(
+    ('DecodeError', 'EncodeError', 'RecordTooLargeError', 'RouteError', 'TransportError'), 0
+)
+_PAGE_BYTES: Final = os.sysconf('SC_PAGE_SIZE')
+
+Labels = tuple[str, ...]
+Value = float | Distribution
+Sample = tuple[Labels, Value]
+
+
+class Seen(NamedTuple):
+    """What metrics are made of: one report, and the configuration that belongs to it.
+
+    Args:
+        report: None before the first one.
+        report_age_s: How long ago it came.
+        routes: The settings of each route, by its name.
+    """
+
+    report: Report | None
+    report_age_s: float
+    routes: dict[str, AnyRoute]
+
+    @property
+    def told(self) -> tuple[RouteReport, ...]:
+        """All routes."""
+        return self.report.routes if self.report else ()
+
+
+class Described(NamedTuple):
+    """A metric.
+
+    Args:
+        name: With its unit, without the prefix and without `_total`.
+        kind: Its type.
+        help: What it says, in a sentence.
+        labels: The names of its labels beside `bridge`.
+        samples: Finds its values.
+    """
+
+    name: str
+    kind: Literal['gauge', 'counter', 'histogram']
+    help: str
+    labels: Labels
+    samples: Callable[[Seen], Iterable[Sample]]
+
+    @property
+    def full_name(self) -> str:
+        """As a query spells it."""
+        return f'{PREFIX}{self.name}' + ('_total' if self.kind == 'counter' else '')
+
+
+def _of_routes(read: Callable[[RouteReport], Value | None]) -> Callable[[Seen], Iterator[Sample]]:
+    def samples(seen: Seen) -> Iterator[Sample]:
+        for told in seen.told:
+            value = read(told)
+            if value is not None:
+                yield (told.snapshot.route,), value
+
+    return samples
+
+
+def _of_report(read: Callable[[Report], float]) -> Callable[[Seen], Iterator[Sample]]:
+    def samples(seen: Seen) -> Iterator[Sample]:
+        if seen.report is not None:
+            yield (), read(seen.report)
+
+    return samples
+
+
+def _of_workers(read: Callable[[Worker], float | None]) -> Callable[[Seen], Iterator[Sample]]:
+    def samples(seen: Seen) -> Iterator[Sample]:
+        for worker in seen.report.workers if seen.report else ():
+            value = read(worker)
+            if value is not None:
+                yield (str(worker.number),), value
+
+    return samples
+
+
+def _ended(seen: Seen) -> Iterator[Sample]:
+    for told in seen.told:
+        for outcome in Outcome:
+            yield (told.snapshot.route, outcome.value), getattr(told.snapshot, outcome.value)
+
+
+def _errors(seen: Seen) -> Iterator[Sample]:
+    for told in seen.told:
+        # Also those that have not come: a rate does not see a counter that begins at 1.
+        for name, number in sorted((_NO_ERRORS | told.snapshot.measures.errors).items()):
+            yield (told.snapshot.route, name), number
+
+
+def _broker_round_trip(seen: Seen) -> Iterator[Sample]:
+    for told in seen.told:
+        if (found := told.snapshot.measures.broker_round_trip_s) is not None:
+            yield (told.snapshot.route, '0.5'), found[0]
+            yield (told.snapshot.route, '0.99'), found[1]
+
+
+def _states(seen: Seen) -> Iterator[Sample]:
+    for told in seen.told:
+        for state in State:
+            yield (told.snapshot.route, state.value), float(told.snapshot.state is state)
+
+
+def _about_routes(seen: Seen) -> Iterator[Sample]:
+    for told in seen.told:
+        if (route := seen.routes.get(told.snapshot.route)) is not None:
+            source, sink = ends_of(route)
+            yield (route.name, direction_of(route), source, sink, type_of(route), route.format), 1
+
+
+def _produced(seen: Seen) -> Iterator[Sample]:
+    for told in seen.told:
+        if not _is_from_kafka(seen, told):
+            yield (told.snapshot.route,), told.snapshot.measures.round_trip
+
+
+def _rebalances(seen: Seen) -> Iterator[Sample]:
+    for told in seen.told:
+        if _is_from_kafka(seen, told):
+            yield (told.snapshot.route,), told.snapshot.measures.rebalances
+
+
+def _spool_limits(seen: Seen) -> Iterator[Sample]:
+    for told in seen.told:
+        route = seen.routes.get(told.snapshot.route)
+        if isinstance(route, RosToKafkaRoute) and route.spool is not None:
+            yield (route.name,), route.spool.max_bytes
+
+
+def _is_from_kafka(seen: Seen, told: RouteReport) -> bool:
+    return isinstance(seen.routes.get(told.snapshot.route), KafkaToRosRoute)
+
+
+def memory_bytes(pid: int) -> int | None:
+    """The resident memory of a process; None where it is gone or hidden."""
+    try:
+        return int(Path(f'/proc/{pid}/statm').read_text().split()[1]) * _PAGE_BYTES
+    except (OSError, ValueError, IndexError):
+        return None
+
+
+_ROUTE: Final = ('route',)
+_WORKER: Final = ('worker',)
+
+METRICS: Final = (
+    Described(
+        'build_info', 'gauge', 'Version of the bridge.', ('version',),
+        lambda _: [((__version__,), 1)],
+    ),
+    Described(
+        'messages_taken', 'counter', 'Records or messages that the route has taken.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.taken),
+    ),
+    Described(
+        'messages_ended', 'counter', 'What became of those that were taken, each in one outcome.',
+        ('route', 'outcome'), _ended,
+    ),
+    Described(
+        'messages_in_flight', 'gauge', 'Handed to the sink and not yet confirmed.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.in_flight),
+    ),
+    Described(
+        'messages_spooled', 'gauge', 'Waiting on disk for Kafka.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.spooled),
+    ),
+    Described(
+        'messages_lost_upstream', 'counter', 'Lost before the bridge could take them, as far as '
+        'gaps in sequence numbers or offsets show.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.lost_upstream),
+    ),
+    Described(
+        'messages_repeated', 'counter', 'Published again, because a reader had gone before it '
+        'confirmed them.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.repeated),
+    ),
+    Described(
+        'bytes_taken', 'counter', 'Bytes of values of records or of CDR, taken.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.measures.bytes_taken),
+    ),
+    Described(
+        'bytes_confirmed', 'counter', 'Bytes of what was confirmed, as it was taken.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.measures.bytes_confirmed),
+    ),
+    Described(
+        'spool_bytes', 'gauge', 'Bytes that wait on disk.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.measures.spool_bytes),
+    ),
+    Described(
+        'spool_limit_bytes', 'gauge', 'Bytes that may wait on disk; only routes with a spool.',
+        _ROUTE, _spool_limits,
+    ),
+    Described(
+        'errors', 'counter', 'Errors by their class.', ('route', 'error'), _errors,
+    ),
+    Described(
+        'bridge_seconds', 'histogram', 'From the take to the confirmation.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.measures.in_bridge),
+    ),
+    Described(
+        'end_to_end_seconds', 'histogram', 'From the time of the record, or that of its '
+        'publisher, to the confirmation.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.measures.end_to_end),
+    ),
+    Described(
+        'produce_seconds', 'histogram', 'From handing a record to the producer to its delivery '
+        'report (ROS to Kafka).', _ROUTE, _produced,
+    ),
+    Described(
+        'broker_round_trip_seconds', 'gauge', 'Round trip to the slowest broker in the last '
+        'seconds, as librdkafka measures it.', ('route', 'quantile'), _broker_round_trip,
+    ),
+    Described(
+        'consumer_lag_records', 'gauge', 'Records in Kafka behind the last that has '
+        'ended (Kafka to ROS).', _ROUTE,
+        _of_routes(lambda told: told.snapshot.lag),
+    ),
+    Described(
+        'sink_queue_messages', 'gauge', 'What the sink holds: the history of the ROS writer, the '
+        'queue of the producer.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.measures.queued),
+    ),
+    Described(
+        'sink_queue_limit_messages', 'gauge', 'How much the sink may hold.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.measures.queue_limit),
+    ),
+    Described(
+        'back_pressure_seconds', 'counter', 'For how long the sink has held the route back.',
+        _ROUTE, _of_routes(lambda told: told.snapshot.measures.waited_s),
+    ),
+    Described(
+        'rebalances', 'counter', 'How often partitions came or went (Kafka to ROS).', _ROUTE,
+        _rebalances,
+    ),
+    Described(
+        'dds_matched_endpoints', 'gauge', "DDS endpoints that match the route's own.", _ROUTE,
+        _of_routes(lambda told: told.snapshot.measures.matched),
+    ),
+    Described(
+        'dds_mismatched_endpoints', 'gauge', "DDS endpoints on the route's topic that do not "
+        'match: their QoS or type differs.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.measures.mismatched),
+    ),
+    Described(
+        'route_state', 'gauge', '1 for the state in which the route is, 0 for the others.',
+        ('route', 'state'), _states,
+    ),
+    Described(
+        'route_info', 'gauge', 'What the route joins.',
+        ('route', 'direction', 'source', 'sink', 'type', 'format'), _about_routes,
+    ),
+    Described(
+        'route_snapshot_age_seconds', 'gauge', "Age of the route's numbers.", _ROUTE,
+        _of_routes(lambda told: told.age_s),
+    ),
+    Described(
+        'worker_up', 'gauge', 'Whether the process runs.', _WORKER,
+        _of_workers(lambda worker: float(worker.pid > 0)),
+    ),
+    Described(
+        'worker_starts', 'counter', 'How often the process was started.', _WORKER,
+        _of_workers(lambda worker: worker.starts),
+    ),
+    Described(
+        'worker_resident_memory_bytes', 'gauge', 'Memory of the process.', _WORKER,
+        _of_workers(lambda worker: memory_bytes(worker.pid) if worker.pid else None),
+    ),
+    Described(
+        'report_age_seconds', 'gauge', 'How long ago the supervisor has told all these numbers.',
+        (), lambda seen: [((), seen.report_age_s)],
+    ),
+    Described(
+        'config_reload_success', 'gauge', 'Whether the last reload of the configuration '
+        'succeeded; 1 before the first.', (),
+        _of_report(lambda report: float(report.reload is None or report.reload.done)),
+    ),
+    Described(
+        'config_reload_timestamp_seconds', 'gauge', 'When the configuration was last read, since '
+        '1970.', (),
+        _of_report(lambda report: report.reload.time_s if report.reload else report.started_s),
+    ),
+    Described(
+        'start_time_seconds', 'gauge', 'When the bridge was started, since 1970.', (),
+        _of_report(lambda report: report.started_s),
+    ),
+)  # fmt: skip
+"""Every metric, in the order in which they are told."""
+
+TABLE: Final = {it.full_name: (it.kind, ('bridge', *it.labels)) for it in METRICS}
+"""Type and labels of each metric, by the name that a query spells."""
+
+
+class BridgeCollector(Collector):
+    """Makes the metrics of one report at each scrape: their balance is that of its snapshots.
+
+    Args:
+        watch: Knows the last report.
+    """
+
+    def __init__(self, watch: Watch) -> None:
+        self._watch = watch
+
+    def describe(self) -> Iterator[Metric]:
+        """All metrics without their samples, so that one can be asked for by its name."""
+        for metric in METRICS:
+            yield Metric(f'{PREFIX}{metric.name}', metric.help, metric.kind)
+
+    def collect(self) -> Iterator[Metric]:
+        """All metrics."""
+        routes = {route.name: route for route in self._watch.routes}
+        seen = Seen(self._watch.report(), self._watch.report_age_s, routes)
+        bridge = self._watch.config.name
+        for metric in METRICS:
+            yield _family(metric, seen, bridge)
+
+
+def _family(metric: Described, seen: Seen, bridge: str) -> Metric:
+    name, labels = f'{PREFIX}{metric.name}', ('bridge', *metric.labels)
+    if metric.kind == 'histogram':
+        histogram = HistogramMetricFamily(name, metric.help, labels=labels)
+        for own, value in metric.samples(seen):
+            assert isinstance(value, Distribution), f'{name} is told as a distribution'
+            histogram.add_metric((bridge, *own), _buckets(value), value.sum_s)
+        return histogram
+    kind = CounterMetricFamily if metric.kind == 'counter' else GaugeMetricFamily
+    family = kind(name, metric.help, labels=labels)
+    for own, value in metric.samples(seen):
+        assert not isinstance(value, Distribution), f'{name} is told as a number'
+        family.add_metric((bridge, *own), value)
+    return family
+
+
+def _buckets(found: Distribution) -> list[tuple[str, float]]:
+    bounds = [*map(floatToGoString, BOUNDS_S), '+Inf']
+    return list(zip(bounds, accumulate(found.counts), strict=True))

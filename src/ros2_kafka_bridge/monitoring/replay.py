@@ -1,0 +1,119 @@
+"""The replay that runs, if one does, and how the last one ended."""
+
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Final
+
+import msgspec
+
+from ros2_kafka_bridge.logs import route_log
+from ros2_kafka_bridge.monitoring.replay_process import Order
+from ros2_kafka_bridge.printable import printable
+
+_LINES: Final = 500
+_ENDING_S: Final = 5.0
+
+
+class Replay:
+    """One process at a time that replays dead letters.
+
+    Args:
+        done: Called when it has ended: the dead letters have changed.
+    """
+
+    def __init__(self, done: Callable[[], None]) -> None:
+        self._done = done
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._lines: deque[str] = deque(maxlen=_LINES)
+        self._state: dict[str, Any] = {}
+        self._number = 0
+        self._log = route_log()
+
+    def state(self) -> dict[str, Any] | None:
+        """What the page shows of it; None before the first."""
+        with self._lock:
+            return {**self._state, 'lines': list(self._lines)} if self._state else None
+
+    def start(self, order: Order) -> bool:
+        """Begin; False where another one runs.
+
+        Raises:
+            OSError: There is no room for a process.
+        """
+        with self._lock:
+            if self._process is not None:
+                return False
+            self._process = subprocess.Popen(
+                [sys.executable, '-P', '-m', 'ros2_kafka_bridge.monitoring.replay_process'],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+            )
+            self._number += 1
+            self._lines.clear()
+            self._state = {
+                'number': self._number,
+                'topic': order.topic,
+                'letters': None if order.places is None else len(order.places),
+                'to_ros': order.to_ros,
+                'dry_run': order.dry_run,
+                'began_s': round(time.time()),
+                'status': None,
+            }
+            process = self._process
+        if not order.dry_run:
+            which = 'all letters' if order.places is None else f'{len(order.places)} letters'
+            self._log.info('replaying %s of %s, as the page was asked to', which, order.topic)
+        threading.Thread(
+            target=self._follow, args=(process, order), name='replay', daemon=True
+        ).start()
+        return True
+
+    def stop(self) -> bool:
+        """Ask for its end after the batch in hand; False where none runs."""
+        with self._lock:
+            if self._process is None:
+                return False
+            self._process.terminate()
+            return True
+
+    def close(self) -> None:
+        """End one that runs; its transactions leave nothing half done."""
+        with self._lock:
+            process = self._process
+        if process is not None:
+            process.terminate()
+            try:
+                process.wait(_ENDING_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+    def _follow(self, process: subprocess.Popen[bytes], order: Order) -> None:
+        assert process.stdin is not None, 'it was started with pipes'
+        assert process.stdout is not None, 'it was started with pipes'
+        try:
+            process.stdin.write(msgspec.json.encode(order) + b'\n')
+            process.stdin.flush()  # it stays open: its end tells the process that this one died
+        except BrokenPipeError:
+            pass  # it says why
+        for line in process.stdout:
+            text = printable(line.decode(errors='replace').rstrip('\n'))
+            with self._lock:
+                self._lines.append(text)
+        process.stdout.close()
+        with suppress(BrokenPipeError):  # what it has not read
+            process.stdin.close()
+        status = process.wait()
+        with self._lock:
+            self._state['status'] = status
+            self._process = None
+            last = self._lines[-1] if self._lines else ''
+        if not order.dry_run:
+            self._log.info('the replay of %s has ended (%d): %s', order.topic, status, last)
+        self._done()

@@ -1,0 +1,96 @@
+"""A replay that the page has asked for, in a process of its own.
+
+Standard input gives the order as one line of JSON, and stays open: at its end, whoever has
+started the replay is gone, and the replay ends, too.
+
+It does what `ros2-kafka-bridge dead-letters replay` does, with the configuration that runs
+instead of a file, and with letters that are named one by one.
+"""
+
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from ros2_kafka_bridge.errors import BridgeError
+
+_ENDING_S: Final = 5.0
+
+
+class Order(msgspec.Struct, frozen=True):
+    """What is to be replayed, and how.
+
+    Args:
+        text: What the configuration holds.
+        file: Its name.
+        topic: The dead-letter topic.
+        places: The letters, as `topic[0]@5`; None for all of the topic.
+        to_ros: As `--to ros`.
+        dry_run: As `--dry-run`.
+        again: As `--again`.
+        force: As `--force`.
+    """
+
+    text: str
+    file: str
+    topic: str
+    places: tuple[str, ...] | None
+    to_ros: bool = False
+    dry_run: bool = True
+    again: bool = False
+    force: bool = False
+
+
+def _end_with_starter() -> None:
+    """Wait for the end of standard input, then end as `Replay.close` would have it.
+
+    The death signal of Linux would not do: it comes when the thread dies that has started this.
+    """
+    # Not through sys.stdin: its lock, held here, would break the end of the interpreter.
+    while os.read(0, 1024):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(_ENDING_S)
+    os._exit(1)  # Kafka does not answer; its transactions leave nothing half done
+
+
+def main() -> int:
+    """Do what standard input says; returns the exit status of the command."""
+    # The bridge holds these back; here they end the replay after the batch in hand.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
+    order = msgspec.json.decode(sys.stdin.buffer.readline(), type=Order)
+    threading.Thread(target=_end_with_starter, name='starter', daemon=True).start()
+
+    from ros2_kafka_bridge.commands import replay  # noqa: PLC0415 (heavy: the order is read first)
+    from ros2_kafka_bridge.commands.dead_letters import Asked, spoken  # noqa: PLC0415
+    from ros2_kafka_bridge.dead_letter_topic.choice import Choice  # noqa: PLC0415
+    from ros2_kafka_bridge.dead_letter_topic.letter import Place  # noqa: PLC0415
+    from ros2_kafka_bridge.worker import load_checked  # noqa: PLC0415
+
+    places = None
+    if order.places is not None:
+        places = frozenset(found for text in order.places if (found := Place.parse(text)))
+    options = replay.Options(
+        to_ros=order.to_ros,
+        dry_run=order.dry_run,
+        again=order.again,
+        force=order.force,
+        all=order.places is None,
+    )
+    try:
+        config = load_checked(Path(order.file), order.text, with_ros=False)
+        asked = Asked(config, order.topic, Choice(places=places))
+        return spoken(lambda: replay.replay(asked, options))
+    except BridgeError as error:
+        print(error, file=sys.stderr)  # noqa: T201 (the words for the user)
+        return 2
+
+
+if __name__ == '__main__':
+    sys.exit(main())

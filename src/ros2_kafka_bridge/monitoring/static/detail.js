@@ -1,0 +1,125 @@
+// One route in full, in a drawer at the side.
+
+import { $, drawn, h, setAttr, setText, show } from './dom.js';
+import { drawSpark, spark } from './spark.js';
+import { OUTCOMES, TONES, arrow, bytes, clock, count, counted, rate, seconds } from './words.js';
+
+export class Detail {
+  constructor(history, pause) {
+    this.history = history;
+    this.name = null;
+    this.node = $('drawer');
+    this.node.onclose = () => { this.name = null; };
+    this.node.onclick = (event) => { if (event.target === this.node) this.node.close(); };
+    const p = this.parts = {
+      title: h('h2', { id: 'drawer-title' }),
+      chip: h('span', { class: 'chip' }),
+      ends: h('p', { class: 'note' }),
+      reason: h('p'),
+      advice: h('p', { class: 'note' }),
+      rate: spark(560, 90), rateWord: h('p', { class: 'note' }),
+      held: spark(560, 90), heldWord: h('p', { class: 'note' }), heldTitle: h('h3'),
+      facts: h('div', { class: 'groups' }),
+      errors: h('ol', { class: 'cards' }),
+      button: h('button', { type: 'button', class: 'main', onclick: () => pause(this.route) }),
+      hint: h('p', { class: 'note' }),
+    };
+    this.node.append(
+      h('div', { class: 'drawer-head' }, p.title, p.chip,
+        h('button', { type: 'button', class: 'close', 'aria-label': 'Close', onclick: () => this.node.close() }, '×')),
+      p.ends, h('div', { class: 'why' }, p.reason, p.advice),
+      h('div', { class: 'actions' }, p.button, p.hint),
+      h('h3', {}, 'Confirmed a second'), h('div', { class: 'chart' }, p.rate, p.rateWord),
+      p.heldTitle, h('div', { class: 'chart' }, p.held, p.heldWord),
+      p.facts, h('h3', {}, 'Last errors'), p.errors,
+    );
+  }
+
+  open(name, view, mayChange) {
+    this.name = name;
+    this.draw(view, mayChange);
+    if (this.name && !this.node.open) this.node.showModal();
+  }
+
+  draw(view, mayChange) {
+    if (this.name === null) return;
+    const route = this.route = view.routes.find((it) => it.name === this.name);
+    if (!route) {
+      this.node.close();
+      return;
+    }
+    const about = view.about.find((it) => it.name === this.name);
+    const p = this.parts;
+    setText(p.title, route.name);
+    setText(p.chip, route.state);
+    setAttr(p.chip, 'class', `chip ${TONES[route.state]}`);
+    setText(p.ends, about ? `${arrow(about)} · ${about.type || 'type from the graph'} as ${about.format}` : '');
+    setText(p.reason, route.reason);
+    setText(p.advice, route.advice);
+    show(p.reason.parentNode, Boolean(route.reason || route.advice));
+    setText(p.button, route.paused ? 'Resume' : 'Pause');
+    show(p.button, mayChange);
+    setText(p.hint, mayChange
+      ? (about?.direction === 'kafka_to_ros' ? 'While paused, records wait in Kafka.' : 'While paused, DDS holds reliable publishers back.')
+      : view.bridge?.may_change ? 'Unlock the page to pause or resume it.' : 'The page is read-only: monitoring.token is not set.');
+    const rates = this.history.rates(this.name);
+    drawSpark(p.rate, rates, this.history.span);
+    setText(p.rateWord, `now ${rate(route.rate)}, most ${rate(rates.most)} in the last ${this.history.span / 60} minutes`);
+    const held = this.history.held(this.name);
+    drawSpark(p.held, held, this.history.span);
+    setText(p.heldTitle, route.lag === null ? 'In flight and on disk' : 'Lag in records');
+    setText(p.heldWord, `now ${count(route.lag ?? route.in_flight + route.spooled)}, most ${count(held.most)}`);
+    drawn(p.facts, [route, about], () => this.groups(route, about));
+    drawn(p.errors, view.troubles.filter((it) => it.route === this.name), (found) => (found.length
+      ? found.map(card) : [h('li', { class: 'empty' }, 'None.')]));
+  }
+
+  groups(route, about) {
+    const both = (pair) => (pair ? `${seconds(pair[0])} / ${seconds(pair[1])}` : '–');
+    const ended = Object.entries(OUTCOMES).filter(([key]) => key === 'confirmed' || key === 'dead_lettered' || route.ended[key]);
+    const groups = {
+      'Since the start of its worker': [
+        ['taken', count(route.taken)],
+        ...ended.map(([key, word]) => [word, count(route.ended[key])]),
+        ['in flight', count(route.in_flight)],
+        ['on disk', about?.spool || route.spooled ? `${count(route.spooled)} (${bytes(route.spool_bytes)})` : null],
+        ['published again', route.repeated ? count(route.repeated) : null],
+        ['lost before the bridge', route.lost_upstream ? count(route.lost_upstream) : null],
+        ['bytes confirmed', bytes(route.bytes_confirmed)],
+      ],
+      'Times, p50 / p99 of the last minute': [
+        ['in the bridge', both(route.in_bridge_s)],
+        ['end to end', both(route.end_to_end_s)],
+        ['producer', about?.direction === 'ros_to_kafka' ? both(route.produce_s) : null],
+        ['broker round trip', route.broker_round_trip_s ? both(route.broker_round_trip_s) : null],
+        ['held back by the sink', `${Math.round(route.waited * 100)} % of the time`],
+      ],
+      Connections: [
+        ['sink holds', `${count(route.queued)}${route.queue_limit ? ` of ${count(route.queue_limit)}` : ''}`],
+        ['DDS endpoints that match', count(route.matched)],
+        ['that do not match', count(route.mismatched)],
+        ['rebalances', about?.direction === 'kafka_to_ros' ? count(route.rebalances) : null],
+        ['worker', count(route.worker)],
+        ['numbers are', `${seconds(Math.max(0.1, route.age_s))} old`],
+      ],
+      Settings: about ? [
+        ['on error', about.on_error], ['when full', about.when_full], ['in flight at most', count(about.max_in_flight)],
+        ['dead letters go to', about.dead_letter_topic], ['consumer group', about.group],
+      ] : [],
+    };
+    return Object.entries(groups).map(([title, facts]) => h('section', {}, h('h3', {}, title),
+      h('dl', { class: 'facts' }, ...facts.filter(([, value]) => value !== null && value !== undefined)
+        .flatMap(([word, value]) => [h('dt', {}, word), h('dd', {}, value)]))));
+  }
+}
+
+// An error: what has happened, and what to do: after the last semicolon, where the text says it.
+export function card(trouble) {
+  const at = trouble.text.lastIndexOf('; ');
+  const [what, todo] = at < 0 ? [trouble.text, trouble.advice] : [trouble.text.slice(0, at), trouble.text.slice(at + 2)];
+  return h('li', { class: 'card' },
+    h('p', { class: 'when' }, h('time', {}, clock(trouble.time_s)), h('span', { class: 'chip bad' }, trouble.error),
+      h('b', {}, trouble.route), trouble.times > 1 ? h('span', { class: 'note' }, counted(trouble.times, 'time')) : null),
+    h('p', { class: 'said' }, what),
+    todo ? h('p', { class: 'todo' }, todo[0].toUpperCase() + todo.slice(1)) : null);
+}

@@ -1,0 +1,204 @@
+// The table of routes, the tiles above it, and what needs attention.
+
+import { $, h, keyed, setAttr, setText, show } from './dom.js';
+import { drawSpark, spark } from './spark.js';
+import { ORDER, TONES, arrow, bytes, clock, count, counted, rate, seconds } from './words.js';
+
+const RECENT_S = 120;
+const COLUMNS = [
+  ['name', 'Route', (r) => r.name],
+  ['state', 'State', (r) => ORDER.indexOf(r.state)],
+  ['rate', 'Rate /s', (r) => -r.rate],
+  ['latency', 'In bridge p50 / p99', (r) => -(r.in_bridge_s?.[1] ?? -1)],
+  ['lag', 'Lag', (r) => -(r.lag ?? -1)],
+  ['in_flight', 'In flight', (r) => -(r.in_flight + r.spooled)],
+  ['dead', 'Dead letters', (r) => -r.ended.dead_lettered],
+];
+
+export class Routes {
+  constructor(history, open, pause) {
+    this.history = history;
+    this.open = open;
+    this.pause = pause;
+    this.sort = null;
+    this.down = false;
+    this.visible = new WeakSet();
+    this.observer = new IntersectionObserver((entries) => {
+      for (const { target, isIntersecting } of entries) {
+        if (isIntersecting) this.visible.add(target);
+        else this.visible.delete(target);
+      }
+    }, { rootMargin: '200px' });
+    const table = $('routes');
+    this.heads = COLUMNS.map(([key, word]) => h('th', { scope: 'col', class: key },
+      h('button', { type: 'button', onclick: () => this.sortBy(key) }, word)));
+    table.append(h('thead', {}, h('tr', {}, ...this.heads, h('th', { class: 'do' }, h('span', { class: 'away' }, 'Pause or resume')))));
+    table.append(this.body = h('tbody'));
+    $('find').oninput = $('which').onchange = () => this.again();
+  }
+
+  sortBy(key) {
+    if (this.sort !== key) [this.sort, this.down] = [key, false];
+    else if (!this.down) this.down = true;
+    else this.sort = null;
+    this.again();
+  }
+
+  again() {
+    if (this.view) this.draw(this.view, this.mayChange);
+  }
+
+  draw(view, mayChange) {
+    [this.view, this.mayChange] = [view, mayChange];
+    this.about = new Map(view.about.map((it) => [it.name, it]));
+    drawTiles(view);
+    this.drawAttention(view);
+    COLUMNS.forEach(([key], at) => {
+      setAttr(this.heads[at], 'aria-sort', this.sort !== key ? null : this.down ? 'descending' : 'ascending');
+    });
+    const rows = this.chosen(view.routes);
+    setText($('shown'), rows.length === view.routes.length ? '' : `${count(rows.length)} of ${count(view.routes.length)}`);
+    keyed(this.body, rows, (it) => it.name, (it) => this.make(it), (node, it) => this.update(node, it));
+  }
+
+  chosen(routes) {
+    const text = $('find').value.trim().toLowerCase();
+    const which = $('which').value;
+    const found = routes.filter((it) => {
+      if (which === 'attention' ? !needsAttention(it) : which && it.state !== which) return false;
+      return !text || `${it.name} ${arrow(this.about.get(it.name))}`.toLowerCase().includes(text);
+    });
+    const column = COLUMNS.find(([key]) => key === this.sort);
+    if (!column) return found;
+    const value = column[2];
+    found.sort((a, b) => (value(a) > value(b) ? 1 : value(a) < value(b) ? -1 : 0) * (this.down ? -1 : 1));
+    return found;
+  }
+
+  make(route) {
+    const node = h('tr', { class: 'row' });
+    const p = node.parts = {
+      ends: h('span', { class: 'sub' }),
+      state: h('span', { class: 'chip' }),
+      spark: spark(120, 24),
+      rate: h('span', { class: 'value' }),
+      latency: h('span', { class: 'value' }),
+      lag: h('span', { class: 'value' }),
+      flight: h('span', { class: 'value' }),
+      more: h('span', { class: 'sub' }),
+      dead: h('span', { class: 'value' }),
+      button: h('button', { type: 'button', class: 'small', onclick: () => this.pause(node.route) }),
+    };
+    const cell = (key, word, ...children) => h('td', { class: key, 'data-word': word }, ...children);
+    node.append(
+      h('th', { scope: 'row', class: 'name' },
+        h('button', { type: 'button', class: 'link', onclick: () => this.open(route.name) }, route.name), p.ends),
+      cell('state', '', p.state),
+      cell('rate', 'per second', p.spark, p.rate),
+      cell('latency', 'p50 / p99', p.latency),
+      cell('lag', 'lag', p.lag),
+      cell('in_flight', 'in flight', p.flight, p.more),
+      cell('dead', 'dead letters', p.dead),
+      cell('do', '', p.button),
+    );
+    this.observer.observe(node);
+    return node;
+  }
+
+  update(node, route) {
+    const p = node.parts;
+    node.route = route;
+    setText(p.ends, arrow(this.about.get(route.name)));
+    setText(p.state, route.state);
+    setAttr(p.state, 'class', `chip ${TONES[route.state]}`);
+    setAttr(p.state, 'title', route.reason);
+    setText(p.rate, rate(route.rate));
+    const [p50, p99] = route.in_bridge_s ?? [null, null];
+    setText(p.latency, route.in_bridge_s ? `${seconds(p50)} / ${seconds(p99)}` : '–');
+    setText(p.lag, count(route.lag));
+    setText(p.flight, count(route.in_flight));
+    setText(p.more, route.spooled ? `${count(route.spooled)} on disk` : '');
+    setText(p.dead, count(route.ended.dead_lettered));
+    setAttr(p.dead, 'class', route.ended.dead_lettered ? 'value bad' : 'value');
+    const word = route.paused ? 'Resume' : 'Pause';
+    setText(p.button, word);
+    setAttr(p.button, 'aria-label', `${word} ${route.name}`);
+    show(p.button, this.mayChange);
+    if (this.visible.has(node)) drawSpark(p.spark, this.history.rates(route.name), this.history.span);
+  }
+
+  drawAttention({ routes, troubles, bridge }) {
+    // What a route waits for may follow from an error that it has met just before.
+    const before = (it) => troubles.find((one) => one.route === it.name && bridge.now_s - one.time_s < RECENT_S && !it.reason.includes(one.text));
+    const said = (it) => (before(it) ? ` Last error, ${clock(before(it).time_s)}: ${before(it).text}` : '');
+    const found = routes.filter(needsAttention);
+    found.sort((a, b) => ORDER.indexOf(a.state) - ORDER.indexOf(b.state));
+    const most = 6;
+    const rows = found.slice(0, most);
+    if (found.length > most) rows.push({ name: '…', more: found.length - most });
+    keyed($('attention'), rows, (it) => it.name, (it) => {
+      const node = h('li');
+      const button = h('button', { type: 'button', class: 'link', onclick: () => (it.more ? this.all() : this.open(it.name)) });
+      node.parts = [h('span', { class: 'chip' }), button, h('p'), h('p', { class: 'note' })];
+      node.append(...node.parts);
+      return node;
+    }, (node, it) => {
+      const [chip, button, reason, todo] = node.parts;
+      show(chip, !it.more);
+      setText(button, it.more ? `${counted(it.more, 'more route')}` : it.name);
+      if (it.more) return;
+      const state = it.state === 'running' ? 'mismatch' : it.state;
+      setText(chip, state);
+      setAttr(chip, 'class', `chip ${TONES[it.state === 'running' ? 'waiting' : it.state]}`);
+      const odd = `${counted(it.mismatched, 'DDS endpoint')} on its topic ${it.mismatched === 1 ? 'does' : 'do'} not match it`;
+      setText(reason, it.reason || (it.mismatched ? odd : it.state));
+      setText(todo, it.state === 'running' ? 'The ROS graph shows which, and why.' : it.advice + said(it));
+    });
+  }
+
+  all() {
+    $('which').value = 'attention';
+    this.again();
+    $('which').focus();
+  }
+}
+
+function needsAttention(it) {
+  return it.state !== 'running' || it.mismatched > 0;
+}
+
+function drawTiles({ routes, letters, broker }) {
+  const sum = (read) => routes.reduce((total, it) => total + (read(it) ?? 0), 0);
+  const running = routes.filter((it) => it.state === 'running').length;
+  const failed = routes.filter((it) => it.state === 'failed').length;
+  const slow = routes.reduce((worst, it) => ((it.in_bridge_s?.[1] ?? -1) > (worst?.in_bridge_s?.[1] ?? -1) ? it : worst), null);
+  const most = routes.reduce((worst, it) => ((it.lag ?? 0) > (worst?.lag ?? 0) ? it : worst), null);
+  const dead = sum((it) => it.ended.dead_lettered);
+  const held = letters.some((it) => it.held !== null) ? letters.reduce((total, it) => total + (it.held ?? 0), 0) : null;
+  const spooled = sum((it) => it.spooled);
+  const tiles = [
+    ['Routes running', `${count(running)} / ${count(routes.length)}`, failed ? `${counted(failed, 'route')} failed` : 'none failed', failed ? 'bad' : ''],
+    ['Confirmed a second', rate(sum((it) => it.rate)), `${bytes(sum((it) => it.bytes_rate))}/s`, ''],
+    ['In flight', count(sum((it) => it.in_flight)), spooled ? `${count(spooled)} wait on disk` : 'nothing waits on disk', ''],
+    ['Lag in Kafka', count(sum((it) => it.lag)), most ? `most: ${most.name}` : 'records behind', ''],
+    ['Slowest p99', seconds(slow?.in_bridge_s?.[1]), slow?.in_bridge_s ? slow.name : 'nothing moves', ''],
+    ['Dead letters', count(dead), held === null ? 'since the start' : `since the start; ${count(held)} kept`, dead ? 'warn' : ''],
+    ['Kafka', kafkaWord(broker), broker?.problem ? 'look at System' : broker ? `asked in ${seconds(broker.round_trip_s)}` : 'not asked yet', broker?.problem ? 'bad' : ''],
+  ];
+  keyed($('tiles'), tiles, (it) => it[0], ([word]) => {
+    const node = h('div', { class: 'tile' });
+    node.parts = [h('p', { class: 'value' }), h('p', { class: 'note' })];
+    node.append(h('h2', {}, word), ...node.parts);
+    return node;
+  }, (node, [, value, note, tone]) => {
+    setText(node.parts[0], value);
+    setText(node.parts[1], note);
+    setAttr(node.parts[1], 'title', note);
+    setAttr(node, 'class', `tile ${tone}`);
+  });
+}
+
+export function kafkaWord(broker) {
+  if (!broker) return '–';
+  return broker.problem ? 'away' : counted(broker.brokers.length, 'broker');
+}

@@ -1,0 +1,96 @@
+"""What is said about what can never be delivered: in the log, and in its dead letter."""
+
+from typing import NamedTuple
+
+from ros2_kafka_bridge.about import About
+from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.dead_letters import explain, from_kafka, from_ros, without_value
+from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, Record
+from ros2_kafka_bridge.errors import RecordError, RecordTooLargeError, RouteError
+from ros2_kafka_bridge.record_window import Entry
+
+
+class Refused(NamedTuple):
+    """A record or message that was refused.
+
+    Args:
+        error: Why.
+        where: It was, in words.
+        about: The same, as fields of a line of the log.
+    """
+
+    error: RecordError
+    where: str
+    about: About
+
+    @property
+    def text(self) -> str:
+        """Where and why."""
+        return f'{self.where}: {self.error}'
+
+    def failure(self, given_up: str = '') -> RouteError:
+        """What ends a route whose `on_error` is `stop`.
+
+        Args:
+            given_up: What that costs, behind a comma.
+        """
+        text = f'{self.text}; stopped, as on_error says{given_up}'
+        return RouteError(text, final=True, about=self.about)
+
+
+def refused_record(
+    route: KafkaToRosRoute, entry: Entry, headers: HeaderList | None, error: RecordError
+) -> Refused:
+    """A record that was refused.
+
+    Args:
+        route: Its route.
+        entry: Which it is.
+        headers: Of it, None where they cannot be read.
+        error: Why.
+    """
+    topic = route.source.kafka
+    about = About.labelled(headers, error)._replace(
+        topic=topic, partition=entry.partition, offset=entry.offset
+    )
+    return Refused(error, f'{topic}[{entry.partition}]@{entry.offset}', about)
+
+
+def refused_message(route: RosToKafkaRoute, headers: HeaderList, error: RecordError) -> Refused:
+    """A message that was refused.
+
+    Args:
+        route: Its route.
+        headers: Of the record that it was to become.
+        error: Why.
+    """
+    ros_topic, topic = route.source.ros, route.sink.kafka
+    about = About.labelled(headers, error)._replace(topic=topic, ros_topic=ros_topic)
+    return Refused(error, f'{ros_topic} -> {topic}', about)
+
+
+def letter_of_record(
+    route: KafkaToRosRoute,
+    entry: Entry,
+    record: Record,
+    headers: HeaderList | None,
+    error: RecordError,
+) -> Outgoing:
+    """The dead letter of a record; the arguments are those of `refused_record`."""
+    origin = from_kafka(route.name, route.source.kafka, entry.partition, entry.offset)
+    letter = Outgoing('', record.key(), record.value(), headers or [])
+    unread = '' if headers is not None else 'a name is not UTF-8'
+    return explain(letter, error, origin, unread)
+
+
+def letter_of_message(route: RosToKafkaRoute, record: Outgoing, error: RecordError) -> Outgoing:
+    """The dead letter of a message.
+
+    Args:
+        route: Its route.
+        record: That it was to become.
+        error: Why it was refused.
+    """
+    origin = from_ros(route.name, route.source.ros, route.sink.kafka)
+    letter = explain(record, error, origin)
+    return without_value(letter) if isinstance(error, RecordTooLargeError) else letter

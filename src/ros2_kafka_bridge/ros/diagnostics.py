@@ -1,0 +1,336 @@
+"""What `/diagnostics` says of the bridge, its workers and its routes, as plain values."""
+
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+from ros2_kafka_bridge.config.routes import AnyRoute
+from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.metrics import Distribution, Outcome, Snapshot, State
+from ros2_kafka_bridge.monitoring.limits import OLD_S, STUCK_S
+from ros2_kafka_bridge.monitoring.protocol import Lifecycle, Report, RouteReport, Worker
+from ros2_kafka_bridge.monitoring.quantiles import percentiles
+from ros2_kafka_bridge.monitoring.words import advice, ends_of, type_of
+from ros2_kafka_bridge.plural import count
+
+_RATE_S: Final = 10.0
+_RECENT_S: Final = 60.0
+_SPOOL_FULL: Final = 0.8
+
+
+class Level(IntEnum):
+    """How bad it is, as diagnostic_msgs/DiagnosticStatus numbers it."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+class Status(NamedTuple):
+    """One DiagnosticStatus, but for the hardware id.
+
+    Args:
+        name: Of the bridge's node, a colon, and what it is about.
+        message: How it is, why, and what to do.
+        values: Numbers and names beside it.
+    """
+
+    name: str
+    level: Level
+    message: str
+    values: tuple[tuple[str, str], ...]
+
+
+class Finding(NamedTuple):
+    """One thing to be said of a route."""
+
+    level: Level
+    text: str
+
+
+class Change(NamedTuple):
+    """What has become of a route lately.
+
+    Args:
+        rate: Confirmed messages per second, over ten seconds.
+        dead_lettered: Within the last minute, as are those that were lost.
+        latency_s: The 50th and 99th percentile of the time in the bridge within the last minute;
+            None where nothing was confirmed.
+    """
+
+    rate: float = 0.0
+    dead_lettered: int = 0
+    lost: int = 0
+    lost_upstream: int = 0
+    latency_s: tuple[float, float] | None = None
+
+
+class _Mark(NamedTuple):
+    at_s: float
+    confirmed: int
+    dead_lettered: int
+    lost: int
+    lost_upstream: int
+    in_bridge: Distribution
+
+    @classmethod
+    def of(cls, at_s: float, told: Snapshot) -> '_Mark':
+        in_bridge = told.measures.in_bridge
+        letters = told.dead_lettered
+        return cls(at_s, told.confirmed, letters, told.lost, told.lost_upstream, in_bridge)
+
+
+class Recent:
+    """The counters of the last minute, for what has changed since."""
+
+    def __init__(self) -> None:
+        self._marks: dict[str, deque[_Mark]] = {}
+
+    def add(self, report: Report, now_s: float) -> None:
+        """Note a report; routes that it does not name any more are forgotten."""
+        kept: dict[str, deque[_Mark]] = {}
+        for told in report.routes:
+            marks = self._marks.get(told.snapshot.route, deque())
+            mark = _Mark.of(now_s, told.snapshot)
+            if marks and mark.confirmed < marks[-1].confirmed:  # its process was started again
+                marks.clear()
+            marks.append(mark)
+            while marks[0].at_s < now_s - _RECENT_S:
+                marks.popleft()
+            kept[told.snapshot.route] = marks
+        self._marks = kept
+
+    def change(self, route: str) -> Change:
+        """What has become of a route."""
+        marks = self._marks.get(route)
+        if not marks:
+            return Change()
+        first, last = marks[0], marks[-1]
+        lately = next(mark for mark in marks if mark.at_s >= last.at_s - _RATE_S)
+        period_s = last.at_s - lately.at_s
+        return Change(
+            rate=(last.confirmed - lately.confirmed) / period_s if period_s > 0 else 0.0,
+            dead_lettered=last.dead_lettered - first.dead_lettered,
+            lost=last.lost - first.lost,
+            lost_upstream=last.lost_upstream - first.lost_upstream,
+            latency_s=percentiles(last.in_bridge, first.in_bridge),
+        )
+
+
+class About(NamedTuple):
+    """What a bridge is, beside what it reports.
+
+    Args:
+        node: Name of its node; every status begins with it.
+        file: Its configuration file.
+        version: Of the program.
+        routes: Those that it runs.
+    """
+
+    node: str
+    file: str
+    version: str
+    routes: Sequence[AnyRoute]
+
+
+def statuses(about: About, report: Report | None, silent_s: float, recent: Recent) -> list[Status]:
+    """All that is to be said: the bridge, its workers, its routes.
+
+    Args:
+        about: Which bridge.
+        report: The last one, None before the first.
+        silent_s: How long ago it came.
+        recent: What has changed lately.
+    """
+    if report is None or silent_s > OLD_S:
+        return [*_silent(about, silent_s)]
+    told = {route.snapshot.route: route for route in report.routes}
+    workers = {worker.number: worker for worker in report.workers}
+    routes = [
+        _route_status(about, route, told.get(route.name), workers, recent.change(route.name))
+        for route in about.routes
+    ]
+    below = [*(_worker_status(about, worker, report) for worker in report.workers), *routes]
+    return [_bridge_status(about, report, below), *below]
+
+
+def _silent(about: About, silent_s: float) -> Iterator[Status]:
+    text = f'the bridge has reported nothing for {silent_s:.0f} s: look at its log'
+    yield Status(f'{about.node}: bridge', Level.STALE, text, _of_bridge(about))
+    for route in about.routes:
+        yield Status(f'{about.node}: {route.name}', Level.STALE, text, _of_route(route))
+
+
+# The bridge
+
+
+def _bridge_status(about: About, report: Report, below: Sequence[Status]) -> Status:
+    own = [*_bridge_findings(report)]
+    bad = [status for status in below if status.level is not Level.OK]
+    level = max([Level.OK, *(f.level for f in own), *(status.level for status in bad)])
+    texts = [f'{report.lifecycle}, {count(len(about.routes), "route")}']
+    texts += [finding.text for finding in own]
+    texts += [f'{status.name.removeprefix(about.node + ": ")} {_word(status)}' for status in bad]
+    values = [
+        *_of_bridge(about),
+        ('lifecycle', str(report.lifecycle)),
+        ('workers', str(len(report.workers))),
+        ('paused routes', ', '.join(report.paused)),
+        ('last reload', report.reload.text if report.reload else ''),
+    ]
+    return Status(f'{about.node}: bridge', level, '; '.join(texts), tuple(values))
+
+
+def _word(status: Status) -> str:
+    return status.message.partition(':')[0]
+
+
+def _bridge_findings(report: Report) -> Iterator[Finding]:
+    if report.stopping:
+        yield Finding(Level.WARN, 'it drains to end')
+    elif report.lifecycle is not Lifecycle.ACTIVE:
+        cure = (
+            'configure and activate' if report.lifecycle is Lifecycle.UNCONFIGURED else 'activate'
+        )
+        yield Finding(Level.WARN, f'no route runs: {cure} it')
+    if report.reload is not None and not report.reload.done:
+        text = 'the last reload was refused, and what ran before goes on: mend the file'
+        yield Finding(Level.WARN, text)
+
+
+def _of_bridge(about: About) -> tuple[tuple[str, str], ...]:
+    return (('version', about.version), ('config file', about.file))
+
+
+def _worker_status(about: About, worker: Worker, report: Report) -> Status:
+    own = [told.snapshot.route for told in report.routes if told.worker == worker.number]
+    away = not worker.pid and report.lifecycle is Lifecycle.ACTIVE
+    problem = f'away: {worker.problem or "it does not run"}; it is started again by itself'
+    message = problem if away else 'running' if worker.pid else 'ended with its routes'
+    values = (
+        ('pid', str(worker.pid)),
+        ('starts', str(worker.starts)),
+        ('routes', ', '.join(own)),
+    )
+    level = Level.ERROR if away else Level.OK
+    return Status(f'{about.node}: worker {worker.number}', level, message, values)
+
+
+# A route
+
+
+def _route_status(
+    about: About,
+    route: AnyRoute,
+    told: RouteReport | None,
+    workers: Mapping[int, Worker],
+    change: Change,
+) -> Status:
+    name = f'{about.node}: {route.name}'
+    if told is None:
+        text = 'unknown: its worker has told nothing of it yet'
+        return Status(name, Level.STALE, text, _of_route(route))
+    found = sorted(_findings(route, told, workers, change), key=lambda finding: -finding.level)
+    message = '; '.join(finding.text for finding in found)
+    values = (*_of_route(route), *_counted(told, change))
+    return Status(name, found[0].level, message, values)
+
+
+def _findings(
+    route: AnyRoute, told: RouteReport, workers: Mapping[int, Worker], change: Change
+) -> Iterator[Finding]:
+    worker = workers.get(told.worker)
+    if worker is None or not worker.pid:
+        stopped = told.snapshot.state is State.STOPPED
+        reason = (worker.problem if worker else '') or 'it does not run'
+        text = f'worker {told.worker} is away: {reason}'
+        yield Finding(Level.WARN, 'stopped') if stopped else Finding(Level.ERROR, text)
+    else:
+        yield _of_state(told)
+        yield from _of_sink(route, told.snapshot)
+    yield from _of_changes(route, told.snapshot, change)
+
+
+_LEVELS: Final = {
+    State.STARTING: Level.WARN,
+    State.RUNNING: Level.OK,
+    State.WAITING: Level.WARN,
+    State.PAUSED: Level.WARN,
+    State.FAILED: Level.ERROR,
+    State.STOPPED: Level.WARN,
+}
+
+
+def _of_state(told: RouteReport) -> Finding:
+    now = told.snapshot
+    if told.busy_s > STUCK_S:
+        text = f'stuck: its thread has done one thing for {told.busy_s:.0f} s: start it again'
+        return Finding(Level.ERROR, text)
+    if now.state is State.RUNNING and told.age_s > OLD_S:
+        return Finding(Level.STALE, f'silent: its thread has told nothing for {told.age_s:.0f} s')
+    text = ': '.join(part for part in (str(now.state), now.reason) if part)
+    return Finding(_LEVELS[now.state], '. '.join(part for part in (text, advice(now)) if part))
+
+
+def _of_sink(route: AnyRoute, now: Snapshot) -> Iterator[Finding]:
+    ros = route.sink.ros if isinstance(route, KafkaToRosRoute) else route.source.ros
+    if mismatched := now.measures.mismatched:
+        text = f'{count(mismatched, "endpoint")} on {ros} cannot match it, by type or QoS'
+        yield Finding(Level.WARN, f'{text}: ros2 topic info --verbose {ros}')
+    limit = route.spool.max_bytes if isinstance(route, RosToKafkaRoute) and route.spool else 0
+    if limit and now.measures.spool_bytes > _SPOOL_FULL * limit:
+        share = now.measures.spool_bytes / limit
+        text = f'its spool is full to {share:.0%}: see why Kafka takes nothing'
+        yield Finding(Level.WARN, text)
+
+
+def _of_changes(route: AnyRoute, now: Snapshot, change: Change) -> Iterator[Finding]:
+    lag = now.lag or 0
+    if now.state is State.RUNNING and lag > max(change.rate * _RECENT_S, route.max_in_flight):
+        text = f'{lag} records behind: more than a minute at {change.rate:.0f}/s'
+        yield Finding(Level.WARN, text)
+    if change.dead_lettered:
+        text = f'{count(change.dead_lettered, "dead letter")} in the last minute'
+        yield Finding(Level.WARN, f'{text}: ros2-kafka-bridge dead-letters list')
+    if change.lost:
+        yield Finding(Level.ERROR, f'{change.lost} lost on a damaged disk: replace it')
+    if change.lost_upstream:
+        text = f'{change.lost_upstream} lost before the bridge: give it a deeper queue'
+        yield Finding(Level.WARN, text)
+
+
+def _of_route(route: AnyRoute) -> tuple[tuple[str, str], ...]:
+    source, sink = ends_of(route)
+    return (
+        ('source', source),
+        ('sink', sink),
+        ('type', type_of(route)),
+        ('format', str(route.format)),
+    )
+
+
+def _counted(told: RouteReport, change: Change) -> Iterator[tuple[str, str]]:
+    now, measures = told.snapshot, told.snapshot.measures
+    yield 'state', str(now.state)
+    yield 'worker', str(told.worker)
+    yield 'rate (1/s)', f'{change.rate:.1f}'
+    yield 'taken', str(now.taken)
+    for outcome in Outcome:
+        yield outcome.replace('_', ' '), str(getattr(now, outcome))
+    yield 'in flight', str(now.in_flight)
+    yield 'spooled', str(now.spooled)
+    yield 'spool (bytes)', str(measures.spool_bytes)
+    if now.lag is not None:
+        yield 'lag (records)', str(now.lag)
+    for name, seconds in zip(('p50', 'p99'), change.latency_s or (), strict=False):
+        yield f'latency {name} (s)', f'{seconds:.6g}'
+    yield 'matched', str(measures.matched)
+    yield 'mismatched', str(measures.mismatched)
+    yield 'queued', f'{measures.queued} of {measures.queue_limit}'
+    yield 'lost upstream', str(now.lost_upstream)
+    yield 'repeated', str(now.repeated)
+    yield 'errors', ', '.join(f'{kind}: {times}' for kind, times in measures.errors.items())
+    if measures.troubles:
+        yield 'last error', measures.troubles[-1].text

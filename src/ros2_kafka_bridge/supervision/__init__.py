@@ -1,0 +1,1 @@
+"""Above the workers of a bridge: starting, reloading, pausing and draining them, as one."""

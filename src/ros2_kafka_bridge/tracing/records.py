@@ -1,0 +1,152 @@
+"""Spans of the records that go from Kafka to ROS."""
+
+import random
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Final, NamedTuple, Protocol
+
+from ros2_kafka_bridge.endpoints import HeaderList, Record
+from ros2_kafka_bridge.errors import RecordError
+from ros2_kafka_bridge.kafka.headers import headers_of
+from ros2_kafka_bridge.metrics import Outcome
+from ros2_kafka_bridge.tracing.context import TraceContext, from_headers
+from ros2_kafka_bridge.tracing.span import Attributes, EndSpan, Span, in_words, since_1970_ns
+
+ReadHeaders = Callable[[Record], HeaderList | None]
+"""Record -> its headers, None where they cannot be read."""
+
+_MOST_OPEN: Final = 10_000
+_PASSED_ON: Final = ('ros.gid', 'ros.seq', 'ros.source_time_ns')
+
+
+class TracedEntry(Protocol):
+    """A record on its way, as far as its span tells of it."""
+
+    partition: int
+    offset: int
+    taken_s: float
+    outcome: Outcome | None
+
+
+class RecordTraces(Protocol):
+    """Follows the records of a route."""
+
+    def reader(self, newest: Callable[[], TracedEntry]) -> ReadHeaders:
+        """Make what reads the headers of each record that is taken.
+
+        Args:
+            newest: Tells the entry of the record that is being read.
+        """
+        ...
+
+    def refused(self, entry: TracedEntry, error: RecordError) -> None:
+        """Note why a record cannot be delivered."""
+
+    def look(self) -> None:
+        """End the spans of the records that have ended, and all before them."""
+
+
+class NoRecordTraces:
+    """`RecordTraces` that follow nothing, at no cost."""
+
+    def reader(self, newest: Callable[[], TracedEntry]) -> ReadHeaders:
+        """Read the headers, and nothing else."""
+        del newest
+        return headers_of
+
+    def refused(self, entry: TracedEntry, error: RecordError) -> None:
+        """Note nothing."""
+
+    def look(self) -> None:
+        """End nothing."""
+
+
+NO_RECORD_TRACES: Final = NoRecordTraces()
+
+
+class _Open(NamedTuple):
+    entry: TracedEntry
+    parent: TraceContext | None
+    told: dict[str, str | int]
+
+
+class SpansOfRecords:
+    """`RecordTraces` that make a span of each record that is sampled.
+
+    A record is sampled where its `traceparent` says so; one without belongs to a trace of its
+    own, sampled by the share. At most 10,000 are followed at a time.
+
+    Args:
+        topic: The Kafka topic.
+        same: Attributes of all of them.
+        sample: Share of the records without a `traceparent`.
+        end: Takes the spans.
+    """
+
+    def __init__(self, topic: str, same: Attributes, sample: float, end: EndSpan) -> None:
+        self._name = f'process {topic}'
+        self._same = same
+        self._sample = sample
+        self._end = end
+        self._open: deque[_Open] = deque()
+        self._errors: dict[int, RecordError] = {}  # by id of the entry
+
+    def reader(self, newest: Callable[[], TracedEntry]) -> ReadHeaders:
+        """Make what reads the headers of each record, and begins its span."""
+        sample, chance, opened = self._sample, random.random, self._open
+
+        def read(record: Record) -> HeaderList | None:
+            headers = headers_of(record)
+            parent = from_headers(headers) if headers else None
+            sampled = chance() < sample if parent is None else parent.sampled
+            if sampled and len(opened) < _MOST_OPEN:
+                told = _told(record, headers or [])
+                opened.append(_Open(newest(), parent, told))
+            return headers
+
+        return read
+
+    def refused(self, entry: TracedEntry, error: RecordError) -> None:
+        """Note why a record cannot be delivered, if it has a span."""
+        if self._open and self._open[-1].entry is entry:
+            self._errors[id(entry)] = error
+
+    def look(self) -> None:
+        """End the spans of the records that have ended, and all before them."""
+        opened = self._open
+        while opened and (outcome := opened[0].entry.outcome) is not None:
+            self._close(opened.popleft(), outcome)
+
+    def _close(self, span: _Open, outcome: Outcome) -> None:
+        entry = span.entry
+        error = self._errors.pop(id(entry), None)
+        if outcome is Outcome.SKIPPED:  # it is the bridge's own: its span is that of its way here
+            return
+        attributes = {
+            **self._same,
+            'messaging.destination.partition.id': str(entry.partition),
+            'messaging.kafka.offset': entry.offset,
+            **span.told,
+            'ros2_kafka_bridge.outcome': outcome,
+        }
+        self._end(
+            Span(
+                name=self._name,
+                kind='consumer',
+                context=None,
+                parent=span.parent,
+                start_ns=since_1970_ns(entry.taken_s),
+                end_ns=time.time_ns(),
+                attributes=attributes,
+                error=in_words(error),
+            )
+        )
+
+
+def _told(record: Record, headers: HeaderList) -> dict[str, str | int]:
+    told: dict[str, str | int] = {'messaging.message.body.size': len(record.value() or b'')}
+    for name, value in headers:
+        if name in _PASSED_ON and value is not None:
+            told[name] = value.decode(errors='replace') if isinstance(value, bytes) else value
+    return told

@@ -1,0 +1,82 @@
+"""Whether a record and its route mean the same message type, by the hash in its headers."""
+
+from collections.abc import Callable
+
+from ros2_kafka_bridge.endpoints import HeaderList
+from ros2_kafka_bridge.errors import DecodeError, EncodeError, RecordError
+
+CheckHeaders = Callable[[HeaderList], None]
+"""Headers of a record -> nothing, or a RecordError where the record is of another type."""
+
+_TYPE, _HASH = 'ros.type', 'ros.type_hash'
+_TOLD = b'RIHS'  # as every hash begins
+
+
+def check_nothing(_headers: HeaderList) -> None:
+    """Let every record pass."""
+
+
+def make_hash_check(name: str, type_hash: str | None) -> CheckHeaders:
+    """Make the function that refuses a record which was written with another type than this one.
+
+    Args:
+        name: Of the type that the route publishes.
+        type_hash: Its REP-2011 hash; None, and nothing is refused.
+
+    Returns:
+        The function. It raises DecodeError where the headers tell another hash.
+    """
+
+    def refuse(written: str, there: str) -> DecodeError:
+        return DecodeError(
+            f'{_HASH}: the record was written with {written or "a type of hash"} {there}, this '
+            f'route publishes {name} {type_hash}: install the same version of the package on '
+            'both sides, or set check_type_hash: false, and the format alone decides'
+        )
+
+    return _make_check(type_hash, refuse)
+
+
+def make_publisher_check(name: str, type_hash: str | None) -> CheckHeaders:
+    """Make the function that refuses a message whose publisher has another version of the type.
+
+    DDS matches types by their names alone. Bytes of the other version would be read into the
+    wrong fields, mostly without an error.
+
+    Args:
+        name: Of the type that the route takes.
+        type_hash: Its REP-2011 hash; None, and nothing is refused.
+
+    Returns:
+        The function from the headers of the message's record; it raises EncodeError.
+    """
+
+    def refuse(_written: str, there: str) -> EncodeError:
+        return EncodeError(
+            f'{_HASH}: the publisher sends {name} {there}, installed here is {type_hash}: the '
+            'fields would be misread; install the same version of the package on both sides, or '
+            'let the route carry format: cdr'
+        )
+
+    return _make_check(type_hash, refuse)
+
+
+def _make_check(type_hash: str | None, refuse: Callable[[str, str], RecordError]) -> CheckHeaders:
+    if not type_hash:
+        return check_nothing
+    same = (_HASH, type_hash.encode())
+
+    def check(headers: HeaderList) -> None:
+        if same in headers:
+            return
+        told = dict(headers)
+        there = _bytes(told.get(_HASH))
+        if there.startswith(_TOLD) and there != same[1]:
+            written = _bytes(told.get(_TYPE))
+            raise refuse(written.decode(errors='replace'), there.decode(errors='replace'))
+
+    return check
+
+
+def _bytes(value: str | bytes | None) -> bytes:
+    return value.encode() if isinstance(value, str) else value or b''

@@ -1,0 +1,86 @@
+"""Message types of no package, and their messages, for the tests of Avro."""
+
+import io
+import json
+from collections.abc import Mapping
+from decimal import Decimal
+from typing import Any, Final
+
+import fastavro
+import msgspec
+
+from ros2_kafka_bridge.config.formats import SchemaSettings
+from ros2_kafka_bridge.formats.avro import STYLE
+from ros2_kafka_bridge.formats.layout import Array, Field, Layout, Primitive, Sequence, String
+from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.formats.values.read import make_read
+from ros2_kafka_bridge.formats.values.structs import make_structs
+from ros2_kafka_bridge.formats.values.write import make_write
+
+LOCAL: Final = Scope('robots', schema=SchemaSettings(registry=False))
+"""A route without a registry."""
+
+STOP: Final = Layout(
+    'demo_msgs/msg/Stop', (Field('x', Primitive('float64')), Field('mark', String()))
+)
+ROBOT: Final = Layout(
+    'demo_msgs/msg/Robot',
+    (
+        Field('name', String(8)),
+        Field('level', Primitive('uint8')),
+        Field('speed', Primitive('float32'), 0.5, 'Metres per second.'),
+        Field('corners', Array(Primitive('float64'), 2)),
+        Field('photo', Array(Primitive('uint8'), 4)),
+        Field('tags', Sequence(String(), 3)),
+        Field('stops', Sequence(STOP)),
+    ),
+    doc='A robot.',
+)
+WIDE: Final = Layout(
+    'demo_msgs/msg/Wide',
+    (Field('a', Primitive('uint64')), Field('many', Sequence(Primitive('uint64')))),
+)
+
+
+def scope_of(
+    url: str, topic: str = 'robots', /, properties: Mapping[str, Any] | None = None, **schema: Any
+) -> Scope:
+    """What a format knows of a route with a registry."""
+    registry = {'url': url, **(properties or {})}
+    return Scope(topic, schema=SchemaSettings(**schema), registry=registry)
+
+
+def cdr_from(layout: Layout, fields: Mapping[str, Any]) -> bytes:
+    """The CDR bytes of a message; the fields that are not given are as the definition says."""
+    struct = make_structs(layout, STYLE)[layout.type_name]
+    made = msgspec.convert(fields, struct, builtin_types=(bytes, Decimal))
+    return make_write(layout, STYLE)(made)
+
+
+def fields_of(value: bytes, layout: Layout) -> Any:
+    """The fields of a message by name."""
+    made = make_read(layout, make_structs(layout, STYLE), STYLE)(value)
+    return _listed(msgspec.to_builtins(made, builtin_types=(bytes, Decimal)))
+
+
+def _listed(found: Any) -> Any:
+    if isinstance(found, dict):
+        return {name: _listed(value) for name, value in found.items()}
+    return [_listed(item) for item in found] if isinstance(found, list | tuple) else found
+
+
+def json_text(schema: Any) -> str:
+    """A schema as a registry takes it."""
+    return json.dumps(schema, allow_nan=False)
+
+
+def framed(schema_id: int, payload: bytes) -> bytes:
+    """A value behind the id of its schema."""
+    return b'\0' + schema_id.to_bytes(4, 'big') + payload
+
+
+def avro_bytes(schema: Any, found: Any) -> bytes:
+    """A value as another program writes it."""
+    stream = io.BytesIO()
+    fastavro.schemaless_writer(stream, fastavro.parse_schema(schema), found)
+    return stream.getvalue()

@@ -1,0 +1,123 @@
+"""A reload in the middle of which processes are killed.
+
+The guarantees are those of docs: 1 and 2 at least once, 7 stop is a drain, 8 what SIGKILL costs.
+"""
+
+import os
+import signal
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from harness import Bench, Process, eventually, lines, to_kafka, to_ros, values
+from reloads import REFUSED, Reloaded
+from workers import pids, wait_until_gone
+
+COUNT = 6000
+RATE = 300.0
+LATCHED = ('--durability', 'transient_local', '--count', str(COUNT))
+OFF = {'listen': 'off', 'node': False}
+
+
+def numbered(count: int) -> list[bytes]:
+    return [b'%d' % number for number in range(count)]
+
+
+def last_of(process: Process, worker: int) -> int:
+    return pids(process, worker)[-1]
+
+
+def test_guarantees_1_2_8_workers_that_are_killed_in_a_reload_lose_nothing(
+    bench: Bench, topic_name: str, tmp_path: Path
+) -> None:
+    """The new worker while it loads, the old one while it drains, the new one when it runs."""
+    arrived, written = tmp_path / 'arrived', f'{topic_name}.written'
+    forth = to_ros(topic_name, '/there', max_rate=RATE)
+    back = to_kafka('/latched', written)
+    for topic in (topic_name, written):
+        bench.create_topic(topic)
+    bench.produce(topic_name, numbered(COUNT))
+    config = bench.config([forth, back], workers=2)
+    with (
+        bench.subscriber('/there', arrived),
+        bench.publisher('/latched', *LATCHED, '--rate', str(RATE)),
+        bench.bridge(config) as process,
+    ):
+        eventually(lambda: len(lines(arrived)) > 300, 90, process.output)
+        eventually(partial(bench.reaches, written, 300), 90, process.output)
+        untouched = last_of(process, 2)
+        it = Reloaded(bench, process, config, workers=2)
+        it.write([{**forth, 'max_rate': RATE + 1}, back])
+        it.ask()
+        process.wait_for('worker 3 (to_ros) is process', 60)
+        os.kill(last_of(process, 3), signal.SIGKILL)  # it loads
+        process.wait_for('worker 3 (to_ros) is process', 60, count=2)
+        process.wait_for('reloaded: restarted to_ros', 120)
+        os.kill(last_of(process, 3), signal.SIGKILL)  # it has just begun
+        process.wait_for('worker 3 (to_ros) is process', 60, count=3)
+        assert last_of(process, 2) == untouched
+
+        it.times = 1
+        it.write([{**forth, 'max_rate': RATE + 2}, {**back, 'max_in_flight': 700}])
+        it.ask()
+        process.wait_for('worker 4 (to_kafka) is process', 60)
+        os.kill(untouched, signal.SIGKILL)  # it is to drain soon
+        process.wait_for('reloaded: restarted to_ros, to_kafka', 120)
+        records = bench.records(written, COUNT, timeout_s=180)
+        eventually(lambda: str(COUNT - 1) in lines(arrived)[-1:], 180, process.output)
+        assert process.end(40) == 0, process.output()
+    assert values(records) == numbered(COUNT), 'nothing is lost, repeated or out of order'
+    assert {int(line) for line in lines(arrived)} == set(range(COUNT))
+    assert bench.committed('test.to_ros', topic_name) == COUNT
+    assert process.output().count('bridge test, worker 2, runs') <= 2
+
+
+def test_a_killed_check_refuses_the_reload_and_all_goes_on(bench: Bench, topic_name: str) -> None:
+    routes = [to_ros(topic_name, '/a', min_subscribers=0)]
+    bench.create_topic(topic_name)
+    config = bench.config(routes, monitoring=OFF)
+    with bench.bridge(config) as process:
+        process.wait_for('reads ', 60)
+        it = Reloaded(bench, process, config, monitoring=OFF)
+        it.write([*routes, to_ros(topic_name, '/b', name='b', min_subscribers=0)])
+        it.ask()
+        eventually(lambda: _kill_check(process.pid), 60)
+        process.wait_for(REFUSED, 60)
+        assert 'worker 2' not in process.output()
+        it.ask()
+        process.wait_for('reloaded: started b', 60)
+        assert process.end(40) == 0, process.output()
+
+
+def _kill_check(supervisor: int) -> bool:
+    for child in Path(f'/proc/{supervisor}/task/{supervisor}/children').read_text().split():
+        if b'ros2_kafka_bridge.supervision.reload' in Path(f'/proc/{child}/cmdline').read_bytes():
+            os.kill(int(child), signal.SIGKILL)
+            return True
+    return False
+
+
+def test_guarantee_7_a_supervisor_that_is_killed_in_a_reload_leaves_a_drained_bridge(
+    bench: Bench, topic_name: str
+) -> None:
+    forth, back = (
+        to_ros(topic_name, '/orders', max_rate=300),
+        to_kafka('/orders', f'{topic_name}.r'),
+    )
+    sent = numbered(20_000)
+    for topic in (topic_name, f'{topic_name}.r'):
+        bench.create_topic(topic)
+    bench.produce(topic_name, list(sent))
+    more: dict[str, Any] = {'monitoring': OFF, 'kafka': bench.patient_kafka}
+    config = bench.config([forth, back], **more)
+    with bench.bridge(config) as process:
+        eventually(partial(bench.reaches, f'{topic_name}.r', 300), 90, process.output)
+        it = Reloaded(bench, process, config, **more)
+        it.write([{**forth, 'max_rate': 301}, back])
+        it.ask()
+        process.wait_for('worker 2 (to_ros) is process', 60)
+        process.kill()
+        wait_until_gone(*pids(process, 1), *pids(process, 2))
+    committed = bench.committed('test.to_ros', topic_name)
+    assert 0 < committed < len(sent)
+    assert values(bench.records(f'{topic_name}.r', committed)) == sent[:committed]

@@ -1,0 +1,159 @@
+"""The repository as a package of a ROS workspace: built by colcon, sourced, run."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+from ament_index_python.packages import get_package_prefix, get_package_share_directory
+from harness import Bench, Process, to_kafka, to_ros, values
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = 'ros2_kafka_bridge'
+PARTS = ('LICENSE', 'README.md', 'launch', 'package.xml', 'pyproject.toml', 'resource',
+         'setup.cfg', 'setup.py', 'src')  # fmt: skip
+BINARIES = Path(sys.executable).parent
+
+
+class Workspace(NamedTuple):
+    """A workspace that was built.
+
+    Args:
+        place: Its folder.
+        environ: Of a shell that has sourced it.
+        code: From which folder its code comes.
+    """
+
+    place: Path
+    environ: dict[str, str]
+    code: Path
+
+    @property
+    def executable(self) -> Path:
+        """What `ros2 run ros2_kafka_bridge bridge` finds."""
+        return self.place / 'install' / PACKAGE / 'lib' / PACKAGE / 'bridge'
+
+
+@pytest.fixture(scope='module', params=['', '--symlink-install'], ids=['copied', 'linked'])
+def workspace(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Workspace:
+    place = tmp_path_factory.mktemp('workspace')
+    package = place / 'src' / 'bridge'
+    package.mkdir(parents=True)
+    for part in PARTS:
+        _copy(ROOT / part, package / part)
+    environ = {**os.environ, 'PATH': f'{BINARIES}:{os.environ["PATH"]}', 'COLCON_HOME': str(place)}
+    options = [request.param] if request.param else []
+    built = subprocess.run(
+        [BINARIES / 'colcon', 'build', *options],
+        cwd=place, env=environ, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert built.returncode == 0, built.stdout + built.stderr
+    linked = place / 'build' / PACKAGE / 'src'
+    version = f'python{sys.version_info.major}.{sys.version_info.minor}'
+    copied = place / 'install' / PACKAGE / 'lib' / version / 'site-packages'
+    sourced = _sourced(place / 'install' / 'setup.bash', environ)
+    return Workspace(place, sourced, linked if request.param else copied)
+
+
+def _copy(source: Path, target: Path) -> None:
+    if source.is_dir():
+        shutil.copytree(source, target, ignore=shutil.ignore_patterns('__pycache__', 'warehouse'))
+    else:
+        shutil.copy(source, target)
+
+
+def _sourced(script: Path, environ: Mapping[str, str]) -> dict[str, str]:
+    command = ['bash', '-c', 'source "$0" > /dev/null && env -0', str(script)]
+    found = subprocess.run(command, env=environ, capture_output=True, text=True, check=True)
+    return dict(line.split('=', 1) for line in found.stdout.split('\0') if line)
+
+
+def _run(workspace: Workspace, *command: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command, env=workspace.environ, capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def test_the_index_of_ros_leads_to_the_executables_and_the_launch_file(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('AMENT_PREFIX_PATH', workspace.environ['AMENT_PREFIX_PATH'])
+    found = Path(get_package_prefix(PACKAGE), 'lib', PACKAGE)
+    executables = {path.name for path in found.iterdir() if os.access(path, os.X_OK)}
+    assert executables == {'bridge', 'ros2-kafka-bridge'}
+    assert Path(get_package_share_directory(PACKAGE), 'launch', 'bridge.launch.py').is_file()
+
+
+def test_the_code_that_runs_is_that_of_the_workspace_and_complete(workspace: Workspace) -> None:
+    code = f'import {PACKAGE}; print({PACKAGE}.__file__)'
+    told = _run(workspace, BINARIES / 'python', '-c', code)
+    assert told.stdout.strip() == str(workspace.code / PACKAGE / '__init__.py')
+    source = ROOT / 'src' / PACKAGE
+    wanted = {file.relative_to(source) for file in source.rglob('*') if file.is_file()}
+    there = {file.relative_to(workspace.code / PACKAGE) for file in _files(workspace)}
+    assert {file for file in wanted if '__pycache__' not in file.parts} <= there
+
+
+def _files(workspace: Workspace) -> list[Path]:
+    folder = workspace.code / PACKAGE
+    return [Path(place, name) for place, _, names in os.walk(folder) for name in names]
+
+
+def test_an_order_goes_there_and_back_through_the_executable(
+    workspace: Workspace, bench: Bench, topic_name: str, tmp_path: Path
+) -> None:
+    returned = f'{topic_name}.returned'
+    config = bench.config([to_ros(topic_name, '/orders'), to_kafka('/orders', returned)])
+    bench.create_topic(topic_name)
+    arguments = ['--ros-args', '-r', '__node:=shop', '-p', f'config:={config}']
+    command = [str(workspace.executable), *arguments]
+    with Process(
+        command, tmp_path / 'log', {**workspace.environ, 'ROS_DOMAIN_ID': str(bench.domain)}
+    ) as bridge:
+        bench.produce(topic_name, [b'one', b'two'])
+        assert values(bench.records(returned, 2)) == [b'one', b'two'], bridge.output()
+        assert bridge.end() == 0, bridge.output()
+
+
+def test_without_a_configuration_it_says_how_to_name_one(workspace: Workspace) -> None:
+    told = _run(workspace, workspace.executable, '--ros-args', '-r', '__node:=shop')
+    assert told.returncode == 2
+    assert 'ros2 run ros2_kafka_bridge bridge FILE' in told.stderr
+
+
+def test_without_the_python_libraries_it_says_where_they_come_from(workspace: Workspace) -> None:
+    code = (
+        "import sys; sys.modules['typer'] = None; "
+        'from ros2_kafka_bridge.ros.executable import main; main()'
+    )
+    told = _run(workspace, BINARIES / 'python', '-c', code)
+    assert told.returncode == 2
+    assert 'typer' in told.stderr
+    assert 'pip' in told.stderr
+    assert 'Traceback' not in told.stderr
+
+
+def test_the_whole_command_line_is_there_too(workspace: Workspace) -> None:
+    told = _run(workspace, workspace.executable.parent / 'ros2-kafka-bridge', '--version')
+    assert told.stdout.strip() == _project()['version']
+
+
+def test_the_package_has_the_version_and_the_words_of_the_project() -> None:
+    project = _project()
+    package = ET.parse(ROOT / 'package.xml').getroot()  # noqa: S314 (our own file)
+    for field in ('version', 'description', 'license'):
+        assert package.findtext(field) == project[field]
+    assert package.findtext('name') == PACKAGE
+
+
+def _project() -> dict[str, Any]:
+    found: dict[str, Any] = tomllib.loads((ROOT / 'pyproject.toml').read_text())['project']
+    return found

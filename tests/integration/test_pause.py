@@ -1,0 +1,168 @@
+"""Pausing a route: nothing moves meanwhile, nothing is lost, and the order holds."""
+
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+from driven import Driven
+from harness import Bench, eventually, lines, to_kafka, to_ros, values
+from words import GROUP, ROS_TOPIC, texts, wait_for, words
+
+COUNT = 20_000
+
+
+@pytest.fixture
+def driven(bench: Bench) -> Iterator[Driven]:
+    """What starts a bridge that can be paused."""
+    with Driven(bench) as one:
+        yield one
+
+
+def test_a_paused_route_to_ros_publishes_nothing_and_goes_on_where_it_was(
+    bench: Bench, driven: Driven, topic_name: str, tmp_path: Path
+) -> None:
+    arrived = tmp_path / 'arrived'
+    bench.create_topic(topic_name)
+    route = to_ros(topic_name, ROS_TOPIC, max_rate=2000)
+    with bench.subscriber(ROS_TOPIC, arrived):
+        driven.start([route])
+        bench.produce(topic_name, words(COUNT))
+        eventually(lambda: len(lines(arrived)) > 1000, 30, driven.output)
+        driven.order('pause to_ros')
+        driven.wait_for_state('to_ros', 'paused')
+        # What was in flight is confirmed and committed, and no more comes.
+        eventually(partial(settled, driven), 20, driven.output)
+        confirmed = driven.last('to_ros').confirmed
+        assert 1000 < confirmed < COUNT
+        eventually(lambda: bench.committed(GROUP, topic_name) == confirmed, 20, driven.output)
+        eventually(lambda: len(lines(arrived)) == confirmed, 20, driven.output)
+        driven.wait_for_snapshots(20)
+        assert len(lines(arrived)) == confirmed
+        eventually(lambda: driven.last('to_ros').lag == COUNT - confirmed, 20, driven.output)
+        driven.order('resume to_ros')
+        wait_for(arrived, texts(words(COUNT)), driven.process, 60)
+        assert driven.process.end() == 0
+    assert driven.last('to_ros').confirmed == COUNT
+    assert driven.last('to_ros').repeated == 0
+    assert all(snapshot.balanced for snapshot in driven.snapshots('to_ros'))
+
+
+def settled(driven: Driven) -> bool:
+    """Whether the route to ROS pauses, and all that it has published is counted."""
+    # A subscriber has acknowledged a moment before that counts as confirmed.
+    *_, before, now = {s.made_s: s for s in driven.snapshots('to_ros')}.values()
+    return all(s.state == 'paused' and s.measures.queued == 0 for s in (before, now))
+
+
+def test_a_paused_route_stays_in_its_group_and_tells_how_far_it_is_behind(
+    bench: Bench, driven: Driven, topic_name: str, tmp_path: Path
+) -> None:
+    arrived = tmp_path / 'arrived'
+    bench.create_topic(topic_name, partitions=2)
+    kafka = {'bootstrap.servers': bench.bootstrap_servers, 'max.poll.interval.ms': 10_000,
+             'session.timeout.ms': 6000}  # fmt: skip
+    with bench.subscriber(ROS_TOPIC, arrived):
+        driven.start([to_ros(topic_name, ROS_TOPIC)], kafka=kafka)
+        driven.wait_for_state('to_ros', 'running')
+        bench.produce(topic_name, words(10), partition=0)
+        eventually(lambda: len(lines(arrived)) == 10, 30, driven.output)
+        driven.order('pause to_ros')
+        driven.wait_for_state('to_ros', 'paused')
+        bench.produce(topic_name, words(100, start=10), partition=0)
+        # Longer than a client may stay away that does not poll.
+        before_s = time.monotonic()
+        eventually(lambda: time.monotonic() > before_s + 12, 60)
+        eventually(lambda: driven.last('to_ros').lag == 100, 20, driven.output)
+        assert driven.last('to_ros').measures.rebalances == 1
+        assert len(lines(arrived)) == 10
+        driven.order('resume to_ros')
+        wait_for(arrived, texts(words(110)), driven.process)
+        assert driven.process.end() == 0
+    assert driven.last('to_ros').measures.rebalances == 1
+
+
+@pytest.mark.parametrize('start', ['latest', 'earliest'])
+def test_a_route_that_begins_paused_takes_nothing_before_it_is_resumed(
+    bench: Bench, driven: Driven, topic_name: str, tmp_path: Path, start: str
+) -> None:
+    arrived = tmp_path / 'arrived'
+    bench.create_topic(topic_name)
+    route = to_ros(topic_name, ROS_TOPIC)
+    route['from'] = {'kafka': topic_name, 'start': start}
+    with bench.subscriber(ROS_TOPIC, arrived):
+        driven.start([route], 'to_ros')
+        driven.wait_for_state('to_ros', 'paused')
+        driven.process.wait_for('first start of this group')
+        bench.produce(topic_name, words(50))
+        driven.wait_for_snapshots(15)
+        assert lines(arrived) == []
+        driven.order('resume to_ros')
+        wait_for(arrived, texts(words(50)), driven.process)
+        assert driven.process.end() == 0
+
+
+def test_a_paused_route_from_ros_holds_its_publisher_back(
+    bench: Bench, driven: Driven, topic_name: str
+) -> None:
+    bench.create_topic(topic_name)
+    route = to_kafka(ROS_TOPIC, topic_name)
+    route['from'] |= {'max_samples': 500}
+    driven.start([route])
+    with bench.publisher(ROS_TOPIC, '--count', str(COUNT), '--rate', '4000') as publisher:
+        eventually(partial(bench.reaches, topic_name, 1000), 60, driven.output)
+        driven.order('pause to_kafka')
+        driven.wait_for_state('to_kafka', 'paused')
+        eventually(lambda: driven.last('to_kafka').in_flight == 0, 20, driven.output)
+        end = bench.end_offset(topic_name)
+        driven.wait_for_snapshots(30)
+        assert bench.end_offset(topic_name) == end == driven.last('to_kafka').confirmed
+        assert driven.last('to_kafka').measures.matched == 1
+        assert 'published' not in publisher.output()
+        driven.order('resume to_kafka')
+        publisher.wait_for(f'published {COUNT}', 60)
+        eventually(partial(bench.reaches, topic_name, COUNT), 60, driven.output)
+        assert driven.process.end() == 0
+    assert values(bench.records(topic_name, COUNT)) == words(COUNT)
+    last = driven.last('to_kafka')
+    assert (last.confirmed, last.lost_upstream) == (COUNT, 0)
+    assert all(snapshot.balanced for snapshot in driven.snapshots('to_kafka'))
+
+
+def test_a_stop_takes_what_a_paused_route_has_left_in_ros(
+    bench: Bench, driven: Driven, topic_name: str
+) -> None:
+    bench.create_topic(topic_name)
+    driven.start([to_kafka(ROS_TOPIC, topic_name)])
+    driven.wait_for_state('to_kafka', 'running')
+    driven.order('pause to_kafka')
+    driven.wait_for_state('to_kafka', 'paused')
+    with bench.publisher(ROS_TOPIC, '--count', '100', '--prefix', 'late ') as publisher:
+        publisher.wait_for('published 100')
+        driven.wait_for_snapshots(10)
+        assert bench.end_offset(topic_name) == 0
+        assert driven.process.end() == 0
+    received = values(bench.records(topic_name, 100))
+    assert received == [b'late %d' % number for number in range(100)]
+
+
+def test_pausing_one_route_leaves_the_others_alone(
+    bench: Bench, driven: Driven, topic_name: str, tmp_path: Path
+) -> None:
+    arrived = tmp_path / 'arrived'
+    other = f'{topic_name}.other'
+    bench.create_topic(topic_name)
+    bench.create_topic(other)
+    routes = [to_ros(topic_name, '/one', name='one'), to_ros(other, ROS_TOPIC, name='two')]
+    with bench.subscriber(ROS_TOPIC, arrived):
+        driven.start(routes)
+        driven.order('pause one')
+        driven.order('pause nobody')
+        driven.wait_for_state('one', 'paused')
+        driven.process.wait_for('pause nobody: False')
+        driven.process.wait_for('one: paused by an operator')
+        driven.wait_for_state('two', 'running')
+        bench.produce(other, words(100))
+        wait_for(arrived, texts(words(100)), driven.process)
+        assert driven.process.end() == 0

@@ -1,0 +1,129 @@
+"""A real Schema Registry: the same as with the strict one of the unit tests, where it matters."""
+
+import json
+import urllib.request
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from avro_messages import (
+    ROBOT,
+    STOP,
+    avro_bytes,
+    cdr_from,
+    fields_of,
+    framed,
+    json_text,
+    scope_of,
+)
+from confluent_kafka.schema_registry import Schema, SchemaReference, SchemaRegistryClient
+from local_registry import NoRegistryError, local_registry
+from messages import extremes, layout_of
+
+from ros2_kafka_bridge.errors import ConfigError, DecodeError
+from ros2_kafka_bridge.formats.avro import make_decode, make_encode
+from ros2_kafka_bridge.formats.avro.schema import avro_schema
+from ros2_kafka_bridge.formats.layout import Array, Field, Layout, Primitive, Sequence, String
+from ros2_kafka_bridge.message_types import type_names
+
+
+@pytest.fixture(scope='module')
+def registry() -> Iterator[str]:
+    try:
+        with local_registry() as url:
+            yield url
+    except NoRegistryError as error:
+        pytest.skip(str(error))
+
+
+def require(url: str, subject: str, level: str) -> None:
+    """Make a subject take only what is compatible: a registry of this make takes all."""
+    request = urllib.request.Request(  # noqa: S310 -- our own registry
+        f'{url}/config/{subject}',
+        json.dumps({'compatibility': level}).encode(),
+        {'Content-Type': 'application/vnd.schemaregistry.v1+json'},
+        method='PUT',
+    )
+    with urllib.request.urlopen(request, timeout=10):  # noqa: S310 -- the same
+        pass
+
+
+def test_every_type_comes_back_through_a_real_registry(registry: str) -> None:
+    for name in type_names():
+        scope = scope_of(registry, name.replace('/', '.'))
+        encode, decode = make_encode(layout_of(name), scope), make_decode(layout_of(name), scope)
+        for value in extremes(name):
+            assert decode(encode(value)) == value, name
+
+
+def test_a_real_registry_keeps_the_schema_whole(registry: str, topic_name: str) -> None:
+    make_encode(ROBOT, scope_of(registry, topic_name))
+    with SchemaRegistryClient({'url': registry}) as client:
+        kept = client.get_latest_version(f'{topic_name}-value').schema.schema_str
+    assert kept is not None
+    assert json.loads(kept) == avro_schema(ROBOT)
+
+
+@pytest.mark.parametrize('strategy', ['topic', 'record', 'topic_record'])
+def test_a_schema_is_looked_up_in_a_real_registry(
+    registry: str, unique: Callable[[str], str], strategy: str
+) -> None:
+    """Spaces, as people print it, make no other schema."""
+    layout = Layout(f'demo_msgs/msg/{unique("One").replace("-", "_")}', STOP.fields)
+    topic = unique('topic')
+    scope = scope_of(registry, topic, auto_register=False, subject=strategy)
+    with pytest.raises(ConfigError, match='has no schema of demo_msgs/msg/One'):
+        make_encode(layout, scope)
+    name = layout.type_name.replace('/', '.')
+    subject = {'topic': f'{topic}-value', 'record': name, 'topic_record': f'{topic}-{name}'}
+    with SchemaRegistryClient({'url': registry}) as client:
+        text = json.dumps(avro_schema(layout), indent=2)
+        client.register_schema(subject[strategy], Schema(text, 'AVRO'))
+    value = cdr_from(layout, {'x': 1.5})
+    assert make_decode(layout, scope)(make_encode(layout, scope)(value)) == value
+
+
+def test_a_real_registry_says_what_is_incompatible(registry: str, topic_name: str) -> None:
+    scope = scope_of(registry, topic_name)
+    make_encode(ROBOT, scope)
+    require(registry, f'{topic_name}-value', 'FULL_TRANSITIVE')
+    # A field that comes and one that goes are compatible both ways, because all have defaults.
+    more = Layout(ROBOT.type_name, (*ROBOT.fields[1:], Field('battery', Primitive('float32'))))
+    make_encode(more, scope)
+    changed = Layout(ROBOT.type_name, (Field('level', String()), *ROBOT.fields[2:]))
+    with pytest.raises(ConfigError, match='the schema is not compatible') as raised:
+        make_encode(changed, scope)
+    assert f'subject {topic_name}-value' in str(raised.value)
+    assert 'reader type: STRING not compatible with writer type: INT' in str(raised.value)
+
+
+def test_another_version_is_read_from_a_real_registry(registry: str, topic_name: str) -> None:
+    scope = scope_of(registry, topic_name)
+    raw = Field('raw', Array(Primitive('uint8'), 2), (1, 255))
+    newer = Layout(ROBOT.type_name, (*ROBOT.fields, raw, Field('id', Primitive('uint64'), 7)))
+    old = make_encode(ROBOT, scope)(cdr_from(ROBOT, {'level': 3}))
+    new = make_encode(newer, scope)(cdr_from(newer, {'level': 4, 'raw': b'ab'}))
+    found: Any = fields_of(make_decode(newer, scope)(old), newer)
+    assert (found['level'], found['raw'], found['id']) == (3, b'\x01\xff', 7)
+    assert fields_of(make_decode(ROBOT, scope)(new), ROBOT)['level'] == 4
+
+
+def test_references_are_read_from_a_real_registry(registry: str, topic_name: str) -> None:
+    part = avro_schema(STOP)
+    layout = Layout('demo_msgs/msg/Way', (Field('stops', Sequence(STOP)),))
+    whole: Any = avro_schema(layout)
+    payload = avro_bytes(whole, {'stops': [{'x': 1.5, 'mark': 'm'}]})
+    whole['fields'][0]['type']['items'] = 'demo_msgs.msg.Stop'
+    with SchemaRegistryClient({'url': registry}) as client:
+        client.register_schema(f'{topic_name}-part', Schema(json_text(part), 'AVRO'))
+        reference = SchemaReference('demo_msgs.msg.Stop', f'{topic_name}-part', 1)
+        schema = Schema(json_text(whole), 'AVRO', [reference])
+        schema_id = client.register_schema(f'{topic_name}-value', schema)
+    found = make_decode(layout, scope_of(registry, topic_name))(framed(schema_id, payload))
+    assert fields_of(found, layout) == {'stops': [{'x': 1.5, 'mark': 'm'}]}
+
+
+def test_an_id_that_a_real_registry_does_not_know_is_a_bad_record(registry: str) -> None:
+    decode = make_decode(ROBOT, scope_of(registry))
+    with pytest.raises(DecodeError, match='has no schema with the id 2147480000'):
+        decode(framed(2147480000, b'\0'))

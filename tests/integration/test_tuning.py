@@ -1,0 +1,55 @@
+"""The DDS profile of the page on tuning is one that ROS takes."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from ros2_kafka_bridge.ros.profile import Endpoints, make_profile
+
+PAGE = Path(__file__).parents[2] / 'docs' / 'tuning.md'
+START = """
+import rclpy
+rclpy.init()
+node = rclpy.create_node('profile')
+print('started')
+rclpy.shutdown()
+"""
+
+
+def test_ros_starts_with_the_profile_of_the_docs_and_with_what_the_bridge_adds(
+    tmp_path: Path, ros_domain: int
+) -> None:
+    [text] = re.findall(r'```xml\n(.*?)```', PAGE.read_text(), re.DOTALL)
+    users = tmp_path / 'users.xml'
+    users.write_text(text)
+    bridges = tmp_path / 'bridges.xml'
+    bridges.write_text(make_profile(Endpoints({'/a': 500}, {'/b': 2000}, lease_s=3), users))
+    for file in (users, bridges):
+        done = started(file, ros_domain)
+        assert (done.returncode, done.stdout) == (0, 'started\n'), done.stderr
+        assert 'Error' not in done.stderr, done.stderr
+
+
+def test_a_profile_with_a_mistake_would_be_noticed(tmp_path: Path, ros_domain: int) -> None:
+    [text] = re.findall(r'```xml\n(.*?)```', PAGE.read_text(), re.DOTALL)
+    wrong = tmp_path / 'wrong.xml'
+    wrong.write_text(text.replace('segment_size', 'size_of_segment'))
+    assert 'Error' in started(wrong, ros_domain).stderr
+
+
+def started(profile: Path, ros_domain: int) -> subprocess.CompletedProcess[str]:
+    """What a ROS node says that starts with a profile."""
+    return subprocess.run(
+        [sys.executable, '-c', START],
+        env={
+            **os.environ,
+            'FASTDDS_DEFAULT_PROFILES_FILE': str(profile),
+            'ROS_DOMAIN_ID': str(ros_domain),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )

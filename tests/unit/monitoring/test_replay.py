@@ -1,0 +1,64 @@
+"""The process of a replay, and the process that has started it."""
+
+import os
+import select
+import subprocess
+import sys
+from pathlib import Path
+from typing import Final
+
+from harness import eventually
+
+STARTER: Final = """
+import sys, threading
+from ros2_kafka_bridge.monitoring.replay import Replay
+from ros2_kafka_bridge.monitoring.replay_process import Order
+
+replay = Replay(lambda: None)
+order = Order('name: ${file:held}', sys.argv[1], 'orders.dead-letters', None)
+# Who has asked for it is done long before the replay is.
+asking = threading.Thread(target=replay.start, args=(order,))
+asking.start()
+asking.join()
+print('started', flush=True)
+threading.Event().wait()
+"""
+
+
+def test_a_replay_ends_when_the_process_that_has_started_it_is_killed(tmp_path: Path) -> None:
+    held = tmp_path / 'held'
+    os.mkfifo(held)  # a replay that reads this file is never done with its configuration
+    starter = subprocess.Popen(
+        [sys.executable, '-c', STARTER, str(tmp_path / 'bridge.yaml')], stdout=subprocess.PIPE
+    )
+    with starter:
+        assert starter.stdout is not None
+        assert starter.stdout.readline() == b'started\n'
+        try:
+            end = _writing_end(held)
+        finally:
+            starter.kill()
+    try:
+        gone = select.poll()
+        gone.register(end, select.POLLERR)
+        eventually(lambda: bool(gone.poll(0)), 60)
+    finally:
+        os.close(end)
+
+
+def _writing_end(held: Path) -> int:
+    """Open the pipe as soon as somebody reads it, and see that the reader stays."""
+    found: list[int] = []
+
+    def is_read() -> bool:
+        try:
+            found.append(os.open(held, os.O_WRONLY | os.O_NONBLOCK))
+        except OSError:  # nobody reads it yet
+            return False
+        return True
+
+    eventually(is_read, 60)
+    reader = select.poll()
+    reader.register(found[0], select.POLLERR)
+    assert reader.poll(500) == []
+    return found[0]

@@ -1,0 +1,166 @@
+"""What a worker tells its supervisor, and what systemd is told, however full their queues are."""
+
+import contextlib
+import fcntl
+import os
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from ros2_kafka_bridge.metrics import Counters, Snapshot, State, from_line, to_line
+from ros2_kafka_bridge.supervision.orders import EVENTS, Ended
+from ros2_kafka_bridge.supervision.reports import STUCK_S, is_live
+from ros2_kafka_bridge.supervision.sender import Sender
+from ros2_kafka_bridge.supervision.shares import Share
+from ros2_kafka_bridge.supervision.systemd import Systemd
+from ros2_kafka_bridge.supervision.worker_process import WorkerProcess
+
+# What a worker tells
+
+
+def test_an_event_arrives_whole_however_full_the_pipe_of_the_snapshots_is() -> None:
+    pipe, its_end = os.pipe()
+    fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, 4096)
+    os.set_blocking(pipe, False)
+    routes = [Counters(f'route_{number}').snapshot(0) for number in range(24)]
+    assert 4096 < len(to_line(routes)) < 3 * 4096
+    sender = Sender(its_end, lambda: routes, events=True)
+    os.set_blocking(its_end, False)
+    data = b''
+    for number in range(20):
+        sender.tell(Ended((str(number),)))
+        data += _all_of(pipe)
+    while more := _more(sender, pipe):
+        data += more
+    *lines, rest = data.split(b'\n')
+    events = [EVENTS.decode(line) for line in lines if line.startswith(b'{')]
+    assert rest == b''
+    assert events[:20] == [Ended((str(number),)) for number in range(20)]
+    for line in [line for line in lines if not line.startswith(b'{')]:
+        assert len(from_line(line)) == len(routes)
+    os.close(pipe)
+    os.close(its_end)
+
+
+def _more(sender: Sender, pipe: int) -> bytes:
+    sender._send(b'')
+    return _all_of(pipe)
+
+
+def _all_of(pipe: int) -> bytes:
+    data = b''
+    try:
+        while chunk := os.read(pipe, 4096):
+            data += chunk
+    except BlockingIOError:
+        pass
+    return data
+
+
+# What systemd is told
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as end:
+        end.bind(str(tmp_path / 'notify'))
+        end.setblocking(False)  # noqa: FBT003 (the standard library's)
+        yield end
+
+
+def fill(manager: socket.socket) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as other:
+        other.setblocking(False)  # noqa: FBT003 (the standard library's)
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                other.sendto(b'full', manager.getsockname())
+
+
+def heard(manager: socket.socket) -> list[str]:
+    """The first line of each word since this was asked last."""
+    found = []
+    try:
+        while True:
+            found.append(manager.recv(4096).decode().split('\n')[0])
+    except BlockingIOError:
+        return [line for line in found if line != 'full']
+
+
+def test_what_systemd_has_no_room_for_is_told_again_in_its_order(manager: socket.socket) -> None:
+    it = Systemd(manager.getsockname(), watchdog_s=60.0)
+    fill(manager)
+    it.ready('active')
+    it.alive()
+    it.status('active')
+    assert heard(manager) == []
+    for _ in range(3):
+        it.tick()
+        it.alive()
+        it.status('active')
+    assert heard(manager) == ['READY=1', 'WATCHDOG=1', 'STATUS=active']
+
+    fill(manager)
+    it.reloading()
+    it.ready('active')
+    assert heard(manager) == []
+    it.tick()
+    it.tick()
+    assert heard(manager) == ['RELOADING=1', 'READY=1']
+
+
+def test_a_stop_is_told_once_and_nothing_that_was_owed_comes_after_it(
+    manager: socket.socket,
+) -> None:
+    it = Systemd(manager.getsockname())
+    fill(manager)
+    it.reloading()
+    it.stopping()
+    assert heard(manager) == []
+    for _ in range(3):
+        it.stopping()
+        it.reloading()
+        it.tick()
+    assert heard(manager) == ['STOPPING=1']
+
+
+def aged(age_s: float, state: State = State.RUNNING) -> Snapshot:
+    """A snapshot whose thread was seen at work so long ago; 0 while it waits on purpose."""
+    snapshot = Counters('orders', state=state).snapshot(0)
+    return snapshot._replace(beat_s=time.monotonic() - age_s if age_s else 0.0)
+
+
+@pytest.mark.parametrize(
+    ('ages', 'live'),
+    [
+        ([], True),
+        ([(0.1, State.RUNNING), (STUCK_S / 2, State.RUNNING)], True),
+        ([(STUCK_S - 5, State.RUNNING)], True),
+        ([(STUCK_S + 1, State.RUNNING)], False),
+        ([(0.1, State.RUNNING), (STUCK_S + 1, State.RUNNING)], False),
+        ([(STUCK_S + 1, State.STARTING)], False),
+        ([(STUCK_S + 1, State.PAUSED)], False),
+        ([(0.0, State.WAITING), (0.0, State.FAILED), (0.0, State.STOPPED)], True),
+    ],
+    ids=['none', 'young', 'just below', 'above', 'one of two', 'starting', 'paused', 'on purpose'],
+)
+def test_a_bridge_lives_as_long_as_no_route_is_stuck(
+    ages: list[tuple[float, State]], *, live: bool
+) -> None:
+    assert is_live([aged(*age) for age in ages]) == live
+
+
+def test_no_route_is_stuck_while_its_worker_starts_or_is_to_be_started_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    worker = WorkerProcess(1, Share(('orders',), to_ros=True))
+    worker.hear(to_line([aged(0.1)]))
+    now_s = time.monotonic() + 2 * STUCK_S
+    fresh = WorkerProcess(2, Share(('new',), to_ros=True))
+    monkeypatch.setattr('time.monotonic', lambda: now_s)
+    assert is_live(fresh.snapshots.values())
+    assert not is_live(worker.snapshots.values())
+    worker.fail('was ended by SIGKILL')
+    assert is_live(worker.snapshots.values())

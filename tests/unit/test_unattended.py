@@ -1,0 +1,38 @@
+"""Threads that nobody waits for, and a process that ends while one of them is at work."""
+
+import subprocess
+import sys
+
+KNOWN = """
+import threading
+from ros2_kafka_bridge import unattended
+ended = threading.Event()
+thread = unattended.start('a look', ended.wait)
+print(unattended.is_any_left())
+ended.set()
+thread.join()
+print(unattended.is_any_left(), end='')
+"""
+WORKER = """
+import time
+from ros2_kafka_bridge import unattended, worker
+unattended.start('a look', lambda: time.sleep(600))
+print('all was said', end='')
+worker._leave(3)
+"""
+
+
+def run(script: str) -> tuple[int, str, str]:
+    """Run it in a process of its own: here other tests may have left one."""
+    done = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, timeout=60, check=False
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_one_is_known_while_it_is_at_work() -> None:
+    assert run(KNOWN) == (0, 'True\nFalse', '')
+
+
+def test_a_worker_ends_beside_one_with_its_status_and_all_that_was_said() -> None:
+    assert run(WORKER) == (3, 'all was said', '')
