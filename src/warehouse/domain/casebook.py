@@ -1,0 +1,437 @@
+"""The Monitor's casebook: every failure from its evidence to its end.
+
+Diagnosis turns evidence into failures; response does something about each, step by step. What is
+decided here is carried out by others: by events, instant actions, and the report.
+"""
+
+from collections.abc import Mapping
+from itertools import chain
+from typing import Final
+
+from warehouse.domain.evidence import Signs, Watch
+from warehouse.domain.execution_profiles import STEPS, ExecutionProfiles, Response
+from warehouse.domain.failures import (
+    ESCALATE,
+    NEVER_S,
+    Failure,
+    Memory,
+    enter,
+    response_to,
+    take_step,
+)
+from warehouse.domain.grid import Grid
+from warehouse.domain.robot_failure_profile import (
+    Evidence,
+    FailureRow,
+    RobotFailureProfile,
+    diagnose,
+)
+from warehouse.domain.standing import RISK_S
+from warehouse.messages import (
+    Blocked,
+    Cell,
+    ErrorLevel,
+    FailureEvent,
+    InstantAction,
+    Task,
+    Tasks,
+    TaskStatus,
+    node_cell,
+)
+
+__all__ = ['FLEET', 'VIOLATION', 'Casebook']
+
+FLEET: Final = ''
+VIOLATION: Final = 'VIOLATION'
+
+STEPS_AT_ONCE: Final = 50  # profiles of others may escalate in a circle
+LONGEST_BLOCK: Final = 8  # times the time of the first one
+
+_ENDED: Final = frozenset((TaskStatus.DELIVERED, TaskStatus.FAILED, TaskStatus.CANCELLED))
+_TAKES_TASKS: Final = frozenset(('release', 'reassign'))
+_LASTING: Final = frozenset(
+    (
+        'slow', 'freeze', 'safe_stop', 'obstacle', 'release', 'reassign',
+        'charge_soon', 'charge_now', 'call_operator', 'out_of_service',
+    )
+)  # fmt: skip
+
+# What has become of a failure whose evidence is gone.
+_WORDS: Final = {
+    'PATH_BLOCKED': 'it drives on',
+    'NODE_UNREACHABLE': 'it has a way again',
+    'NO_ROUTE': 'it can be done again',
+    'DELAYED': 'it drives at its speed again',
+    'STALLED': 'it drives at its speed again',
+    'COMM_LOST': 'it is heard of again',
+    'LOW_BATTERY': 'it is charged',
+    'BATTERY_CRITICAL': 'it is charged',
+    'EMERGENCY_STOP': 'the stop was released in time',
+    'FIELD_VIOLATION': 'its field is free again in time',
+    'OFF_PLAN': 'planned anew from where it is',
+    'ORDER_REJECTED': 'it takes orders again',
+    'CHARGER_FAULT': 'it does not need this charger any more',
+    'SOFTWARE_CRASH': 'it is back, and gets its orders anew',
+    'NO_PROGRESS': 'it goes on',
+}
+
+
+class Casebook:
+    """All failures, and what is done about them.
+
+    Attributes:
+        memory: What must survive a restart.
+        blocked: Cells that are to be driven around.
+        step: Of the newest state.
+        tasks: The newest.
+        events: What has happened since they were taken last.
+        actions: Instant actions, likewise.
+        is_dirty: The memory has changed.
+        is_stirred: How a robot stands may have changed.
+    """
+
+    def __init__(
+        self, grid: Grid, chargers: frozenset[Cell], watches: Mapping[str, Watch]
+    ) -> None:
+        self._grid = grid
+        self._chargers = chargers
+        self._watches = watches
+        self.memory = Memory()
+        self.blocked: dict[Cell, Blocked] = {}
+        self.profiles = ExecutionProfiles()
+        self.profile = RobotFailureProfile()
+        self.step = 0
+        self.tasks: Tasks | None = None
+        self.events: list[FailureEvent] = []
+        self.actions: list[InstantAction] = []
+        self.is_dirty = self.is_stirred = False
+
+    def diagnose(self, name: str, signs: Signs, now_s: float) -> None:
+        """Bring the failures of a robot in line with the evidence that stands."""
+        signs.changed = False
+        self.is_dirty = self.is_stirred = True
+        mine = [failure for failure in self.memory.failures if failure.robot == name]
+        for key, evidence in signs.evidence.items():
+            row = self._row(evidence)
+            failure = next((one for one in mine if key in one.keys), None)
+            if failure is None:
+                mine.append(self._open(name, key, evidence, row, mine, now_s))
+            elif failure.keys[key] != row.code:
+                self._diagnose_anew(failure, key, evidence, row, mine, now_s)
+        for failure in mine:
+            for key in [key for key in failure.keys if key not in signs.evidence]:
+                del failure.keys[key]
+            if not failure.keys and not failure.gone and failure in self.memory.failures:
+                self._lose_evidence(failure, now_s)
+
+    def _row(self, evidence: Evidence) -> FailureRow:
+        if evidence.sign == 'violation':
+            return FailureRow(
+                VIOLATION,
+                cause='software',
+                level=ErrorLevel.FATAL,
+                next_step='look at what was broken, acknowledge, then resume',
+            )
+        return diagnose(evidence, self.profile)
+
+    def _open(
+        self,
+        name: str,
+        key: str,
+        evidence: Evidence,
+        row: FailureRow,
+        mine: list[Failure],
+        now_s: float,
+    ) -> Failure:
+        same = next(
+            (
+                one
+                for one in mine
+                if one.robot and (one.code == row.code or row.code in one.keys.values())
+            ),
+            None,
+        )
+        if same is not None:
+            same.keys[key] = row.code
+            same.gone = False
+            return same
+        cell = self._watches[name].state.cell if name else None
+        what = key if name == FLEET else row.code
+        failure = Failure(
+            f'{name or "fleet"}@{self.step}:{what}',
+            name,
+            row.code,
+            row.level,
+            row.cause,
+            evidence.text,
+            now_s,
+            cell,
+            {key: row.code},
+        )
+        self.memory.failures.append(failure)
+        failure.due_s = now_s
+        task_id = next(iter(self._tasks_of(name)), '')
+        self.say('FailureDetected', failure, now_s, task_id=task_id)
+        response = response_to(row.code, self.profiles)
+        planned = ', '.join(response.steps) or 'nothing'
+        outcome = f'next step for a person: {row.next_step}' if row.next_step else ''
+        self.say('FailureDiagnosed', failure, now_s, response=planned, outcome=outcome)
+        self._count(failure, response, now_s)
+        return failure
+
+    def _count(self, failure: Failure, response: Response, now_s: float) -> None:
+        """Remember the failure; one too many is answered otherwise."""
+        if not failure.robot:
+            return
+        history = self.memory.history.setdefault(failure.robot, [])
+        history[:] = [(code, at_s) for code, at_s in history if now_s - at_s < RISK_S]
+        history.append((failure.code, now_s))
+        if not response.repeats:
+            return
+        since_s = now_s - response.repeats_within_s
+        times = sum(code == failure.code and at_s >= since_s for code, at_s in history)
+        if times >= response.repeats:
+            reason = f'{times} times within {response.repeats_within_s:g} s'
+            self._escalate(failure, response.repeats_to, reason, now_s)
+
+    def _diagnose_anew(
+        self,
+        failure: Failure,
+        key: str,
+        evidence: Evidence,
+        row: FailureRow,
+        mine: list[Failure],
+        now_s: float,
+    ) -> None:
+        """The evidence has changed, and says something else now."""
+        other = next((one for one in mine if one is not failure and one.code == row.code), None)
+        if other is not None:
+            del failure.keys[key]
+            other.keys[key] = row.code
+            return
+        failure.keys[key] = row.code
+        failure.gone = False
+        if failure.code == row.code:
+            return
+        failure.level, failure.cause, failure.evidence = row.level, row.cause, evidence.text
+        self._escalate(failure, row.code, evidence.text, now_s)
+        outcome = f'next step for a person: {row.next_step}' if row.next_step else ''
+        planned = ', '.join(response_to(row.code, self.profiles).steps) or 'nothing'
+        self.say('FailureDiagnosed', failure, now_s, response=planned, outcome=outcome)
+
+    def _escalate(self, failure: Failure, code: str, reason: str, now_s: float) -> None:
+        before = failure.code
+        enter(failure, code, now_s)
+        row = next((row for row in self.profile.rows if row.code == code), None)
+        if row is not None:
+            failure.level = row.level
+        elif 'out_of_service' in response_to(code, self.profiles).steps:
+            failure.level = ErrorLevel.FATAL
+        self.say('FailureEscalated', failure, now_s, outcome=f'{before} became {code}: {reason}')
+
+    def _lose_evidence(self, failure: Failure, now_s: float) -> None:
+        if 'out_of_service' in failure.active:
+            failure.gone = True
+            failure.said = 'shows nothing any more, waits to be told to rejoin'
+            self.say('ResponseOrdered', failure, now_s, response='wait', outcome=failure.said)
+        elif failure.code == VIOLATION:
+            failure.gone = True
+        else:
+            self.resolve(failure, _WORDS.get(failure.code, 'it goes on'), now_s)
+
+    # Response
+
+    def respond(self, now_s: float) -> None:
+        """Do what is due."""
+        for failure in list(self.memory.failures):
+            if failure.due_s <= now_s and not failure.gone:
+                self._respond(failure, now_s)
+
+    def _respond(self, failure: Failure, now_s: float) -> None:
+        self.is_dirty = self.is_stirred = True
+        if failure.code == VIOLATION:
+            failure.due_s = NEVER_S
+            failure.said = 'all robots are told to stand'
+            self.say('ResponseOrdered', failure, now_s, response='halt', outcome=failure.said)
+            return
+        for _ in range(STEPS_AT_ONCE):
+            response = response_to(failure.code, self.profiles)
+            step = take_step(failure, response, now_s)
+            if not step:
+                return
+            if step == ESCALATE:
+                reason = 'all that could be done was done in vain'
+                self._escalate(failure, response.escalate_to, reason, now_s)
+            else:
+                self._do(failure, step, response, now_s)
+
+    def _do(self, failure: Failure, step: str, response: Response, now_s: float) -> None:
+        if step in _LASTING and step not in failure.active:
+            failure.active.append(step)
+        watch = self._watches.get(failure.robot)
+        outcome = STEPS.get(step, step)
+        if step == 'wait':
+            outcome = f'waits for {response.wait_s:g} s'
+        elif watch is not None:
+            outcome = self._do_to(failure, watch, step, response, now_s) or outcome
+        failure.said = outcome
+        task_id = failure.tasks[0] if step in _TAKES_TASKS and failure.tasks else ''
+        self.say(
+            'ResponseOrdered', failure, now_s, response=step, outcome=outcome, task_id=task_id
+        )
+
+    def _do_to(
+        self, failure: Failure, watch: Watch, step: str, response: Response, now_s: float
+    ) -> str:
+        """What a step does to a robot at once; returns the outcome if it is a special one."""
+        name = failure.robot
+        if step in _TAKES_TASKS:
+            if step == 'release' and watch.carrying:
+                failure.active.remove(step)
+                return 'keeps the load that it has'
+            failure.tasks = self._tasks_of(name)
+            if not failure.tasks:
+                if step == 'release':
+                    failure.active.remove(step)
+                return 'it has no task'
+            return f'its tasks go to others: {", ".join(failure.tasks)}'
+        if step == 'retry':
+            self.act(name, 'retry')
+        elif step == 'cancel':
+            self.act(name, 'cancelOrder')
+        elif step == 'safety_area':
+            failure.area = self._area(watch)
+            failure.area_until_s = now_s + response.obstacle_s
+        elif step == 'block_cell':
+            return self._block_ahead(watch, response, now_s)
+        elif step == 'other_charger' and watch.state.cell in self._chargers:
+            self.memory.charger_until[watch.state.last_node_id] = now_s + response.obstacle_s
+        return ''
+
+    def _block_ahead(self, watch: Watch, response: Response, now_s: float) -> str:
+        cell = node_cell(watch.ahead) if watch.ahead else None
+        if cell is None or cell in self.blocked:
+            return 'no other way is planned yet'
+        tries = self.memory.block_tries.get(watch.ahead, 0) + 1
+        self.memory.block_tries[watch.ahead] = tries
+        for_s = response.obstacle_s * min(2 ** (tries - 1), LONGEST_BLOCK)
+        name = watch.state.serial_number
+        self.block(cell, f'{name} could not drive there', now_s, now_s + for_s)
+        return f'cell {watch.ahead} is an obstacle for {for_s:g} s; planned around it'
+
+    def block(self, cell: Cell, reason: str, now_s: float, until_s: float) -> None:
+        """Have a cell driven around until a time; 0: until it is unblocked."""
+        if self._grid.is_free(cell):
+            self.blocked[cell] = Blocked(cell, reason, now_s, until_s)
+            self.is_dirty = self.is_stirred = True
+
+    def _area(self, watch: Watch) -> tuple[Cell, ...]:
+        held = set(chain.from_iterable(other.state.cells for other in self._watches.values()))
+        around = chain.from_iterable(self._grid.neighbours(cell) for cell in watch.state.cells)
+        return tuple(dict.fromkeys(cell for cell in around if cell not in held))
+
+    def _tasks_of(self, name: str) -> list[str]:
+        """What a robot has, or is to do."""
+        if not name:
+            return []
+        loads = [load.load_id for load in self._watches[name].state.loads]
+        given = [
+            task.task_id
+            for task in (self.tasks.tasks if self.tasks is not None else ())
+            if task.robot == name and task.status not in _ENDED
+        ]
+        return list(dict.fromkeys((*loads, *given)))
+
+    def resolve(self, failure: Failure, outcome: str, now_s: float) -> None:
+        """End a failure."""
+        self.memory.failures.remove(failure)
+        self.say('FailureResolved', failure, now_s, outcome=outcome)
+        self.is_dirty = self.is_stirred = True
+
+    def end_violation(self, now_s: float) -> None:
+        """End the failures of broken rules."""
+        for failure in [one for one in self.memory.failures if one.code == VIOLATION]:
+            self.resolve(failure, 'acknowledged and resumed by the operator', now_s)
+
+    def follow_tasks(self, tasks: Mapping[str, Task], now_s: float) -> None:
+        """See who has the tasks that were taken from robots."""
+        for failure in self.memory.failures:
+            if failure.tasks:
+                self._follow(failure, tasks, now_s)
+
+    def _follow(self, failure: Failure, tasks: Mapping[str, Task], now_s: float) -> None:
+        for task_id in list(failure.tasks):
+            task = tasks.get(task_id)
+            ended = task is None or task.status in _ENDED
+            if task is not None and task.robot not in ('', failure.robot):
+                failure.tasks.remove(task_id)
+                outcome = f'{task.robot} has it now'
+                self.say('TaskReassigned', failure, now_s, outcome=outcome, task_id=task_id)
+            elif ended:
+                failure.tasks.remove(task_id)
+                self.is_dirty = True
+        kept = any(
+            (task := tasks.get(task_id)) is not None and task.robot == failure.robot
+            for task_id in failure.tasks
+        )
+        if 'release' in failure.active and not kept:
+            failure.active.remove('release')
+            self.is_dirty = self.is_stirred = True
+
+    def rejoin(self, now_s: float) -> None:
+        """Let robots back into service that were told to rejoin and show no evidence any more."""
+        memory = self.memory
+        for name, until_s in list(memory.rejoining.items()):
+            mine = [
+                one
+                for one in memory.failures
+                if one.robot == name and 'out_of_service' in one.active
+            ]
+            waits = [failure for failure in mine if not failure.gone]
+            for failure in mine:
+                if failure.gone:
+                    self.resolve(failure, 'it was told to rejoin', now_s)
+                elif now_s >= until_s:
+                    outcome = f'it cannot rejoin: {failure.evidence}'
+                    self.say('ResponseOrdered', failure, now_s, response='rejoin', outcome=outcome)
+            if not waits or now_s >= until_s:
+                del memory.rejoining[name]
+                self.is_dirty = True
+
+    def act(self, name: str, action_type: str) -> None:
+        """Have a robot do something at once."""
+        self.memory.sequence += 1
+        self.is_dirty = True
+        action_id = f'{action_type}-{name}-{self.step}-{self.memory.sequence}'
+        self.actions.append(InstantAction(name, action_id, action_type))
+
+    def say(
+        self,
+        event: str,
+        failure: Failure,
+        now_s: float,
+        *,
+        response: str = '',
+        outcome: str = '',
+        task_id: str = '',
+    ) -> None:
+        """Tell of a step in the life of a failure."""
+        self.memory.sequence += 1
+        self.is_dirty = True
+        self.events.append(
+            FailureEvent(
+                failure.failure_id,
+                event,
+                now_s,
+                failure.code,
+                failure.robot,
+                failure.cell,
+                failure.level,
+                failure.cause,
+                failure.evidence,
+                response,
+                outcome,
+                task_id,
+                self.memory.sequence,
+            )
+        )

@@ -1,0 +1,220 @@
+"""Cost Estimator: what it would cost each robot to do each task.
+
+A cost is in seconds: the travel to the load and a part of that with it (short work first), picking
+and dropping, made dearer by the risk that the robot fails on the way, and made cheaper by how
+urgent the task is (its priority, its due time, how long it has waited). A pair without a cost
+cannot be: the robot is too weak, its battery too low, or no way leads there.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
+from warehouse.domain.grid import Distances, Grid
+from warehouse.domain.matching import DEFAULT
+from warehouse.domain.places import obstacles, pick_cells
+from warehouse.domain.site import Site
+from warehouse.messages import Cell, Costs, FleetReport, RobotReport, Task, Tasks, TaskStatus
+
+__all__ = ['CARRY', 'CostEstimator']
+
+Table = NDArray[np.float64]
+
+# Of the way with the load, see `matching`: short work first keeps the mean time low.
+CARRY: Final = DEFAULT.carry
+# What urgency is worth, in seconds of a robot's time.
+PRIORITY_S: Final = 20.0
+WAITING: Final = 0.02  # for each second that a task has waited: a low priority never starves
+LATE: Final = 1.0  # for each second that a task would be late now
+MOST_URGENT_S: Final = 1000.0
+FAILING_S: Final = 120.0  # what a failure on the way costs
+
+WAITS: Final = frozenset((TaskStatus.OPEN, TaskStatus.ASSIGNED, TaskStatus.BLOCKED))
+
+
+class CostEstimator:
+    """Estimates costs on a site; remembers only distances."""
+
+    def __init__(self, site: Site) -> None:
+        self._site = site
+        grid = Grid(site.rows)
+        stock = (cell for product in site.products.values() for cell in product.cells)
+        self._distances = Distances(
+            grid, targets=(*stock, *site.stations.values(), *site.chargers)
+        )
+        self._free = self._distances
+
+    def estimate(
+        self, tasks: Tasks, report: FleetReport, profiles: ExecutionProfiles, now_s: float
+    ) -> Costs:
+        """The costs of all tasks that wait for a robot, and what nobody can do now, and why.
+
+        Robots without a known type take part in nothing.
+        """
+        self._distances = self._known(obstacles(report))
+        waiting = [task for task in tasks.tasks if task.status in WAITS and not task.carried]
+        robots = [
+            robot
+            for robot in report.robots
+            if robot.commissioned
+            and robot.can_move
+            and robot.state.robot_type in profiles.robot_types
+        ]
+        types = [profiles.robot_types[robot.state.robot_type] for robot in robots]
+        infeasible = self._lost_ways(tasks, report)
+        if not waiting:
+            return Costs(tasks.step, infeasible=infeasible)
+        travel = self._travel(robots, waiting)
+        carry = np.array([self._carry(task) for task in waiting])
+        fits = self._fits(robots, types, waiting)
+        can = fits & np.isfinite(travel) & np.isfinite(carry)
+        for number, task in enumerate(waiting):
+            if not can[:, number].any():
+                infeasible[task.task_id] = self._why_not(
+                    task, fits[:, number], travel[:, number], carry[number], robots
+                )
+        can &= self._batteries_last(robots, types, travel, carry, waiting)
+        urgency = _urgency(waiting, now_s)
+        costs = self._seconds(robots, types, travel, carry) - urgency
+        return Costs(
+            tasks.step,
+            tuple(robot.serial_number for robot in robots),
+            tuple(task.task_id for task in waiting),
+            _rows(costs, can),
+            infeasible,
+            tuple(urgency.round(1).tolist()),
+        )
+
+    def _known(self, blocked: frozenset[Cell]) -> Distances:
+        """The distances of now; those of the free floor are kept for when it is free again."""
+        return self._free if not blocked else self._distances.without(blocked)
+
+    def _travel(self, robots: Sequence[RobotReport], tasks: Sequence[Task]) -> Table:
+        """Steps from each robot to where it can pick each load, at one step a cell."""
+        cells = [robot.state.cells[-1] for robot in robots]
+        table = self._distances.between(cells, [task.pickup for task in tasks])
+        for number, task in enumerate(tasks):
+            if task.stranded:
+                ways = self._distances.between(cells, self._pick_cells(task))
+                table[:, number] = ways.min(axis=1, initial=np.inf)
+        return table
+
+    def _carry(self, task: Task) -> float:
+        """Steps from where the load is picked to its station."""
+        starts = self._pick_cells(task) if task.stranded else (task.pickup,)
+        return min((self._distances.steps(cell, task.delivery) for cell in starts), default=np.inf)
+
+    def _pick_cells(self, task: Task) -> tuple[Cell, ...]:
+        return pick_cells(task, self._distances.grid, self._distances.blocked)
+
+    def _fits(
+        self, robots: Sequence[RobotReport], types: Sequence[RobotType], tasks: Sequence[Task]
+    ) -> NDArray[np.bool_]:
+        """Whether each robot may carry each load, wherever it is."""
+        kinds = {kind.name: kind for kind in types}.values()
+        able = {kind.name: [self._carries(kind, task) for task in tasks] for kind in kinds}
+        fits = np.array([able[kind.name] for kind in types], dtype=bool)
+        fits = fits.reshape(len(robots), len(tasks))
+        names = {robot.serial_number: row for row, robot in enumerate(robots)}
+        for column, task in enumerate(tasks):
+            rows = [names[name] for name in task.excluded if name in names]
+            fits[rows, column] = False
+        return fits
+
+    def _carries(self, kind: RobotType, task: Task) -> bool:
+        product = self._site.products.get(task.product)
+        return (
+            task.weight_kg <= kind.max_load_kg
+            and (product is None or product.size in kind.sizes)
+            and kind.name not in task.excluded
+        )
+
+    def _seconds(
+        self,
+        robots: Sequence[RobotReport],
+        types: Sequence[RobotType],
+        travel: Table,
+        carry: Table,
+    ) -> Table:
+        pace = _column([kind.steps_per_cell for kind in types])
+        stands = _column([kind.pick_steps + kind.drop_steps for kind in types])
+        risk = _column([robot.risk for robot in robots])
+        return ((travel + CARRY * carry) * pace + stands) * self._site.step_s + risk * FAILING_S
+
+    def _batteries_last(
+        self,
+        robots: Sequence[RobotReport],
+        types: Sequence[RobotType],
+        travel: Table,
+        carry: Table,
+        tasks: Sequence[Task],
+    ) -> NDArray[np.bool_]:
+        """Whether the battery lasts for the task and for the way to a charger after it."""
+        if not self._site.chargers:
+            return np.ones(travel.shape, dtype=bool)
+        ends = [task.delivery for task in tasks]
+        back = self._distances.between(ends, self._site.chargers).min(axis=1, initial=np.inf)
+        need = (travel + carry + back) * _column([kind.battery.per_cell for kind in types])
+        left = _column(
+            [
+                robot.state.power_supply.state_of_charge - kind.battery.critical
+                for robot, kind in zip(robots, types, strict=True)
+            ]
+        )
+        return np.asarray(need <= left)
+
+    def _lost_ways(self, tasks: Tasks, report: FleetReport) -> dict[str, str]:
+        """Of the loads on a robot: those that cannot get to their station now."""
+        places = {robot.serial_number: robot.state.cells[-1] for robot in report.robots}
+        return {
+            task.task_id: f'no way is free from {place} to the station at {task.delivery}'
+            for task in tasks.tasks
+            if task.carried
+            and (place := places.get(task.robot)) is not None
+            and self._distances.steps(place, task.delivery) == np.inf
+        }
+
+    def _why_not(
+        self,
+        task: Task,
+        fits: NDArray[np.bool_],
+        travel: Table,
+        carry: float,
+        robots: Sequence[RobotReport],
+    ) -> str:
+        if not robots:
+            return 'no robot is in service'
+        if not fits.any():
+            return f'no robot in service can carry {task.product} ({task.weight_kg:g} kg)'
+        if task.pickup in self._distances.blocked and not task.stranded:
+            return f'the stock cell {task.pickup} is blocked'
+        if carry == np.inf:
+            return f'no way is free from {task.pickup} to the station at {task.delivery}'
+        if not np.isfinite(travel[fits]).any():
+            return f'no robot that fits has a free way to {task.pickup}'
+        return f'no robot in service can do it from {task.pickup}'
+
+
+def _urgency(tasks: Iterable[Task], now_s: float) -> Table:
+    """Seconds by which each task is the cheaper."""
+    return np.array([_urgency_of(task, now_s) for task in tasks])
+
+
+def _urgency_of(task: Task, now_s: float) -> float:
+    late_s = 0.0 if task.due_s is None else max(0.0, now_s - task.due_s)
+    waited_s = max(0.0, now_s - task.released_s)
+    return min(MOST_URGENT_S, PRIORITY_S * task.priority + WAITING * waited_s + LATE * late_s)
+
+
+def _column(values: Sequence[float]) -> Table:
+    return np.array(values, dtype=float).reshape(-1, 1)
+
+
+def _rows(costs: Table, can: NDArray[np.bool_]) -> tuple[tuple[float | None, ...], ...]:
+    return tuple(
+        tuple(cost if able else None for cost, able in zip(row, ables, strict=True))
+        for row, ables in zip(costs.round(1).tolist(), can.tolist(), strict=True)
+    )

@@ -1,0 +1,12 @@
+"""Execution Profiles: says what robots can do and what is done about failures, from a file."""
+
+from warehouse.domain.execution_profiles import read_execution_profiles
+from warehouse.nodes.files import say_file
+from warehouse.nodes.node import Module
+
+__all__ = ['start']
+
+
+def start(module: Module) -> None:
+    """Say the file, and again when it has changed."""
+    say_file(module, '/execution_profiles', module.settings.profiles, read_execution_profiles)

@@ -1,0 +1,14 @@
+"""Robot Failure Profile: says which evidence means which failure, from a file."""
+
+from warehouse.domain.robot_failure_profile import read_failure_profile
+from warehouse.nodes.files import say_file
+from warehouse.nodes.node import Module
+
+__all__ = ['start']
+
+
+def start(module: Module) -> None:
+    """Say the file, and again when it has changed."""
+    say_file(
+        module, '/robot_failure_profile', module.settings.failure_profile, read_failure_profile
+    )

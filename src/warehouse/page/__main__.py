@@ -1,0 +1,40 @@
+"""`python -m warehouse.page`: serve the live page until a signal ends it."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from warehouse.domain.site import DEFAULT_SITE, SiteError, read_site
+
+
+def serve(
+    bootstrap_servers: Annotated[str, typer.Option(help='Of Kafka.')] = 'localhost:9092',
+    host: Annotated[str, typer.Option(help='Address to listen on.')] = '127.0.0.1',
+    port: Annotated[
+        int, typer.Option(min=0, max=65_535, help='Port to listen on; 0 takes a free one.')
+    ] = 8080,
+    site: Annotated[Path, typer.Option(help='The site, as the other modules have it.')] = (
+        DEFAULT_SITE
+    ),
+    orders_per_minute: Annotated[
+        float, typer.Option(min=0, max=600, help='Random orders to begin with.')
+    ] = 0.0,
+    allow_host: Annotated[
+        list[str] | None,
+        typer.Option(help='Another name under which browsers reach this page.'),
+    ] = None,
+) -> None:
+    """Serve the live page of the warehouse."""
+    from warehouse.page.server import CannotListen, Where, run  # noqa: PLC0415 (--help needs no server)
+
+    try:
+        where = Where(bootstrap_servers, host, port, tuple(allow_host or ()))
+        run(read_site(site), where, orders_per_minute)
+    except (SiteError, CannotListen) as error:
+        typer.echo(f'warehouse page: {error}', err=True)
+        raise typer.Exit(2) from None
+
+
+if __name__ == '__main__':
+    typer.run(serve)

@@ -1,0 +1,318 @@
+"""`warehouse run`: broker, bridge, modules and page, each a process, until Ctrl-C."""
+
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from random import Random
+from typing import Final, NamedTuple
+
+import msgspec
+
+from ros2_kafka_bridge.testing.embedded_broker import EmbeddedBroker
+from warehouse.children import Child, Program
+from warehouse.domain.faults import read_fault
+from warehouse.domain.site import (
+    DEFAULT_SITE,
+    Site,
+    SiteError,
+    make_site,
+    read_site,
+    site_yaml,
+)
+from warehouse.kafka import AwayError, ask_for_topics, create_topics
+from warehouse.nodes import MODULES
+
+__all__ = ['Options', 'programs_of', 'run', 'site_of', 'write_site']
+
+_DATA: Final = Path(__file__).parent / 'data'
+_BRIDGE: Final = _DATA / 'bridge.yaml'
+_LOOK_S: Final = 0.1
+_START_S: Final = 120.0
+_END_S: Final = 30.0
+_FAILED: Final = 1
+_CANNOT_START: Final = 2
+
+
+class Options(NamedTuple):
+    """What the user asks for.
+
+    Attributes:
+        site: The site file; None for the site of the package, or one made for `robots`.
+        robots: How many robots a site is made for.
+        step_s: Seconds of a step, if not those of the site.
+        bootstrap_servers: Of a real Kafka; None for the embedded broker.
+        domain: ROS domain; None for that of the environment.
+        orders_per_minute: Random orders that are sent.
+        host: Where the page listens.
+        port: Of the page; 0 for no page.
+        seed: Of the made site, the random orders and the robots' random faults.
+        logs: Where the logs go, and stay; None for a place that goes with the warehouse.
+        profiles: The file of the execution profiles.
+        failure_profile: The file of the robot failure profile.
+        failures_per_hour: Faults that the robots show by chance, all together.
+        without: Modules that are not started, because the user runs nodes of their own.
+        allow_hosts: Names under which browsers reach the page, beside that of `host`.
+        faults: Those that robots show for sure, each as `ROBOT:CODE@STEP`.
+    """
+
+    site: Path | None = None
+    robots: int | None = None
+    step_s: float | None = None
+    bootstrap_servers: str | None = None
+    domain: int | None = None
+    orders_per_minute: float = 0.0
+    host: str = '127.0.0.1'
+    port: int = 8080
+    seed: int = 0
+    logs: Path | None = None
+    profiles: Path = _DATA / 'execution_profiles.yaml'
+    failure_profile: Path = _DATA / 'robot_failure_profile.yaml'
+    failures_per_hour: float = 0.0
+    without: tuple[str, ...] = ()
+    allow_hosts: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+
+
+def run(options: Options) -> int:
+    """Run the warehouse until SIGINT or SIGTERM; returns the exit status.
+
+    0: it was stopped. 1: a part could not be kept running. 2: it could not start.
+
+    Raises:
+        SiteError: The site cannot be.
+        FaultError: A fault cannot be.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: stop.set())
+    site = site_of(options)
+    for text in options.faults:
+        read_fault(text, site.robots)
+    with ExitStack() as stack:
+        place = stack.enter_context(_place(options.logs))
+        site_file = write_site(site, place)
+        try:
+            servers = options.bootstrap_servers
+            if servers is None:
+                servers = _embedded(stack)
+            else:
+                create_topics(servers)
+        except AwayError as error:
+            _say(str(error))
+            return _CANNOT_START
+        _set_environ(options, servers)
+        warehouse = _Warehouse(programs_of(options, site_file, servers), place, stop)
+        return warehouse.run(options, site, servers)
+
+
+def site_of(options: Options) -> Site:
+    """The site that is asked for.
+
+    Raises:
+        SiteError: The site cannot be.
+    """
+    if options.robots is not None and options.site is None:
+        site = make_site(options.robots, options.seed)
+    else:
+        site = read_site(options.site or DEFAULT_SITE)
+        if options.robots is not None:
+            if options.robots > len(site.robots):
+                raise SiteError(
+                    f'{options.site}: has {len(site.robots)} robots, not {options.robots}: '
+                    'list more, or ask for fewer'
+                )
+            names = list(site.robots)[: options.robots]
+            site = msgspec.structs.replace(site, robots={n: site.robots[n] for n in names})
+    if options.step_s is not None:
+        site = msgspec.structs.replace(site, step_s=options.step_s)
+    return site
+
+
+def write_site(site: Site, place: Path) -> Path:
+    """Write a site for the modules; returns its file."""
+    text, map_text = site_yaml(site, 'site.map')
+    (place / 'site.map').write_text(map_text, encoding='ascii')
+    path = place / 'site.yaml'
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+class _Warehouse:
+    """All processes.
+
+    Args:
+        programs: What runs, in the order in which it is stopped.
+        place: Where the logs go.
+        stop: Set when all is to end.
+    """
+
+    def __init__(self, programs: Sequence[Program], place: Path, stop: threading.Event) -> None:
+        self._children = [Child(program, place) for program in programs]
+        self._place = place
+        self._stop = stop
+
+    def run(self, options: Options, site: Site, servers: str) -> int:
+        """Start all, keep all running until the stop; returns the exit status."""
+        _say(f'starts {len(self._children)} processes; logs in {self._place}')
+        status = 0
+        try:
+            for child in self._children:
+                child.start()
+                _say(f'{child.program.name} is process {child.pid}')
+            if not self._wait_until_up(options):
+                return _CANNOT_START
+            with _random_orders(options, site, servers):
+                while not self._stop.wait(_LOOK_S):
+                    self._look()
+                    if all(child.out_of_service for child in self._children):
+                        break
+        finally:
+            if any(child.out_of_service for child in self._children):
+                status = _FAILED
+            self._end()
+        return status
+
+    def _look(self) -> None:
+        for child in self._children:
+            if news := child.look():
+                _say(news)
+
+    def _wait_until_up(self, options: Options) -> bool:
+        deadline_s = time.monotonic() + _START_S
+        while not self._stop.is_set():
+            waits = [child for child in self._children if not child.is_ready]
+            if not waits:
+                where = f' http://{options.host}:{options.port}' if options.port else ''
+                _say(f'the warehouse is up:{where} (Ctrl-C stops it)')
+                return True
+            dead = [child for child in waits if not child.runs]
+            if dead or time.monotonic() > deadline_s:
+                for child in dead or waits:
+                    how = 'has ended' if not child.runs else 'does not come up'
+                    _say(f'{child.program.name} {how}:\n{child.story()}')
+                return False
+            self._stop.wait(_LOOK_S)
+        return True
+
+    def _end(self) -> None:
+        """Stop who asks before who answers; what does not end in time is killed."""
+        _say('stops')
+        deadline_s = time.monotonic() + _END_S
+        for child in self._children:
+            child.ask_to_end()
+            if child.program.name in _FIRST and not child.end(deadline_s):
+                _say(f'{child.program.name} was killed:\n{child.story()}')
+        for child in self._children:
+            if not child.end(deadline_s):
+                _say(f'{child.program.name} was killed:\n{child.story()}')
+
+
+_FIRST: Final = frozenset(('page', 'bridge'))
+_OBEYING: Final = frozenset(('robots', 'monitor'))
+
+
+def programs_of(options: Options, site_file: Path, servers: str) -> list[Program]:
+    """Page and bridge first: they drain what the modules have said, while these still run."""
+    python = (sys.executable, '-m')
+    programs = []
+    if options.port:
+        page = ('warehouse.page', '--bootstrap-servers', servers, '--site', str(site_file))
+        where = ('--host', options.host, '--port', str(options.port))
+        # The page sends the random orders then, because a person can change their rate there.
+        rate = ('--orders-per-minute', str(options.orders_per_minute))
+        names = [f'--allow-host={name}' for name in options.allow_hosts]
+        programs.append(Program('page', (*python, *page, *where, *rate, *names), 'http://'))
+    programs.append(
+        Program('bridge', (*python, 'ros2_kafka_bridge', 'run', str(_BRIDGE)), ' runs ')
+    )
+    shared = (
+        '--site', str(site_file), '--bootstrap-servers', servers, '--seed', str(options.seed),
+        '--profiles', str(options.profiles), '--failure-profile', str(options.failure_profile),
+        '--failures-per-hour', str(options.failures_per_hour),
+        *(f'--fail={text}' for text in options.faults),
+    )  # fmt: skip
+    programs += [
+        _module(name, (*python, 'warehouse', 'module', name, *shared), site_file.parent)
+        for name in MODULES
+        if name not in options.without
+    ]
+    return programs
+
+
+def _module(name: str, command: Sequence[str], place: Path) -> Program:
+    alive = place / f'{name}.alive'
+    return Program(name, (*command, '--alive', str(alive)), ': works', alive)
+
+
+def _set_environ(options: Options, servers: str) -> None:
+    """What the processes of the warehouse find in their environment."""
+    os.environ['WAREHOUSE_KAFKA'] = servers
+    # A command waits in Kafka for the modules of ours that obey it; a robot of one's own need not.
+    ours = _OBEYING.difference(options.without)
+    os.environ['WAREHOUSE_COMMAND_READERS'] = str(max(1, len(ours)))
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ['PYTHONUNBUFFERED'] = '1'
+    # A dozen processes that each want all cores for a small matrix only hinder each other.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    if options.domain is not None:
+        os.environ['ROS_DOMAIN_ID'] = str(options.domain)
+
+
+def _embedded(stack: ExitStack) -> str:
+    broker = stack.enter_context(EmbeddedBroker())
+    ask_for_topics(broker.bootstrap_servers)
+    _say(f'an embedded broker answers at {broker.bootstrap_servers}')
+    return broker.bootstrap_servers
+
+
+@contextmanager
+def _place(logs: Path | None) -> Iterator[Path]:
+    if logs is not None:
+        logs.mkdir(parents=True, exist_ok=True)
+        yield logs
+        return
+    place = Path(tempfile.mkdtemp(prefix='warehouse-'))
+    try:
+        yield place
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+@contextmanager
+def _random_orders(options: Options, site: Site, servers: str) -> Iterator[None]:
+    """Send random orders meanwhile, evenly, if no page does."""
+    if options.orders_per_minute <= 0 or options.port:
+        yield
+        return
+    from warehouse.send import send_random  # noqa: PLC0415 (only where orders are sent)
+
+    ended = threading.Event()
+    thread = threading.Thread(
+        target=send_random,
+        args=(
+            servers,
+            site,
+            Random(options.seed),  # noqa: S311 (orders are no secret)
+            60 / options.orders_per_minute,
+            ended,
+        ),
+        name='random orders',
+        daemon=True,
+    )
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join(_END_S)
+
+
+def _say(sentence: str) -> None:
+    print(f'{time.strftime("%H:%M:%S")} {sentence}', flush=True)  # noqa: T201 (for the user)

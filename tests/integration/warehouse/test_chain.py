@@ -1,0 +1,69 @@
+"""The whole warehouse: from an order in Kafka to the robots, and back to Kafka."""
+
+import re
+import signal
+import subprocess
+import sys
+
+from harness import Bench, Process, eventually
+from warehouse_graph import drawn_graph, running_graph
+from warehouses import Warehouse
+
+from warehouse.messages import Line, OrderRequest, OrderStatus
+
+MANY = 600
+
+
+def test_orders_reach_the_robots_and_what_became_of_them_comes_back(bench: Bench) -> None:
+    with Warehouse(bench) as warehouse:
+        warehouse.wait_until_up()
+        assert running_graph(bench, warehouse.site) == drawn_graph(warehouse.site)
+        with bench.script('warehouse_looker.py', *warehouse.site.robots) as looker:
+            looker.wait_for('looks')
+            requests = warehouse.requests(4)
+            unknown = OrderRequest('no-such-product', 0, 'packing-1', (Line('L1', 'unicorn'),))
+            warehouse.send([*requests[:2], unknown, *requests])  # two of them twice
+            bench.produce('warehouse.orders', [b'{"orderId": "unreadable", "lines": 7}', b'what'])
+            warehouse.wait_for_ends([*requests, unknown])
+            looker.wait_for('has seen all')
+        warehouse.assert_each_line_was_delivered_once(requests)
+        ends = warehouse.ends()
+        assert {ends[request.order_id] for request in requests} == {OrderStatus.DELIVERED}
+        assert ends['no-such-product'] is OrderStatus.REJECTED
+        assert ends['unreadable'] is OrderStatus.REJECTED
+        _assert_that_a_full_desk_leaves_orders_in_kafka(bench, warehouse)
+
+
+def _assert_that_a_full_desk_leaves_orders_in_kafka(bench: Bench, warehouse: Warehouse) -> None:
+    before = bench.end_offset('warehouse.orders')
+    bench.produce(
+        'warehouse.orders',
+        [
+            b'{"orderId": "many-%d", "station": "packing-1", '
+            b'"lines": [{"lineId": "L1", "product": "product-001"}]}' % number
+            for number in range(MANY)
+        ],
+    )
+    log = warehouse.logs / 'orders.log'
+    eventually(lambda: 'the desk is full' in log.read_text(), 60, warehouse.story)
+    assert bench.committed('warehouse.orders', 'warehouse.orders') < before + MANY
+
+
+def test_it_runs_with_python_alone_and_ctrl_c_ends_all_of_it(bench: Bench) -> None:
+    command = [
+        sys.executable, '-m', 'warehouse', 'run', '--robots=2', '--step-s=0.2',
+        '--orders-per-minute=60', '--port=0', f'--logs={bench.place / "logs"}',
+    ]  # fmt: skip
+    with Process(command, bench.place / 'run.log', bench.environ) as run:
+        run.wait_for('the warehouse is up', 120)
+        [servers] = re.findall(r'broker answers at (\S+)', run.output())
+        embedded = Bench(bench.place, servers, bench.domain)
+        assert embedded.records('warehouse.order-events', 1), run.output()
+        run.send(signal.SIGINT)
+        assert run.wait(40) == 0, run.output()
+        assert 'was killed' not in run.output()
+        pids = [line.split()[-1] for line in run.output().splitlines() if ' is process ' in line]
+        left = subprocess.run(
+            ['ps', '-o', 'pid=', '-p', ','.join(pids)], capture_output=True, text=True, check=False
+        )
+        assert left.stdout == ''

@@ -1,0 +1,62 @@
+"""A module of one's own in the place of ours."""
+
+import sys
+import time
+from pathlib import Path
+
+from harness import Bench, Process, eventually
+from warehouses import Warehouse
+
+from warehouse.messages import Line, OperatorCommand, OrderRequest, OrderStatus
+
+EXAMPLES = Path(__file__).parents[3] / 'examples'
+
+
+def test_an_allocator_of_ones_own_serves_in_the_place_of_ours(
+    own_bench: Bench, tmp_path: Path
+) -> None:
+    own_command = [sys.executable, str(EXAMPLES / 'greedy_allocator.py')]
+    with (
+        Warehouse(own_bench, '--without=task_allocator') as warehouse,
+        Process(own_command, tmp_path / 'own.log', own_bench.environ) as own,
+    ):
+        warehouse.wait_until_up()
+        assert warehouse.pids('task_allocator') == []
+        requests = warehouse.requests(3)
+        warehouse.send(requests)
+        warehouse.wait_for_ends(requests)
+        assert set(warehouse.ends().values()) == {OrderStatus.DELIVERED}
+        warehouse.assert_each_line_was_delivered_once(requests)
+        assert own.running, own.output()
+
+
+def test_the_driver_of_a_robot_serves_in_the_place_of_the_simulated_fleet(
+    own_bench: Bench, tmp_path: Path
+) -> None:
+    with Warehouse(own_bench, '--without=robots', robots=1) as warehouse:
+        site = warehouse.site
+        [robot] = site.robots.values()
+        own_command = [
+            sys.executable, str(EXAMPLES / 'robot_driver.py'),
+            f'--serial-number={robot.serial_number}', f'--type={robot.robot_type}',
+            f'--home={robot.home[0]},{robot.home[1]}', '--step-s=0.1',
+        ]  # fmt: skip
+        with Process(own_command, tmp_path / 'own.log', own_bench.environ) as own:
+            warehouse.wait_until_up()
+            # The second shows that the first has come, and that none waits for simulated robots.
+            warehouse.command(OperatorCommand('old', 'pause', time_s=time.time() - 100))
+            warehouse.command(OperatorCommand('new', 'acknowledge', time_s=time.time()))
+            log = warehouse.logs / 'monitor.log'
+            eventually(lambda: 'acknowledge' in log.read_text(), 60, warehouse.story)
+            assert 'too late, is not done: pause' in log.read_text()
+            light = [name for name, product in site.products.items() if product.size == 'small']
+            station = next(iter(site.stations))
+            requests = [
+                OrderRequest(f'O-{number}', 0, station, (Line('1', light[number]),))
+                for number in range(2)
+            ]
+            warehouse.send(requests)
+            warehouse.wait_for_ends(requests)
+            assert set(warehouse.ends().values()) == {OrderStatus.DELIVERED}
+            warehouse.assert_each_line_was_delivered_once(requests)
+            assert own.running, own.output()

@@ -1,0 +1,288 @@
+"""The live page in a real browser, with a real Kafka."""
+
+import shutil
+import time
+from collections.abc import Iterator
+from typing import Any, Final
+
+import httpx
+import pytest
+from confluent_kafka import Producer
+from confluent_kafka.admin import NewTopic  # type: ignore[attr-defined]  # public, not in __all__
+from harness import Bench, Process, eventually
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+from warehouse.codec import decode, encode
+from warehouse.messages import (
+    FailureEvent,
+    FleetReport,
+    FleetState,
+    Line,
+    Message,
+    OpenOrders,
+    OperatorCommand,
+    Order,
+    OrderLine,
+    OrderRequest,
+    OrderStatus,
+    Plan,
+    Plans,
+    Position,
+    PowerSupply,
+    RobotReport,
+    RobotState,
+    ValidatorReport,
+    Violation,
+)
+from warehouse.topics import KAFKA
+
+CHROMIUM: Final = shutil.which('chromium')
+PATIENCE_MS: Final = 60_000
+ROBOT: Final = 'carrier-01'
+
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason='no chromium: apt install chromium'),
+]
+
+
+class Stage:
+    """A Kafka, the page's server, and a browser that looks at it."""
+
+    def __init__(self, kafka: LocalKafka, bench: Bench, server: Process, page: Page) -> None:
+        self.kafka = kafka
+        self.bench = bench
+        self.server = server
+        self.page = page
+        self.said: list[str] = []  # errors in the browser's console
+        self.step = 0
+        self._producer = Producer({'bootstrap.servers': kafka.bootstrap_servers})
+        page.on('pageerror', lambda error: self.said.append(str(error)))
+        page.on('console', lambda it: self.said.append(it.text) if it.type == 'error' else None)
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        return self.server.output().split('shown at ')[1].split()[0]
+
+    def put(self, topic: str, message: Message) -> None:
+        """What the bridge would bring to Kafka."""
+        self._producer.produce(topic, encode(message), topic)
+        assert self._producer.flush(30) == 0
+
+    def drive(self) -> None:
+        """One more step: the robot drives along the first column."""
+        self.step += 1
+        row = self.step % 20
+        position = Position(0.5, row + 0.5, 1.57)
+        state = RobotState(
+            self.step, ROBOT, 'carrier', f'0,{row}', position, PowerSupply(61), order_id='o/L1#0'
+        )
+        self.put('warehouse.robots', FleetState(self.step, (state,)))
+        report = RobotReport(ROBOT, state, time.time())
+        self.put('warehouse.fleet', FleetReport(self.step, (report,)))
+        self.put('warehouse.plans', Plans(self.step, (Plan(ROBOT, ((0, row), (5, row))),), 1.25))
+
+    def is_live(self) -> bool:
+        """Whether the page says so, of a robot that has driven just now."""
+        self.drive()
+        return self.page.locator('#live').text_content() == 'Live'
+
+    def look(self, expression: str) -> Any:
+        """What the page's own objects say."""
+        return self.page.evaluate(expression)
+
+    def values(self, topic: str, count: int) -> list[bytes]:
+        """The records of a topic."""
+        return [record.value() or b'' for record in self.bench.records(topic, count, 20)]
+
+
+@pytest.fixture(scope='module')
+def browser() -> Iterator[Browser]:
+    expect.set_options(timeout=PATIENCE_MS)
+    with sync_playwright() as playwright:
+        found = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
+        yield found
+        found.close()
+
+
+@pytest.fixture(scope='module')
+def stage(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
+    place = tmp_path_factory.mktemp('page')
+    with LocalKafka() as kafka:
+        bench = Bench(place, kafka.bootstrap_servers, 0)
+        create_topics(bench)
+        with serve(bench) as server:
+            page = browser.new_page(viewport={'width': 1440, 'height': 900})
+            page.set_default_timeout(PATIENCE_MS)
+            stage = Stage(kafka, bench, server, page)
+            stage.drive()
+            page.goto(stage.url)
+            yield stage
+            page.close()
+            assert server.end() == 0, server.output()
+
+
+def create_topics(bench: Bench) -> None:
+    new = [NewTopic(topic.name, num_partitions=1, replication_factor=1) for topic in KAFKA]
+    admin = bench.admin()  # kept: its futures fail when it goes
+    for made in admin.create_topics(new).values():
+        made.result(20)
+
+
+def serve(bench: Bench) -> Process:
+    options = ['--bootstrap-servers', bench.bootstrap_servers, '--port', '0']
+    server = bench._start('-m', 'warehouse.page', *options)
+    server.wait_for('shown at')
+    return server
+
+
+@pytest.fixture(autouse=True)
+def _nothing_goes_wrong_in_the_browser(stage: Stage) -> Iterator[None]:
+    yield
+    assert stage.said == []
+
+
+def test_robots_are_seen_to_move_smoothly(stage: Stage) -> None:
+    eventually(stage.is_live, 60)
+    expect(stage.page.locator('#robots')).to_contain_text(ROBOT)
+    between: list[float] = []
+
+    def glides() -> bool:
+        stage.drive()
+        row = float(stage.look(f"window.warehouse.map.robots.get('{ROBOT}')?.y ?? 0"))
+        if row % 1 != 0:
+            between.append(row)
+        return len(set(between)) >= 3
+
+    eventually(glides, 60)
+    assert stage.look("document.getElementById('map').width") > 300
+
+
+def test_an_order_of_the_form_arrives_in_kafka(stage: Stage) -> None:
+    page = stage.page
+    page.click('#new-order')
+    page.select_option('#order-station', 'packing-2')
+    page.select_option('#order-priority', '6')
+    page.fill('#order-due', '5')
+    page.select_option('#order-lines .product', 'green-tea')
+    page.fill('#order-lines .quantity', '3')
+    page.click('#order-send')
+    expect(page.locator('#toast')).to_contain_text('was sent')
+    [value] = stage.values('warehouse.orders', 1)
+    order = decode(value, OrderRequest)
+    assert order.order_id in (page.locator('#toast').text_content() or '')
+    assert (order.station, order.priority) == ('packing-2', 6)
+    assert order.lines == (Line('L1', 'green-tea', 3),)
+    assert order.due_time is not None
+    assert 0 < order.due_time.timestamp() - time.time() <= 300
+
+
+def test_a_robot_is_failed_and_a_cell_is_blocked(stage: Stage) -> None:
+    page = stage.page
+    page.locator('#robots .row-name', has_text=ROBOT).click()
+    page.select_option('#fail-code', 'COMM_LOST')
+    page.click('#fail')
+    expect(page.locator('#toast')).to_contain_text(f'{ROBOT}')
+    page.check('#block-mode')
+    cell = stage.look(
+        '(() => { const m = window.warehouse.map, at = (n) => (n + 0.5 + 0.6) * m.cell;'
+        ' return { x: at(2), y: at(3) }; })()'
+    )
+    page.click('#map', position=cell)
+    expect(page.locator('#toast')).to_contain_text('cell 2, 3')
+    page.uncheck('#block-mode')
+    failed, blocked = (
+        decode(value, OperatorCommand) for value in stage.values('warehouse.commands', 2)
+    )
+    assert (failed.command, failed.robot, failed.failure) == ('failRobot', ROBOT, 'COMM_LOST')
+    assert (blocked.command, blocked.cell, blocked.known) == ('blockCell', (2, 3), False)
+    assert failed.command_id != blocked.command_id
+    eventually(lambda: stage.look('window.warehouse.map.placed.length') == 1, 60)
+
+
+def test_a_failure_is_told_with_its_cause_and_answer(stage: Stage) -> None:
+    def tell(event: str, **more: str) -> None:
+        stage.put('warehouse.failures', FailureEvent('f1', event, time.time(), **more))  # type: ignore[arg-type]
+
+    tell('FailureDetected', robot=ROBOT, evidence='no state for 5.2 s')
+    tell('FailureDiagnosed', robot=ROBOT, code='COMM_LOST', cause='communications')
+    tell('ResponseOrdered', robot=ROBOT, response='reassign')
+    card = stage.page.locator('#failures .card')
+    for words in ('Comm lost', ROBOT, 'no state for 5.2 s', 'communications', 'reassign'):
+        expect(card).to_contain_text(words)
+    tell('FailureResolved', robot=ROBOT, outcome='repaired')
+    expect(card).to_contain_text('repaired')
+    expect(stage.page.locator('#failures-count')).to_have_text('0 open, 1 in all')
+
+
+def test_text_of_kafka_is_never_html(stage: Stage) -> None:
+    evil = '<img src=x onerror="document.title=1"><script>document.title=2</script>'
+    lines = (OrderLine('L1', evil),)
+    order = Order(evil, 0, evil, lines, time.time(), status=OrderStatus.PLANNED)
+    stage.put('warehouse.open-orders', OpenOrders((order,)))
+    row = stage.page.locator('#orders .row-name').first
+    expect(row).to_have_text(evil)
+    row.click()
+    expect(stage.page.locator('#orders .lines .what')).to_contain_text(evil)
+    assert stage.page.locator('main img').count() == 0
+    assert 'Grocery' in stage.page.title()
+
+
+def test_a_broken_rule_is_a_red_banner_until_a_person_has_seen_it(stage: Stage) -> None:
+    broken = Violation(7, 'vertex', 'two robots on cell 3,3')
+    stage.put('warehouse.validator', ValidatorReport(7, 7, (broken,)))
+    banner = stage.page.locator('.banner.bad')
+    expect(banner).to_contain_text('two robots on cell 3,3')
+    stage.page.click('#acknowledge')
+    expect(banner).to_have_count(0)
+
+
+@pytest.mark.parametrize('path', ['api/orders', 'api/commands', 'api/rate'])
+def test_a_post_of_another_site_is_refused(stage: Stage, path: str) -> None:
+    body = '{"command": "pause"}'
+    ours = {'origin': stage.url.rstrip('/'), 'content-type': 'application/json'}
+    for theirs, status in (
+        ({'origin': 'http://evil.example'}, 403),
+        ({'origin': 'null'}, 403),
+        ({'host': 'evil.example'}, 421),
+        ({'content-type': 'text/plain'}, 415),
+    ):
+        answer = httpx.post(stage.url + path, headers={**ours, **theirs}, content=body)
+        assert answer.status_code == status, answer.text
+    refused = httpx.post(stage.url + path, headers=ours, content='{"what": 1}')
+    assert refused.status_code == 400
+    assert 'what' in refused.json()['error']
+    large = httpx.post(stage.url + path, headers=ours, content=b'x' * 100_000)
+    assert large.status_code == 413
+
+
+def test_another_pages_script_cannot_order_from_a_browser(stage: Stage, browser: Browser) -> None:
+    before = stage.bench.end_offset('warehouse.commands')
+    other = browser.new_page()
+    other.route('http://evil.example/', lambda route: route.fulfill(body='<p>hello</p>'))
+    other.goto('http://evil.example/')
+    outcome = other.evaluate(
+        """async (url) => {
+            const outcomes = [];
+            for (const type of ['application/json', 'text/plain']) {
+                await fetch(url, {method: 'POST', headers: {'content-type': type},
+                                  body: '{"command": "pause"}'})
+                    .then(() => outcomes.push('read'), () => outcomes.push('refused'));
+            }
+            return outcomes;
+        }""",
+        stage.url + 'api/commands',
+    )
+    other.close()
+    assert outcome == ['refused', 'refused']
+    assert stage.bench.end_offset('warehouse.commands') == before
+
+
+def test_what_is_old_is_said_and_the_page_comes_back_by_itself(stage: Stage) -> None:
+    expect(stage.page.locator('#live')).to_have_text('Old data')  # nobody drives
+    stage.kafka.kill()
+    expect(stage.page.locator('.banner.warn')).to_contain_text('Kafka does not answer')
+    stage.kafka.start()
+    eventually(stage.is_live, 60)
+    expect(stage.page.locator('.banner')).to_have_count(0)

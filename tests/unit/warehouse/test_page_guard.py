@@ -1,0 +1,91 @@
+"""Only the page's own pages may order, and only under the names that it was told."""
+
+import asyncio
+
+import httpx
+import pytest
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
+
+from ros2_kafka_bridge.monitoring.guard import names_of
+from warehouse.page.guard import Guard
+
+PAGE = 'http://127.0.0.1:8080'
+JSON = {'content-type': 'application/json'}
+OURS = {'origin': PAGE, **JSON}
+
+
+async def say_done(_request: Request) -> Response:
+    return PlainTextResponse('done')
+
+
+def ask(
+    method: str, headers: dict[str, str], host: str = '127.0.0.1', *more: str
+) -> httpx.Response:
+    guard = Middleware(Guard, names=names_of(host, 8080, more).hosts)
+    routes = [Route('/', say_done, methods=['GET', 'POST', 'PUT', 'DELETE'])]
+    app = Starlette(routes=routes, middleware=[guard])
+
+    async def once() -> httpx.Response:
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url=PAGE) as client:
+            return await client.request(method, '/', headers=headers, content='{}')
+
+    return asyncio.run(once())
+
+
+def test_the_page_itself_may_read_and_order() -> None:
+    assert ask('GET', {}).status_code == 200
+    assert ask('POST', OURS).status_code == 200
+
+
+@pytest.mark.parametrize('host', ['127.0.0.1:8080', 'localhost:8080', '[::1]:8080', 'LOCALHOST'])
+def test_this_machine_has_several_names(host: str) -> None:
+    assert ask('GET', {'host': host}).status_code == 200
+
+
+@pytest.mark.parametrize('host', ['evil.example', 'evil.example:8080', '127.0.0.1:9999', ''])
+def test_a_name_that_was_bent_to_this_address_gets_nothing(host: str) -> None:
+    answer = ask('GET', {'host': host})
+    assert answer.status_code == 421
+    assert 'done' not in answer.text
+
+
+@pytest.mark.parametrize('method', ['POST', 'PUT', 'DELETE'])
+@pytest.mark.parametrize(
+    'origin',
+    ['http://evil.example', 'null', '', 'http://localhost:8080', 'http://127.0.0.1:8081'],
+)
+def test_a_page_of_another_site_may_order_nothing(method: str, origin: str) -> None:
+    answer = ask(method, {**OURS, 'origin': origin})
+    assert answer.status_code == 403
+    assert 'may order nothing here' in answer.json()['error']
+
+
+def test_a_request_without_origin_may_order_nothing() -> None:
+    assert ask('POST', JSON).status_code == 403
+
+
+@pytest.mark.parametrize('kind', ['text/plain', 'application/x-www-form-urlencoded', ''])
+def test_what_a_plain_form_can_send_is_refused(kind: str) -> None:
+    answer = ask('POST', {**OURS, 'content-type': kind})
+    assert answer.status_code == 415
+
+
+def test_a_name_that_the_user_adds_is_served() -> None:
+    headers = {'host': 'floor.example:8080', 'origin': 'https://floor.example:8080', **JSON}
+    assert ask('POST', headers).status_code == 421
+    assert ask('POST', headers, '0.0.0.0', 'floor.example').status_code == 200  # noqa: S104
+
+
+def test_every_answer_keeps_the_page_to_itself() -> None:
+    for answer in (ask('GET', {}), ask('GET', {'host': 'evil.example'})):
+        policy = answer.headers['content-security-policy']
+        assert "default-src 'none'" in policy
+        assert 'unsafe' not in policy
+        assert "frame-ancestors 'none'" in policy
+        assert answer.headers['x-content-type-options'] == 'nosniff'
+        assert 'access-control-allow-origin' not in answer.headers

@@ -1,0 +1,225 @@
+"""What the page shows, after any records in any order."""
+
+import json
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from warehouse.codec import encode
+from warehouse.domain.site import Site
+from warehouse.messages import (
+    ErrorLevel,
+    FailureEvent,
+    FleetReport,
+    FleetState,
+    Message,
+    OpenOrders,
+    OperatorCommand,
+    Order,
+    OrderEvent,
+    OrderLine,
+    OrderStatus,
+    Plans,
+    Position,
+    PowerSupply,
+    RobotReport,
+    RobotState,
+    ValidatorReport,
+    Violation,
+)
+from warehouse.page.app import new_order_id
+from warehouse.page.view import SNAPSHOTS, STREAMS, View
+from warehouse.topics import KAFKA
+
+SITE = Site('small', ('....',), {'packing-1': (3, 0)}, {}, {})
+NOW_S = 1000.0
+
+
+def robot(column: int, name: str = 'carrier-01') -> RobotState:
+    position = Position(column + 0.5, 0.5)
+    return RobotState(1, name, 'carrier', f'{column},0', position, PowerSupply(50))
+
+
+def put(view: View, topic: str, message: Message, now_s: float = NOW_S) -> None:
+    view.take(topic, encode(message).encode(), now_s, now_s)
+
+
+def look(view: View, seen: dict[str, int] | None = None) -> dict[str, Any]:
+    text = view.newer({} if seen is None else seen)
+    found: dict[str, Any] = json.loads(text) if text else {}
+    return found
+
+
+def an_order(order_id: str = 'o') -> Order:
+    return Order(order_id, 0, 'packing-1', (OrderLine('L1', 'tea', 2),), 10.0)
+
+
+def test_every_topic_that_comes_from_ros_is_read() -> None:
+    from_ros = {topic.name for topic in KAFKA if not topic.to_ros}
+    assert from_ros <= {*SNAPSHOTS, *STREAMS}
+    assert {topic.name for topic in KAFKA} >= {*SNAPSHOTS, *STREAMS}
+
+
+def test_a_browser_gets_what_changed_since_it_looked_and_nothing_twice() -> None:
+    view, seen = View(SITE), dict[str, int]()
+    put(view, 'warehouse.robots', FleetState(1, (robot(1),)))
+    put(view, 'warehouse.plans', Plans(1))
+    assert look(view, seen).keys() == {'floor', 'plans'}
+    assert look(view, seen) == {}
+    put(view, 'warehouse.robots', FleetState(2, (robot(2),)))
+    assert look(view, seen)['floor']['robots'][0]['x'] == 2.0
+    assert look(view).keys() == {'floor', 'plans'}  # another one gets all
+
+
+def test_a_robot_travels_when_it_was_elsewhere_a_step_ago() -> None:
+    view = View(SITE)
+    put(view, 'warehouse.robots', FleetState(1, (robot(1),)))
+    put(view, 'warehouse.robots', FleetState(2, (robot(2),)))
+    assert look(view)['floor']['robots'][0]['status'] == 'travelling'
+    put(view, 'warehouse.robots', FleetState(2, (robot(2),)))  # the same step once more
+    assert look(view)['floor']['robots'][0]['status'] == 'travelling'
+    put(view, 'warehouse.robots', FleetState(3, (robot(2),)))
+    assert look(view)['floor']['robots'][0]['status'] == 'idle'
+
+
+def test_a_robot_that_is_heard_no_more_stays_where_the_monitor_last_saw_it() -> None:
+    view = View(SITE)
+    report = RobotReport('carrier-01', robot(2), 1.0, failure='COMM_LOST', level=ErrorLevel.FATAL)
+    put(view, 'warehouse.fleet', FleetReport(1, (report,), halted='paused'))
+    put(view, 'warehouse.robots', FleetState(2, ()))
+    floor = look(view)['floor']
+    assert [(row['id'], row['x'], row['status']) for row in floor['robots']] == [
+        ('carrier-01', 2.0, 'silent')
+    ]
+    assert floor['halted'] == 'paused'
+
+
+def test_an_order_that_ended_moves_to_the_ended_ones_with_its_lines() -> None:
+    view = View(SITE)
+    put(view, 'warehouse.open-orders', OpenOrders((an_order(),)))
+    assert [row['id'] for row in look(view)['orders']['open']] == ['o']
+    put(view, 'warehouse.open-orders', OpenOrders())
+    put(view, 'warehouse.order-events', OrderEvent('o', 0, OrderStatus.DELIVERED, 50.0, 'L1'))
+    put(view, 'warehouse.order-events', OrderEvent('o', 0, OrderStatus.DELIVERED, 50.0))
+    orders = look(view)['orders']
+    assert (orders['open'], orders['openCount']) == ([], 0)
+    [ended] = orders['ended']
+    assert (ended['status'], ended['lines'][0]['product']) == ('DELIVERED', 'tea')
+
+
+def test_an_update_that_comes_too_late_does_not_change_how_an_order_ended() -> None:
+    view = View(SITE)
+    for update, status in ((0, 'RECEIVED'), (0, 'DELIVERED'), (1, 'REJECTED')):
+        put(view, 'warehouse.order-events', OrderEvent('o', update, OrderStatus(status), 50.0))
+    put(view, 'warehouse.order-events', OrderEvent('p', 0, OrderStatus.REJECTED, 50.0))
+    ended = {row['id']: row['status'] for row in look(view)['orders']['ended']}
+    assert ended == {'o': 'DELIVERED', 'p': 'REJECTED'}
+
+
+def test_an_end_that_is_read_before_an_older_snapshot_is_not_forgotten() -> None:
+    view = View(SITE)
+    put(view, 'warehouse.order-events', OrderEvent('o', 0, OrderStatus.DELIVERED, 50.0))
+    put(view, 'warehouse.open-orders', OpenOrders((an_order(),)))
+    put(view, 'warehouse.open-orders', OpenOrders())
+    orders = look(view)['orders']
+    assert (orders['open'], [row['id'] for row in orders['ended']]) == ([], ['o'])
+
+
+def test_an_order_that_a_higher_update_opens_anew_is_open_again() -> None:
+    view = View(SITE)
+    put(view, 'warehouse.order-events', OrderEvent('o', 0, OrderStatus.CANCELLED, 50.0))
+    put(view, 'warehouse.open-orders', OpenOrders((an_order(),)))
+    orders = look(view)['orders']
+    assert ([row['id'] for row in orders['open']], orders['ended']) == (['o'], [])
+
+
+def test_a_failure_that_is_told_twice_is_shown_once() -> None:
+    view = View(SITE)
+    seen = FailureEvent('f1', 'FailureDetected', 5.0, 'STALLED', evidence='no progress')
+    for _ in range(2):
+        put(view, 'warehouse.failures', seen)
+    [failure] = look(view)['failures']
+    assert len(failure['steps']) == 1
+
+
+def test_what_a_person_has_put_on_the_floor_is_shown_before_a_robot_finds_it() -> None:
+    view = View(SITE)
+    put(view, 'warehouse.commands', OperatorCommand('c1', 'blockCell', cell=(2, 0)))
+    assert look(view)['floor']['placed'] == [[2, 0]]
+    put(view, 'warehouse.commands', OperatorCommand('c2', 'unblockCell', cell=(2, 0)))
+    assert look(view)['floor']['placed'] == []
+
+
+def test_a_violation_is_news_until_it_is_acknowledged_and_again_when_there_is_another() -> None:
+    view = View(SITE)
+    one = Violation(5, 'vertex', 'two robots on 1,0')
+    put(view, 'warehouse.validator', ValidatorReport(5, 5, (one,)))
+    assert look(view)['validator'].items() >= {'broken': 1, 'acknowledged': 0}.items()
+    put(view, 'warehouse.commands', OperatorCommand('c1', 'acknowledge'))
+    put(view, 'warehouse.validator', ValidatorReport(6, 6, (one, one)))
+    assert look(view)['validator'].items() >= {'broken': 2, 'acknowledged': 1}.items()
+
+
+def test_what_cannot_be_read_is_counted_and_changes_nothing() -> None:
+    view = View(SITE)
+    put(view, 'warehouse.robots', FleetState(1, (robot(1),)))
+    for value in (None, b'', b'{', b'[]', b'{"step": "x"}'):
+        view.take('warehouse.robots', value, NOW_S, NOW_S)
+    view.tick(NOW_S, kafka_away='', rate=0)
+    shown = look(view)
+    assert shown['health']['unreadable'] == 5
+    assert shown['floor']['step'] == 1
+
+
+def test_the_age_of_what_is_shown_is_that_of_the_record() -> None:
+    view = View(SITE)
+    view.take('warehouse.robots', encode(FleetState(1)).encode(), NOW_S, NOW_S - 60)
+    view.tick(NOW_S + 5, kafka_away='Connection refused', rate=3.0)
+    health = look(view)['health']
+    assert health['ages'] == {'warehouse.robots': 65.0}
+    assert (health['kafkaAway'], health['rate']) == ('Connection refused', 3.0)
+
+
+def test_what_is_kept_of_a_long_history_has_a_bound() -> None:
+    view = View(SITE)
+    for number in range(5000):
+        name = f'o{number}'
+        put(view, 'warehouse.order-events', OrderEvent(name, 0, OrderStatus.DELIVERED, number))
+        put(view, 'warehouse.failures', FailureEvent(f'f{number}', 'FailureDetected', number))
+        put(view, 'warehouse.failures', FailureEvent('f0', 'ResponseOrdered', number))
+    shown = look(view)
+    assert [row['id'] for row in shown['orders']['ended'][:2]] == ['o4999', 'o4998']
+    assert len(shown['orders']['ended']) <= 200
+    assert len(shown['failures']) <= 300
+    assert len(view.newer({})) < 200_000
+
+
+LIFE = (
+    ('warehouse.open-orders', OpenOrders((an_order(),))),
+    ('warehouse.order-events', OrderEvent('o', 0, OrderStatus.RECEIVED, 10.0)),
+    ('warehouse.order-events', OrderEvent('o', 0, OrderStatus.DELIVERED, 50.0, 'L1')),
+    ('warehouse.order-events', OrderEvent('o', 0, OrderStatus.DELIVERED, 50.0)),
+    ('warehouse.failures', FailureEvent('f1', 'FailureDetected', 5.0)),
+    ('warehouse.failures', FailureEvent('f1', 'FailureResolved', 9.0)),
+    ('warehouse.robots', FleetState(3, (robot(1),))),
+    ('warehouse.fleet', FleetReport(3, (RobotReport('carrier-01', robot(1), 1.0),))),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.sampled_from(LIFE), max_size=20))
+def test_topics_may_be_read_in_any_order_and_repeatedly(
+    records: list[tuple[str, Message]],
+) -> None:
+    view, seen, shown = View(SITE), dict[str, int](), dict[str, Any]()
+    for topic, message in records:
+        put(view, topic, message)
+        shown.update(look(view, seen))
+    view.tick(NOW_S, kafka_away='', rate=0)
+    shown.update(look(view, seen))
+    assert shown == look(view)
+
+
+def test_no_two_orders_of_pages_have_the_same_name() -> None:
+    assert len({new_order_id() for _ in range(20_000)}) == 20_000
