@@ -1,10 +1,12 @@
 # Each target does all the set-up that it needs, in .venv.
 
 PYTHON ?= python3
-T ?= tests
+T ?= tests/unit tests/integration
+LONG := tests/system tests/faults
 A ?=
 # Most tests wait for other processes, so that four at once keep two cores busy.
 JOBS ?= 4
+PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 PORT ?= 9092
 TOPICS ?=
 
@@ -22,12 +24,12 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 export ROS2_KAFKA_BRIDGE_KAFKA_JARS ?= $(CURDIR)/.kafka/jars
 
-.PHONY: help setup demo warehouse test check lint format types locked kafka bench experiment faults soak
-.PHONY: fuzz churn routes docs lock java
+.PHONY: help setup demo warehouse test test-long test-all jars check lint format types locked kafka
+.PHONY: bench experiment faults soak fuzz churn routes docs lock java
 .DEFAULT_GOAL := help
 
 help: ## what there is to make
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(READY) ## .venv with the locked dependencies and this project
 
@@ -37,8 +39,14 @@ demo: $(READY) ## orders through Kafka and ROS 2 and back, with Python alone (A=
 warehouse: $(READY) ## orders, robots and a live page: a whole warehouse (A='--robots 30', A=--help)
 	@$(BIN)/warehouse run --orders-per-minute 5 $(A)
 
-test: $(if $(filter-out tests/unit%,$(T)),java $(JAZZY)) $(READY) ## all tests (some: T=tests/unit, A='-k name')
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(T) $(A)
+test: $(if $(filter-out tests/unit%,$(T)),jars) $(if $(filter $(LONG:=%) tests,$(T)),$(JAZZY)) $(READY) ## what a change must pass (some: T=tests/unit, A='-k name')
+	$(PYTEST) $(T) $(A)
+
+test-long: jars $(JAZZY) $(READY) ## the long tests: the whole system, faults, properties at random
+	$(PYTEST) $(LONG) $(A); long=$$?; \
+	$(PYTEST) tests/unit -m hypothesis --hypothesis-profile=random $(A) && exit $$long
+
+test-all: test test-long ## both
 
 check: lint format types locked ## what must hold before a commit: lint, format, types, lock
 
@@ -120,6 +128,10 @@ $(READY): pyproject.toml requirements.lock
 	@$(BIN)/uv pip install --quiet --python $(BIN)/python --require-hashes -r requirements.lock
 	@$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --editable .
 	@touch $@
+
+# Once for all, before the tests that need them begin at the same time.
+jars: java $(READY)
+	@$(BIN)/python -c 'from ros2_kafka_bridge.testing.kafka_jars import install_jars; install_jars()'
 
 java:
 	@"$${JAVA_HOME:+$$JAVA_HOME/bin/}java" -version 2>&1 | \

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import uuid
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Self
@@ -16,6 +17,8 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     AdminClient,
     NewTopic,
 )
+from ending import KILLED_S
+from patience import patient
 from ruamel.yaml import YAML
 from warm import Warm
 
@@ -23,7 +26,7 @@ from ros2_kafka_bridge.ros.profile import FASTDDS_3, Endpoints, make_profile
 from ros2_kafka_bridge.testing.hosts import Host
 
 PEERS = Path(__file__).parent / 'peers'
-PATIENCE_S = 60.0  # a bridge alone may take 12 s to start on a busy machine
+PATIENCE_S = 60.0  # stretched, as all that is waited for here (patience.patient)
 READ_AT_THE_START = frozenset({'PYTHONPATH', 'LD_LIBRARY_PATH'})  # by Python and the linker
 WORKER = ('-P', '-m', 'ros2_kafka_bridge.worker', '--log-format=text', '--routes=')
 
@@ -57,7 +60,7 @@ class Process:
     def __exit__(self, *_: object) -> None:
         if self._popen.poll() is None:
             self._popen.kill()
-        self._popen.wait()
+        self._popen.wait(patient(KILLED_S))
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal."""
@@ -66,7 +69,7 @@ class Process:
     def kill(self) -> None:
         """SIGKILL, and wait until it is gone."""
         self._popen.kill()
-        self._popen.wait()
+        self._popen.wait(patient(KILLED_S))
 
     def end(self, timeout_s: float = 40.0) -> int:
         """SIGTERM; returns the exit status."""
@@ -76,9 +79,11 @@ class Process:
     def wait(self, timeout_s: float = PATIENCE_S) -> int:
         """Wait for its own end; returns the exit status."""
         try:
-            return self._popen.wait(timeout_s)
+            return self._popen.wait(patient(timeout_s))
         except subprocess.TimeoutExpired:
-            raise AssertionError(f'still running after {timeout_s} s:\n{self.output()}') from None
+            raise AssertionError(
+                f'still running after {patient(timeout_s)} s:\n{self.output()}'
+            ) from None
 
     @property
     def pid(self) -> int:
@@ -114,7 +119,7 @@ def eventually(
     condition: Callable[[], bool], timeout_s: float, what: Callable[[], str] = lambda: 'never'
 ) -> None:
     """Wait until a condition holds."""
-    deadline = time.monotonic() + timeout_s
+    deadline = time.monotonic() + patient(timeout_s)
     while not condition():
         assert time.monotonic() < deadline, what()
         time.sleep(0.02)
@@ -139,14 +144,29 @@ def wait_until_it_reads(bridge: Process, topic: str) -> None:
 
 
 class Bench:
-    """What a test works with: a place for files, a broker, a ROS domain."""
+    """What a test works with: a place for files, a broker, a ROS domain, a bridge's name.
+
+    Args:
+        place: Where its files go.
+        bootstrap_servers: Of the broker.
+        domain: The ROS domain.
+        host: Where its processes run, on this machine if None.
+        name: Of the bridge, and so of its groups and clients; one that nobody else has if None.
+    """
 
     def __init__(
-        self, place: Path, bootstrap_servers: str, domain: int, host: Host | None = None
+        self,
+        place: Path,
+        bootstrap_servers: str,
+        domain: int,
+        *,
+        host: Host | None = None,
+        name: str | None = None,
     ) -> None:
         self.place = place
         self.bootstrap_servers = bootstrap_servers
         self.domain = domain
+        self.name = name or f'test-{uuid.uuid4().hex[:8]}'
         self._environ = {'ROS_DOMAIN_ID': str(domain)}
         self._host = host
         self._count = 0
@@ -157,7 +177,7 @@ class Bench:
         """The same, but what it starts runs on that host."""
         place = self.place / host.name
         place.mkdir(exist_ok=True)
-        return Bench(place, self.bootstrap_servers, self.domain, host)
+        return Bench(place, self.bootstrap_servers, self.domain, host=host, name=self.name)
 
     @property
     def patient_kafka(self) -> dict[str, Any]:
@@ -168,14 +188,19 @@ class Bench:
         return {'bootstrap.servers': self.bootstrap_servers, 'session.timeout.ms': 60_000}
 
     @property
+    def group(self) -> str:
+        """The consumer group of the route `to_ros`."""
+        return f'{self.name}.to_ros'
+
+    @property
     def environ(self) -> dict[str, str]:
         """The environment of what the test starts."""
         return {**os.environ, **self._environ}
 
-    def config(self, routes: list[dict[str, Any]], name: str = 'test', **more: Any) -> Path:
+    def config(self, routes: list[dict[str, Any]], name: str = '', **more: Any) -> Path:
         """Write a configuration file; returns its path."""
         content = {
-            'name': name,
+            'name': name or self.name,
             'kafka': {'bootstrap.servers': self.bootstrap_servers},
             'routes': routes,
             **more,
@@ -209,7 +234,8 @@ class Bench:
             [sys.executable, '-m', 'ros2_kafka_bridge', *arguments],
             capture_output=True,
             text=True,
-            timeout=timeout_s,
+            timeout=patient(timeout_s),
+            stdin=subprocess.DEVNULL,
             check=False,
             env={**os.environ, **self._environ},
         )
@@ -267,7 +293,7 @@ class Bench:
         properties = {key.replace('_', '.'): value for key, value in config.items()}
         new = NewTopic(topic, num_partitions=partitions, replication_factor=1, config=properties)
         admin = self.admin()  # kept: its futures fail when it goes
-        admin.create_topics([new])[topic].result(PATIENCE_S)
+        admin.create_topics([new])[topic].result(patient(PATIENCE_S))
         # Until its leader has begun, it may pass over the first record of a test's producer.
         for partition in range(partitions):
             self.end_offset(topic, partition)
@@ -293,7 +319,7 @@ class Bench:
                     break
                 except BufferError:
                     producer.poll(0.1)
-        assert producer.flush(60) == 0
+        assert producer.flush(patient(PATIENCE_S)) == 0
         assert errors == []
         self._producers.append(producer)
 
@@ -320,7 +346,7 @@ class Bench:
         found: list[Message] = []
         with contextlib.closing(Consumer(config)) as consumer:
             consumer.subscribe([topic])
-            deadline = time.monotonic() + timeout_s
+            deadline = time.monotonic() + patient(timeout_s)
             while len(found) < count and time.monotonic() < deadline:
                 found += [m for m in consumer.consume(1000, 0.1) if m.error() is None]
             # One too many would be a duplicate: give it the time to show.
@@ -331,7 +357,7 @@ class Bench:
     def end_offset(self, topic: str, partition: int = 0) -> int:
         """How far a partition reaches."""
         here = TopicPartition(topic, partition)
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + patient(30)
         while True:
             try:
                 return self._asked(
@@ -380,7 +406,7 @@ class Bench:
             'group.id': group,
             'log_level': 0,  # that its broker is away is what some tests are about
         }
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + patient(10)
         while True:
             client = Consumer(config)
             try:

@@ -4,7 +4,6 @@ from pathlib import Path
 
 from harness import PATIENCE_S, Bench, Process, eventually, lines
 
-GROUP = 'test.to_ros'
 ROS_TOPIC = '/words'
 
 
@@ -32,7 +31,9 @@ def wait_for_commit(
     bench: Bench, topic: str, offset: int, bridge: Process, partition: int = 0
 ) -> None:
     eventually(
-        lambda: bench.committed(GROUP, topic, partition) == offset,
+        lambda: bench.committed(bench.group, topic, partition) == offset,
         PATIENCE_S,
-        lambda: f'{bench.committed(GROUP, topic, partition)}, not {offset}\n{bridge.output()}',
+        lambda: (
+            f'{bench.committed(bench.group, topic, partition)}, not {offset}\n{bridge.output()}'
+        ),
     )

@@ -17,7 +17,6 @@ from ros2_kafka_bridge.testing.local_cluster import LocalCluster
 
 DOWN = '/down'  # Kafka -> ROS
 UP = '/up'  # ROS -> Kafka
-GROUP = 'test.to_ros'
 RATE = 100.0
 EACH = 1000
 
@@ -79,7 +78,7 @@ def test_guarantees_1_2_3_a_leader_killed_in_mid_stream_loses_and_doubles_nothin
     assert counted['confirmed'] <= len(found) <= counted['confirmed'] + counted.get('returned', 0)
     assert given_up or counted['confirmed'] == len(found)
     assert counted.get('published again', 0) == 0
-    assert bench.committed(GROUP, down) == len(expected)
+    assert bench.committed(bench.group, down) == len(expected)
 
 
 def published(bench: Bench, stream: int) -> Process:

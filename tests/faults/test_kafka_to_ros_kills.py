@@ -30,7 +30,6 @@ from harness import (
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
-GROUP = 'test.to_ros'
 ROS_TOPIC = '/numbers'
 SAMPLES = 50  # in the DDS cache of a slow subscriber
 ON_ITS_WAY_S = 1.0  # a commit that a killed bridge has sent, until the broker has done it
@@ -93,7 +92,7 @@ def test_guarantees_1_and_8_a_killed_bridge_loses_nothing_and_repeats_only_uncom
                 wait_for_lines(arrived, kill_at, bridge)
                 bridge.kill()
             time.sleep(ON_ITS_WAY_S)
-            committed.append(bench.committed(GROUP, topic_name))
+            committed.append(bench.committed(bench.group, topic_name))
         with bench.bridge(config) as bridge:
             wait_for_all(arrived, count, bridge)
             assert bridge.end() == 0
@@ -103,7 +102,7 @@ def test_guarantees_1_and_8_a_killed_bridge_loses_nothing_and_repeats_only_uncom
     # What comes again begins at the committed offset, so that all of it lies at or above.
     assert [after for _, after in steps_back(found)] == committed
     assert 0 < committed[0] < committed[1]
-    assert bench.committed(GROUP, topic_name) == count
+    assert bench.committed(bench.group, topic_name) == count
 
 
 def test_guarantee_8_a_bridge_that_is_killed_at_rest_repeats_nothing(
@@ -115,7 +114,7 @@ def test_guarantee_8_a_bridge_that_is_killed_at_rest_repeats_nothing(
     with bench.subscriber(ROS_TOPIC, arrived, samples=SAMPLES):
         with bench.bridge(config) as bridge:
             wait_for_lines(arrived, 100, bridge)
-            eventually(lambda: bench.committed(GROUP, topic_name) == 100, 60)
+            eventually(lambda: bench.committed(bench.group, topic_name) == 100, 60)
             bridge.kill()
         bench.produce(topic_name, [b'100'])
         with bench.bridge(config) as bridge:
@@ -173,7 +172,7 @@ def test_guarantee_4_the_bridge_waits_for_a_subscriber_that_stops_for_10_s(
         stopped_s = time.monotonic()
         bridge.wait_for('waiting (the history is full: a subscriber does not take)')
         time.sleep(max(0.0, stopped_s + 10 - time.monotonic()))
-        committed = bench.committed(GROUP, topic_name)
+        committed = bench.committed(bench.group, topic_name)
         at_most = len(lines(arrived)) + SAMPLES + 1
         assert 0 < committed <= at_most
         subscriber.send(signal.SIGCONT)
@@ -197,7 +196,7 @@ def test_guarantee_7_sigterm_in_mid_stream_and_a_new_start_lose_and_repeat_nothi
         drained = totals(bridge)
         assert drained['given up'] == 0
         assert drained['confirmed'] < count, 'it was to be stopped in mid-stream'
-        assert bench.committed(GROUP, topic_name) == drained['confirmed']
+        assert bench.committed(bench.group, topic_name) == drained['confirmed']
         with bench.run(config) as bridge:
             wait_for_all(arrived, count, bridge)
             assert bridge.end() == 0
@@ -230,7 +229,7 @@ def test_guarantee_7_what_a_drain_gives_up_is_said_and_read_again(
             assert bridge.wait() == 0
         assert 'gave up waiting for' in bridge.output()
         assert totals(bridge)['returned'] > 0
-        committed = bench.committed(GROUP, topic_name)
+        committed = bench.committed(bench.group, topic_name)
         hold.unlink()
         with bench.bridge(config) as bridge:
             wait_for_all(arrived, count, bridge)
@@ -288,7 +287,7 @@ def test_guarantee_3_a_killed_bridge_of_two_hands_over_in_order_and_repeats_only
             wait_for_lines(arrived, PARTITIONS * EACH // 2, survivor, dying)
             dying.kill()
         time.sleep(ON_ITS_WAY_S)
-        committed = [bench.committed(GROUP, topic_name, p) for p in range(PARTITIONS)]
+        committed = [bench.committed(bench.group, topic_name, p) for p in range(PARTITIONS)]
         wait_for_everywhere(arrived, survivor, dying)
         assert survivor.end() == 0
     assert totals(survivor)['confirmed'] > 2 * EACH
@@ -409,7 +408,7 @@ def test_guarantee_1_all_arrive_once_through_a_restart_of_the_broker_and_go_on_w
     assert numbers(arrived) == [*range(count), *range(10)]
     assert totals(bridge)['confirmed'] == count + 10
     assert 'ERROR' not in bridge.output()
-    assert bench.committed(GROUP, topic_name) == count
+    assert bench.committed(bench.group, topic_name) == count
 
 
 def test_a_stop_of_a_bridge_that_kafka_has_not_heard_of_says_that_records_are_repeated(
@@ -419,7 +418,7 @@ def test_a_stop_of_a_bridge_that_kafka_has_not_heard_of_says_that_records_are_re
     own_bench.produce(topic_name, numbered(20_000))
     route = to_ros(topic_name, ROS_TOPIC, max_rate=1000, min_subscribers=0)
     with own_bench.bridge(own_bench.config([route])) as bridge:
-        eventually(lambda: own_bench.committed(GROUP, topic_name) > 0, 60, bridge.output)
+        eventually(lambda: own_bench.committed(own_bench.group, topic_name) > 0, 60, bridge.output)
         os.kill(own_kafka.pid, signal.SIGSTOP)
         try:
             bridge.wait_for(f'lost {topic_name}[0]', 60)

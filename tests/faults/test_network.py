@@ -21,7 +21,6 @@ from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
 DOWN = '/down'  # Kafka -> ROS
 UP = '/up'  # ROS -> Kafka
-GROUP = 'test.to_ros'
 RATE = 120.0
 COUNT = 2400
 
@@ -174,7 +173,7 @@ def test_guarantees_1_2_3_a_bridge_cut_off_from_all_loses_nothing_and_repeats_wh
         crossing.wait_for(100)
         hosts.edge.unplug()
         crossing.bridge.wait_for('to_ros: Kafka is away: ', timeout_s=90)
-        committed = site.committed(GROUP, f'{topic_name}.down')
+        committed = site.committed(site.group, f'{topic_name}.down')
         hosts.edge.plug_in()
         crossing.wait_for_the_last()
     found = numbers(crossing.down)

@@ -68,8 +68,8 @@ def test_guarantees_1_2_8_workers_that_are_killed_in_a_reload_lose_nothing(
         assert process.end(40) == 0, process.output()
     assert values(records) == numbered(COUNT), 'nothing is lost, repeated or out of order'
     assert {int(line) for line in lines(arrived)} == set(range(COUNT))
-    assert bench.committed('test.to_ros', topic_name) == COUNT
-    assert process.output().count('bridge test, worker 2, runs') <= 2
+    assert bench.committed(bench.group, topic_name) == COUNT
+    assert process.output().count(f'bridge {bench.name}, worker 2, runs') <= 2
 
 
 def test_a_killed_check_refuses_the_reload_and_all_goes_on(bench: Bench, topic_name: str) -> None:
@@ -118,6 +118,6 @@ def test_guarantee_7_a_supervisor_that_is_killed_in_a_reload_leaves_a_drained_br
         process.wait_for('worker 2 (to_ros) is process', 60)
         process.kill()
         wait_until_gone(*pids(process, 1), *pids(process, 2))
-    committed = bench.committed('test.to_ros', topic_name)
+    committed = bench.committed(bench.group, topic_name)
     assert 0 < committed < len(sent)
     assert values(bench.records(f'{topic_name}.r', committed)) == sent[:committed]

@@ -33,7 +33,7 @@ def route(bench: Bench, topic: str, *, mode: str = 'when_away', **more: Any) -> 
 
 def file(bench: Bench) -> Path:
     """The spool of the route in the bridge of the tests."""
-    return file_of(bench.place / 'spool', 'test', 'to_kafka')
+    return file_of(bench.place / 'spool', bench.name, 'to_kafka')
 
 
 def spooled(bench: Bench) -> list[int]:

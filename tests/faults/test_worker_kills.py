@@ -63,7 +63,7 @@ def test_guarantees_1_2_8_a_killed_worker_is_started_again_and_nothing_is_lost(
     assert values(records) == numbered(COUNT), 'nothing is lost, repeated or out of order'
     found = [int(line) for line in lines(arrived)]
     assert set(found) == set(range(COUNT))
-    assert bench.committed('test.to_ros', topic_name) == COUNT
+    assert bench.committed(bench.group, topic_name) == COUNT
 
 
 def test_a_worker_that_is_started_again_runs_what_the_file_held_at_the_start(
@@ -78,14 +78,14 @@ def test_a_worker_that_is_started_again_runs_what_the_file_held_at_the_start(
     bench.produce(topic_name, numbered(100))
     with bench.bridge(config) as process:
         eventually(partial(bench.reaches, returned, 100), 90, process.output)
-        eventually(lambda: bench.committed('test.to_ros', topic_name) == 100, 60, process.output)
+        eventually(lambda: bench.committed(bench.group, topic_name) == 100, 60, process.output)
         changed = bench.config(routes, workers=2, name='changed')
         changed.replace(config)
         kill(process, 1)
         bench.produce(topic_name, numbered(200)[100:])
-        eventually(lambda: bench.committed('test.to_ros', topic_name) == 200, 60, process.output)
+        eventually(lambda: bench.committed(bench.group, topic_name) == 200, 60, process.output)
         assert process.end(40) == 0, process.output()
-    assert process.output().count('bridge test, worker 1, runs') == 2
+    assert process.output().count(f'bridge {bench.name}, worker 1, runs') == 2
     assert 'changed' not in process.output()
     assert values(bench.records(returned, 200)) == numbered(200)
 
@@ -132,7 +132,7 @@ def test_guarantee_7_when_the_supervisor_is_killed_its_workers_drain_in_order_an
         wait_until_gone(*workers)
     assert process.output().count('the supervisor has gone: draining') == 2
     assert 'ERROR   to_' not in process.output()
-    committed = bench.committed('test.to_ros', topic_name)
+    committed = bench.committed(bench.group, topic_name)
     assert 0 < committed < len(sent)
     assert values(bench.records(returned, committed)) == sent[:committed]
 

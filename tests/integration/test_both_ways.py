@@ -47,7 +47,7 @@ def test_guarantee_7_a_stop_in_mid_stream_loses_nothing_between_two_routes_of_on
         with bench.run(config) as bridge:
             eventually(partial(bench.reaches, returned, goal), 60, bridge.output)
             assert bridge.end() == 0, bridge.output()
-    committed = bench.committed('test.to_ros', topic_name)
+    committed = bench.committed(bench.group, topic_name)
     assert 0 < committed < COUNT, 'the stops came in mid-stream'
     received = values(bench.records(returned, committed))
     assert received == sent[:committed]

@@ -7,7 +7,9 @@ import sys
 from collections.abc import Callable
 
 import pytest
+from ending import ended
 from harness import Bench, eventually, lines, to_kafka, to_ros
+from patience import patient
 from terminal import on_terminal, without_colours
 
 from ros2_kafka_bridge.testing.local_kafka import free_port
@@ -35,7 +37,7 @@ def test_it_says_what_a_file_holds_and_masks_its_secrets(bench: Bench) -> None:
     routes = [to_ros('orders', '/orders'), to_kafka('/orders', 'orders.returned')]
     file = bench.config(routes, kafka=kafka_too(bench, SASL))
     expected = [
-        f'{file}: 2 routes of bridge test, all well written',
+        f'{file}: 2 routes of bridge {bench.name}, all well written',
         f'  kafka bootstrap.servers: {bench.bootstrap_servers}',
         '  kafka sasl.mechanisms: PLAIN',
         '  kafka sasl.password: ***',
@@ -83,12 +85,12 @@ def test_all_is_well_at_a_real_broker_and_graph(bench: Bench, topic_name: str) -
     assert f'  ok   topic {topic_name} has 3 partitions' in out
     assert f'  ok   topic {topic_name}.dead-letters has 1 partition\n' in out
     start = 'start is earliest, all that the topic holds (3 records)'
-    assert f'  ok   group test.to_ros is new: {start}' in out
+    assert f'  ok   group {bench.group} is new: {start}' in out
     assert '  ok   1 subscriber of /orders matches' in out
     assert 'if one is, set max_rate' in out
     assert 'BAD' not in out
     assert out.splitlines()[-1] == '1 route would run'
-    assert bench.committed('test.to_ros', topic_name) < 0, 'nothing is changed'
+    assert bench.committed(bench.group, topic_name) < 0, 'nothing is changed'
 
 
 def test_each_thing_that_does_not_fit_is_a_line_with_its_cure(
@@ -158,7 +160,7 @@ def test_it_says_how_much_a_group_has_to_deliver(bench: Bench, topic_name: str) 
             assert bridge.end() == 0
         bench.produce(topic_name, [b'10', b'11'])
         _, out, _ = bench.command('check', str(file), '--connect')
-    assert 'group test.to_ros goes on at its committed offsets, 2 records to deliver' in out
+    assert f'group {bench.group} goes on at its committed offsets, 2 records to deliver' in out
 
 
 def test_without_a_broker_it_says_so_and_still_looks_at_ros(bench: Bench) -> None:
@@ -212,12 +214,11 @@ def test_ctrl_c_ends_it_without_a_traceback(bench: Bench, topic_name: str) -> No
             str(file),
             '--connect',
         ]
-        process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
-        try:
+        program = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
+        )
+        with ended(program) as process:
             eventually(lambda: 'rmw_fastrtps_cpp' in log.read_text(), 60)
             process.send_signal(signal.SIGINT)
-            assert process.wait(20) == 130
-        finally:
-            process.kill()
-            process.wait()
+            assert process.wait(patient(20)) == 130
     assert 'Traceback' not in log.read_text()

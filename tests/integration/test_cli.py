@@ -109,7 +109,7 @@ def test_run_runs_the_routes_that_are_asked_for(bench: Bench, unique: Unique) ->
         publisher.wait_for('published')
         assert len(bench.records(first, 10)) == 10
         assert bridge.end() == 0
-    assert 'bridge test runs 1 route on' in bridge.output()
+    assert f'bridge {bench.name} runs 1 route on' in bridge.output()
     assert ' b: ' not in bridge.output()
     assert second not in bench.admin().list_topics(timeout=10).topics
 
@@ -117,7 +117,7 @@ def test_run_runs_the_routes_that_are_asked_for(bench: Bench, unique: Unique) ->
 def test_run_becomes_the_process_that_other_tests_begin_with(bench: Bench) -> None:
     file = bench.config([to_kafka('/orders', 'orders')])
     with bench.run(file) as process:
-        process.wait_for('bridge test runs 1 route on')
+        process.wait_for(f'bridge {bench.name} runs 1 route on')
         assert words(process) == [sys.executable, *WORKER, '--', str(file)]
 
 

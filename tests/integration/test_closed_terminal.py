@@ -11,7 +11,9 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from ending import KILLED_S
 from harness import Bench, Process, eventually, values
+from patience import patient
 from workers import there_and_back
 
 COUNT = 20_000
@@ -64,7 +66,7 @@ def terminal(
         yield found
     finally:
         found.program.kill()
-        found.program.wait()
+        found.program.wait(patient(KILLED_S))
 
 
 @pytest.mark.parametrize('workers', [1, 2])
@@ -83,7 +85,7 @@ def test_guarantee_7_a_closed_terminal_is_a_drain(
         eventually(partial(bench.reaches, returned, 1500), 60, log.read_text)
         it.close()
         assert it.program.wait(40) == 0, log.read_text()
-    committed = bench.committed('test.to_ros', topic_name)
+    committed = bench.committed(bench.group, topic_name)
     assert 0 < committed < COUNT
     assert values(bench.records(returned, committed)) == sent[:committed]
 

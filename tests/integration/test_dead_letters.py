@@ -20,7 +20,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 )
 from harness import Bench, Process, eventually, headers, lines, to_kafka, to_ros, values
 from secured import PASSWORD, USER, Right, group_right, running, topic_right
-from words import GROUP, ROS_TOPIC
+from words import ROS_TOPIC
 
 from ros2_kafka_bridge.dead_letters import explain, from_kafka
 from ros2_kafka_bridge.endpoints import Outgoing
@@ -69,7 +69,7 @@ def wait_for_commit(
 def committed(bench: Bench, topic: str, partition: int) -> int:
     """The committed offset of the route; negative where Kafka cannot tell."""
     with contextlib.suppress(KafkaException):  # a new coordinator
-        return bench.committed(GROUP, topic, partition)
+        return bench.committed(bench.group, topic, partition)
     return -1
 
 

@@ -257,10 +257,10 @@ def test_a_registry_that_goes_away_in_mid_stream_makes_the_route_wait_and_loses_
         bridge.wait_for('tried again in')
         bridge.wait_for('reads ', count=2)
         assert f'Schema Registry {registry.url}' in bridge.output()
-        eventually(lambda: bench.committed('test.a', topic_name) == 3, 60, bridge.output)
+        eventually(lambda: bench.committed(f'{bench.name}.a', topic_name) == 3, 60, bridge.output)
         registry.start()
         received(bench, 6, bridge, STRING)
-        eventually(lambda: bench.committed('test.a', topic_name) == 6, 60, bridge.output)
+        eventually(lambda: bench.committed(f'{bench.name}.a', topic_name) == 6, 60, bridge.output)
         assert bridge.end() == 0, bridge.output()
     assert received(bench, 6, bridge, STRING) == sent
 

@@ -101,7 +101,7 @@ def test_a_command_runs_there_with_its_own_shared_memory_and_the_directory_of_he
 ) -> None:
     robot, _ = network.hosts
     script = 'ip -brief address show eth0; ls /dev/shm; pwd'
-    said = subprocess.check_output(robot.command('sh', '-c', script), text=True)
+    said = subprocess.check_output(robot.command('sh', '-c', script), text=True, timeout=60)
     address, directory = said.splitlines()
     assert f'{robot.address}/24' in address
     assert directory == str(Path.cwd())
@@ -123,7 +123,9 @@ def test_a_network_ends_with_what_runs_in_it(network: Network) -> None:
 
 def test_nothing_is_left_of_a_network_whose_program_was_killed(network: Network) -> None:
     assert network.hosts
-    run = subprocess.run([sys.executable, '-c', ABANDON], stdout=subprocess.PIPE, check=False)
+    run = subprocess.run(
+        [sys.executable, '-c', ABANDON], stdout=subprocess.PIPE, check=False, timeout=60
+    )
     assert run.returncode == -signal.SIGKILL
     inside = Path(f'/proc/{int(run.stdout)}')
     eventually(lambda: not inside.exists() or 'Z' in _state(inside), 20)

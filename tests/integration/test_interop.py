@@ -35,7 +35,7 @@ def test_a_reader_of_another_vendor_gets_all_once_and_in_order_guarantees_1_3(
     ):
         eventually(lambda: len(lines(file)) >= COUNT, 60, lambda: f'{len(lines(file))} came')
         # Confirmed, too: the other vendor's acknowledgements are understood.
-        eventually(lambda: bench.committed('test.to_ros', topic_name) == COUNT, 60)
+        eventually(lambda: bench.committed(bench.group, topic_name) == COUNT, 60)
         assert bridge.end() == 0
     assert lines(file) == NUMBERS
     assert totals(bridge)['confirmed'] == COUNT

@@ -10,6 +10,7 @@ import pytest
 from confluent_kafka import Consumer, KafkaError, Producer, TopicPartition
 from harness import Bench, eventually
 from nobody import Nobody
+from patience import patient
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
@@ -89,8 +90,9 @@ def test_guarantee_1_what_is_deleted_faster_than_it_is_read_is_counted_once_and_
             time.sleep(0.01)
         taken_meanwhile = taken
         ended.set()
-        writer.join()
-        trimmer.join()
+        for thread in (writer, trimmer):
+            thread.join(patient(60))
+            assert not thread.is_alive()
         end = sum(sent)
         assert bench.end_offset(topic_name) == end
         eventually(lambda: read_to(end), 60)
@@ -102,7 +104,9 @@ def test_guarantee_1_what_is_deleted_faster_than_it_is_read_is_counted_once_and_
 
 
 def poll_until_it_raises(consumer: Consumer, source: KafkaSource) -> None:
-    while True:
+    """For a minute at most."""
+    deadline_s = time.monotonic() + patient(60)
+    while time.monotonic() < deadline_s:
         consumer.poll(0.1)
         source.poll(500, 0.1)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from harness import Bench, eventually, lines, to_ros, totals
-from words import GROUP, ROS_TOPIC, texts, wait_for, wait_for_commit, words
+from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def test_guarantee_4_records_wait_until_min_subscribers_are_there(
     with bench.subscriber(ROS_TOPIC, first), bench.bridge(config) as bridge:
         bridge.wait_for('waiting (1 of 2 subscribers are there)')
         assert lines(first) == []
-        assert bench.committed(GROUP, topic_name) == 0
+        assert bench.committed(bench.group, topic_name) == 0
         with bench.subscriber(ROS_TOPIC, second):
             wait_for(second, texts(words(100)), bridge)
             wait_for(first, texts(words(100)), bridge)
@@ -86,7 +86,7 @@ def test_guarantee_6_a_record_of_the_bridge_itself_is_skipped_and_counted(
 ) -> None:
     bench.create_topic(topic_name)
     bench.produce(topic_name, words(5), headers=[('bridge.origin', b'another')])
-    bench.produce(topic_name, words(3, start=5), headers=[('bridge.origin', b'test')])
+    bench.produce(topic_name, words(3, start=5), headers=[('bridge.origin', bench.name.encode())])
     bench.produce(topic_name, words(5, start=8))
     config = bench.config([to_ros(topic_name, ROS_TOPIC)])
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:

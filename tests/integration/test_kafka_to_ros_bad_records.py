@@ -20,7 +20,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     ResourceType,
 )
 from harness import Bench, lines, to_ros, totals
-from words import GROUP, ROS_TOPIC, texts, wait_for, wait_for_commit, words
+from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
@@ -196,7 +196,7 @@ def test_with_on_error_stop_the_route_ends_at_the_bad_record_after_all_before_it
                 assert bridge.wait(30) == 1
             assert f'failed: {topic_name}[0]@700: ' in bridge.output()
             assert 'stopped, as on_error says' in bridge.output()
-            assert bench.committed(GROUP, topic_name) == 700
+            assert bench.committed(bench.group, topic_name) == 700
             wait_for(arrived, texts(words(700)), bridge)
             totals(bridge)
         assert totals(bridge)['confirmed'] == 0
@@ -233,7 +233,7 @@ def test_guarantee_5_a_dead_letter_topic_without_permission_fails_its_route_alon
         assert f'the dead-letter topic {letters} cannot be written: ' in bridge.output()
         assert 'give this user WRITE on the topic (ACL)' in bridge.output()
         wait_for(others, texts(words(100)), bridge)
-        assert bench.committed(GROUP, topic_name) <= 1
+        assert bench.committed(bench.group, topic_name) <= 1
         admin.delete_acls([same])[same].result(60)
         wait_for_commit(bench, topic_name, 3, bridge)
         bench.produce(other, words(100, start=100))

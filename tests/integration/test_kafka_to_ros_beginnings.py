@@ -15,7 +15,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     NewPartitions,
 )
 from harness import Bench, eventually, lines, to_ros, totals, values
-from words import GROUP, ROS_TOPIC, texts, wait_for, wait_for_commit, words
+from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
@@ -102,7 +102,7 @@ def test_guarantee_1_a_partition_added_while_running_is_read_from_its_beginning(
         bench.produce(topic_name, words(100, start=100), partition=0)
         wait_for(arrived, texts(words(200)), bridge)
         assert bridge.end() == 0
-    assert [bench.committed(GROUP, topic_name, p) for p in range(2)] == [100, 100]
+    assert [bench.committed(bench.group, topic_name, p) for p in range(2)] == [100, 100]
 
 
 def partitions(admin: AdminClient, topic: str) -> int:
@@ -131,7 +131,7 @@ def test_guarantee_1_records_deleted_before_they_were_read_are_counted_and_the_o
         '(offsets 50 to 69); it goes on at 70'
     ) in bridge.output()
     assert totals(bridge)['lost before the bridge'] == 20
-    assert bench.committed(GROUP, topic_name) == 100
+    assert bench.committed(bench.group, topic_name) == 100
 
 
 def test_guarantee_1_a_compacted_topic_is_committed_over_its_gaps_to_its_end(

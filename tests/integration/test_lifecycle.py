@@ -48,7 +48,7 @@ def test_a_watched_bridge_has_one_worker_for_both_ways_which_drains_in_order(
         (worker,) = pids(process, 1)
         (monitor,) = monitors(process)
         assert process.end(40) == 0, process.output()
-    committed = bench.committed('test.to_ros', topic_name)
+    committed = bench.committed(bench.group, topic_name)
     assert 0 < committed < len(sent)
     assert values(bench.records(returned, committed)) == sent[:committed]
     wait_until_gone(worker, monitor)
@@ -114,7 +114,7 @@ def test_a_paused_route_stays_paused_when_its_worker_is_killed_and_over_a_reload
     bench.create_topic(f'{topic_name}.b')
     bench.produce(topic_name, numbered(10))
     with bench.bridge(config) as process:
-        eventually(lambda: bench.committed('test.to_ros', topic_name) == 10, 90, process.output)
+        eventually(lambda: bench.committed(bench.group, topic_name) == 10, 90, process.output)
         request(process, Do.PAUSE, 'to_ros')
         process.wait_for('to_ros: paused by an operator', 20)
         os.kill(pids(process, 1)[0], signal.SIGKILL)
@@ -126,9 +126,9 @@ def test_a_paused_route_stays_paused_when_its_worker_is_killed_and_over_a_reload
         bench.produce(topic_name, numbered(20)[10:])
         said = process.output().count('to_ros: paused (paused by an operator): ')
         process.wait_for('to_ros: paused (paused by an operator): ', 60, count=said + 2)
-        assert bench.committed('test.to_ros', topic_name) == 10
+        assert bench.committed(bench.group, topic_name) == 10
         request(process, Do.RESUME, 'to_ros')
-        eventually(lambda: bench.committed('test.to_ros', topic_name) == 20, 60, process.output)
+        eventually(lambda: bench.committed(bench.group, topic_name) == 20, 60, process.output)
         assert process.end(40) == 0, process.output()
 
 
@@ -152,7 +152,7 @@ def test_deactivate_drains_all_routes_and_activate_goes_on_without_a_loss(
             process.wait_for('deactivate: inactive: the routes were drained', 60, count=times)
             assert gone(pids(process, 1)[-1])
             assert gone(pids(process, 2)[-1])
-            committed = bench.committed('test.to_ros', topic_name)
+            committed = bench.committed(bench.group, topic_name)
             assert committed == bench.end_offset(returned) < len(sent)
             request(process, Do.ACTIVATE)
         records = bench.records(returned, len(sent), timeout_s=120)

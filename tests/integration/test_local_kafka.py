@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 from confluent_kafka import Consumer, Producer, TopicPartition
+from ending import ended
+from patience import patient
 
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.testing.class_archive import archive_flags, make_archive
@@ -107,7 +109,7 @@ def test_nothing_is_left_of_a_node_without_a_directory() -> None:
 
 def test_a_node_ends_with_the_process_that_was_killed(tmp_path: Path) -> None:
     command = [sys.executable, '-c', ABANDON, str(tmp_path)]
-    run = subprocess.run(command, stdout=subprocess.PIPE, check=False)
+    run = subprocess.run(command, stdout=subprocess.PIPE, check=False, timeout=patient(60))
     assert run.returncode == -signal.SIGKILL
     wait_until_gone(int(run.stdout))
 
@@ -117,12 +119,13 @@ def test_the_program_runs_a_node_until_it_is_told_to_stop(
     stop_signal: signal.Signals, topic_name: str
 ) -> None:
     port = free_port()
-    with subprocess.Popen([*PROGRAM, '--port', str(port)], stdout=subprocess.PIPE) as program:
+    command = [*PROGRAM, '--port', str(port)]
+    with ended(subprocess.Popen(command, stdout=subprocess.PIPE)) as program:
         assert program.stdout is not None
         assert f'127.0.0.1:{port}'.encode() in program.stdout.readline()
         produce(f'127.0.0.1:{port}', topic_name, b'first')
         program.send_signal(stop_signal)
-        assert program.wait(20) == 0
+        assert program.wait(patient(20)) == 0
     assert is_free(port)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from driven import Driven
 from harness import Bench, eventually, lines, to_kafka, to_ros, values
-from words import GROUP, ROS_TOPIC, texts, wait_for, words
+from words import ROS_TOPIC, texts, wait_for, words
 
 COUNT = 20_000
 
@@ -36,7 +36,9 @@ def test_a_paused_route_to_ros_publishes_nothing_and_goes_on_where_it_was(
         eventually(partial(settled, driven), 20, driven.output)
         confirmed = driven.last('to_ros').confirmed
         assert 1000 < confirmed < COUNT
-        eventually(lambda: bench.committed(GROUP, topic_name) == confirmed, 20, driven.output)
+        eventually(
+            lambda: bench.committed(bench.group, topic_name) == confirmed, 20, driven.output
+        )
         eventually(lambda: len(lines(arrived)) == confirmed, 20, driven.output)
         driven.wait_for_snapshots(20)
         assert len(lines(arrived)) == confirmed

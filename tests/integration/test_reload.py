@@ -235,7 +235,7 @@ def test_a_stop_in_the_middle_of_a_reload_is_a_drain(bench: Bench, topic_name: s
         it.ask()
         process.wait_for('is process', 60)
         assert process.end(60) == 0, process.output()
-    committed = bench.committed('test.to_ros', topic_name)
+    committed = bench.committed(bench.group, topic_name)
     assert 0 < committed < COUNT
     assert values(bench.records(returned, committed)) == numbered(COUNT)[:committed]
     wait_until_gone(*pids(process, 1))

@@ -71,7 +71,7 @@ def test_a_bridge_comes_up_active_and_deactivate_drains_and_commits_under_load(
             assert node.change('deactivate'), bridge.output()
             assert node.state == 'inactive'
             assert len(lines(file)) < COUNT, 'it was not under load any more'
-            committed = bench.committed('test.to_ros', topic_name)
+            committed = bench.committed(bench.group, topic_name)
             eventually(lambda n=committed: len(lines(file)) == n, 60, bridge.output)  # type: ignore[misc]
             assert node.wait_for('bridge', WARN, 'activate').values
             assert len(lines(file)) == committed
@@ -104,7 +104,7 @@ def test_a_transition_that_takes_long_holds_nothing_else_up(
         drain = node.begin('deactivate')
         eventually(lambda: node.state == 'deactivating', 60, bridge.output)
         assert not node.change('activate')  # one at a time
-        assert node.parameters()['bridge_name'] == 'test'
+        assert node.parameters()['bridge_name'] == bench.name
         assert node.trigger('to_ros/pause')[0]
         assert node.diagnostics()
         assert not drain.done(), bridge.output()
@@ -206,7 +206,7 @@ def test_parameters_show_the_bridge_and_what_stands_in_its_file_cannot_be_set(
         eventually(lambda: 'routes.route_9_status.paused' in node.parameters(), 60)
         shown = node.parameters()
         assert shown['config_file'] == str(config)
-        assert shown['bridge_name'] == 'test'
+        assert shown['bridge_name'] == bench.name
         assert shown['version']
         route = {name.rpartition('.')[2]: v for name, v in shown.items() if 'route_9' in name}
         assert route == {
@@ -275,7 +275,7 @@ def test_diagnostics_say_each_second_how_every_route_is(
                 lambda: dict(_values(node.diagnostics()['orders']))['confirmed'] == '100', 60
             )
             assert orders.name == 'kafka_bridge_test: orders'
-            assert orders.hardware_id == 'test'
+            assert orders.hardware_id == bench.name
             shown = _values(orders)
             assert shown['source'] == topic
             assert shown['sink'] == '/orders'
@@ -314,7 +314,7 @@ def test_the_node_takes_the_name_and_the_namespace_that_launch_gives_it(
 def test_another_node_of_the_same_name_is_warned_of(bench: Bench, topic_name: str) -> None:
     config = monitored(bench, [to_ros(topic_name, '/orders')])
     with (
-        open_node('test', bench.domain, Endpoints({}, {})),
+        open_node(bench.name, bench.domain, Endpoints({}, {})),
         bench.bridge(config) as bridge,
     ):
         bridge.wait_for('another node is called /kafka_bridge_test', 60)

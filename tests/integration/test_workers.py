@@ -67,7 +67,7 @@ def test_guarantee_7_a_stop_in_mid_stream_loses_nothing_between_two_workers(
             eventually(partial(bench.reaches, returned, goal), 60, process.output)
             assert process.end(40) == 0, process.output()
         outputs.append(process.output())
-    committed = bench.committed('test.to_ros', topic_name)
+    committed = bench.committed(bench.group, topic_name)
     assert 0 < committed < COUNT, 'the stops came in mid-stream'
     received = values(bench.records(returned, committed))
     assert received[:committed] == sent[:committed], outputs
@@ -93,7 +93,7 @@ def test_a_signal_that_reaches_every_process_is_one_drain(
         os.killpg(process._popen.pid, number)
         assert process.wait(40) == 0, process.output()
     assert 'Traceback' not in process.output()
-    committed = bench.committed('test.to_ros', topic_name)
+    committed = bench.committed(bench.group, topic_name)
     assert 0 < committed < COUNT
     assert values(bench.records(returned, committed)) == sent[:committed]
 
@@ -141,9 +141,12 @@ def test_workers_are_told_apart_in_the_graph_and_at_the_broker(
                 20,
             )
         admin = bench.admin()  # kept: its futures fail when it goes
-        groups = admin.describe_consumer_groups(['test.a', 'test.b'])
+        groups = admin.describe_consumer_groups([f'{bench.name}.a', f'{bench.name}.b'])
         clients = {name: client_ids(future.result(60)) for name, future in groups.items()}
-        assert clients == {'test.a': ['test-worker-1'], 'test.b': ['test-worker-2']}
+        assert clients == {
+            f'{bench.name}.{route}': [f'{bench.name}-worker-{n}']
+            for n, route in enumerate('ab', 1)
+        }
         assert process.end(40) == 0
 
 
@@ -347,7 +350,7 @@ def test_snapshots_of_a_worker_balance_under_load_and_the_last_one_comes_after_t
         assert all(a.taken >= b.taken for a, b in zip(after, before, strict=True))
     assert states(found[-1]) == {State.STOPPED}
     to_ros_, to_kafka_ = found[-1]
-    assert to_ros_.confirmed == bench.committed('test.to_ros', topic_name)
+    assert to_ros_.confirmed == bench.committed(bench.group, topic_name)
     assert to_kafka_.confirmed == bench.end_offset(returned)
 
 

@@ -657,7 +657,7 @@ EVENTS = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(events=EVENTS, always=st.booleans(), window=st.integers(1, 12))
 def test_whatever_happens_each_message_arrives_in_order(
     events: list[Event], window: int, *, always: bool

@@ -167,7 +167,7 @@ PEERS = st.lists(
 GRAPHS = st.lists(st.builds(topic, NAMES, PEERS, PEERS), max_size=8, unique_by=lambda t: t.name)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(GRAPHS, st.one_of(st.none(), st.lists(WORDS, max_size=3)))
 def test_the_file_is_right_whatever_the_graph_is(
     graph: list[Topic], kafka: list[str] | None

@@ -153,7 +153,7 @@ def test_what_is_accepted_is_accepted_by_rclpy_too(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', SAMPLE)
-@settings(max_examples=60, derandomize=True, deadline=None, database=None)
+@settings(max_examples=60)
 @given(body=st.binary(max_size=200), head=st.sampled_from([b'\0\1\0\0', b'\0\0\0\0', b'']))
 def test_no_bytes_break_a_validator(name: str, head: bytes, body: bytes) -> None:
     with contextlib.suppress(DecodeError):

@@ -44,7 +44,7 @@ def test_a_message_of_the_other_byte_order_becomes_its_text(text: str) -> None:
     assert ENCODE(message) == content
 
 
-@settings(max_examples=200, derandomize=True, deadline=None, database=None)
+@settings(max_examples=200)
 @given(st.text(st.characters(exclude_characters='\0', exclude_categories=['Cs'])))
 def test_every_text_comes_back_as_it_was(text: str) -> None:
     message = DECODE(text.encode())
@@ -52,7 +52,7 @@ def test_every_text_comes_back_as_it_was(text: str) -> None:
     assert ENCODE(message) == text.encode()
 
 
-@settings(max_examples=300, derandomize=True, deadline=None, database=None)
+@settings(max_examples=300)
 @given(st.binary(max_size=40))
 def test_a_value_is_carried_unchanged_or_refused(value: bytes) -> None:
     try:
@@ -63,7 +63,7 @@ def test_a_value_is_carried_unchanged_or_refused(value: bytes) -> None:
         assert ENCODE(message) == value
 
 
-@settings(max_examples=500, derandomize=True, deadline=None, database=None)
+@settings(max_examples=500)
 @given(
     st.sampled_from([b'\0\1\0\0', b'\0\0\0\0', b'']),
     st.integers(0, 20) | st.integers(0, 2**32 - 1),

@@ -451,7 +451,7 @@ EVENTS = strategies.lists(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(EVENTS)
 def test_guarantee_1_no_offset_is_committed_before_all_up_to_it_have_ended(
     events: list[str],

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from hypothesis import given, settings, strategies
+from hypothesis import given, strategies
 from rich.console import Console
 
 import ros2_kafka_bridge
@@ -202,7 +202,6 @@ def error_of(convert: Callable[[bytes], object], value: bytes) -> str:
     return ''
 
 
-@settings(deadline=None)  # busy machines are slow
 @given(strategies.binary(max_size=60))
 def test_no_error_quotes_what_a_value_holds(value: bytes) -> None:
     rich = Layout(

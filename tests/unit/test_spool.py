@@ -34,9 +34,7 @@ any_rows = st.builds(
 )
 
 
-@settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(any_rows, min_size=1, max_size=6))
 def test_every_record_comes_back_as_it_was(
     tmp_path_factory: pytest.TempPathFactory, given_rows: list[Row]

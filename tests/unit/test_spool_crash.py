@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from ending import ended
 from spools import GID, make, numbers, opened, read_all, reopened, rows
 
 from ros2_kafka_bridge.errors import RouteError, TransportError
@@ -27,7 +28,7 @@ def killed(place: Path, sync: str, lines: int) -> tuple[int, int]:
     """
     command = [sys.executable, str(_WRITER), str(place), sync]
     first, last = 1, 0
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
+    with ended(subprocess.Popen(command, stdout=subprocess.PIPE, text=True)) as writer:
         assert writer.stdout is not None
         for number, line in enumerate(writer.stdout):
             if number == lines:

@@ -18,9 +18,7 @@ from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.spool import database, salvage
 from ros2_kafka_bridge.spool.store import Row, file_of
 
-SEVERAL = settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+SEVERAL = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 # Where in a file, as a share of it: anywhere, or near its beginning.
 places = st.one_of(st.floats(0, 1, exclude_max=True), st.floats(0, 0.03))

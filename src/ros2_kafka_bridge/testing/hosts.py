@@ -17,6 +17,7 @@ ends with the program that made it, however that ends. It takes root.
 
 import ctypes
 import os
+import select
 import shutil
 import subprocess
 from collections.abc import Iterator, Sequence
@@ -30,6 +31,7 @@ from ros2_kafka_bridge.errors import ConfigError
 PROGRAMS: Final = ('ip', 'nsenter', 'tc', 'unshare')
 SUBNET: Final = '10.98.76'
 END_S: Final = 10.0
+BEGIN_S: Final = 60.0
 
 Traffic = Literal['tcp', 'udp', 'all']
 
@@ -219,7 +221,8 @@ class _Namespace:
             start_new_session=True,  # Ctrl-C is for the owner
         )
         assert self._holder.stdout is not None
-        answer = self._holder.stdout.readline().strip()
+        said = select.select([self._holder.stdout], [], [], BEGIN_S)[0]
+        answer = self._holder.stdout.readline().strip() if said else 'no answer'
         if answer != 'ready':
             self.close()
             raise ConfigError([f'no network of its own can be made here: {answer}'])
@@ -246,6 +249,7 @@ class _Namespace:
             capture_output=True,
             text=True,
             check=False,
+            timeout=BEGIN_S,
         )
         if done.returncode:
             said = ' '.join(done.stderr.split())

@@ -28,6 +28,7 @@ from ros2_kafka_bridge.testing.owned import start_owned
 HOST: Final = '127.0.0.1'
 START_S: Final = 120.0
 STOP_S: Final = 15.0
+FORMAT_S: Final = 120.0
 
 # Below the ports that systems hand out to clients: a client that tries again and again to reach
 # a node that is down could otherwise take the node's own port.
@@ -196,7 +197,12 @@ class KafkaNode:
             tool = ['kafka.tools.StorageTool', 'format', '--config', str(config)]
             options = ['--cluster-id', cluster_id or new_id()]
             process = start_owned([*program, *tool, *options], self.log_file)
-            if process.wait():
+            try:
+                status = process.wait(FORMAT_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                raise TransportError(self.failure('Kafka does not format its directory')) from None
+            if status:
                 raise TransportError(self.failure('Kafka could not format its data directory'))
         found = re.search(r'^cluster\.id=(.+)$', meta.read_text(encoding='utf-8'), re.MULTILINE)
         assert found is not None, f'{meta} names no cluster'

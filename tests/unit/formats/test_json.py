@@ -441,7 +441,7 @@ def test_a_name_that_looks_like_a_path_is_no_path() -> None:
     assert said.endswith(': unknown field')
 
 
-@settings(max_examples=200, deadline=None, derandomize=True, database=None)
+@settings(max_examples=200)
 @given(st.binary(max_size=100), st.sampled_from([STRING, ODOMETRY, 'test_msgs/msg/WStrings']))
 def test_bytes_of_any_kind_are_refused_with_an_error_of_their_own(noise: bytes, name: str) -> None:
     with suppress(EncodeError):

@@ -224,7 +224,7 @@ def test_mixes_of_failures_pallets_and_repairs_cost_no_order(seed: int) -> None:
     assert_right(result)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.integers(0, 100_000), st.sampled_from([0.0, 0.3]), st.sampled_from([0.0, 0.02]))
 def test_nor_do_they_when_messages_come_late_and_modules_are_killed(
     seed: int, lateness: float, kills: float

@@ -484,7 +484,7 @@ class World:
             self.work(1)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(ACTS)
 def test_every_order_ends_once_wherever_the_desk_dies_and_whatever_is_repeated(
     acts: list[tuple[str, Any]],

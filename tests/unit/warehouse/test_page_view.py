@@ -207,7 +207,7 @@ LIFE = (
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.sampled_from(LIFE), max_size=20))
 def test_topics_may_be_read_in_any_order_and_repeatedly(
     records: list[tuple[str, Message]],

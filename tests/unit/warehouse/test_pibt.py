@@ -162,7 +162,7 @@ def _floor(chance: random.Random, robots: int) -> Grid:
             return grid
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.integers(0, 1 << 32), st.integers(2, 5), st.booleans(), st.booleans())
 def test_every_robot_reaches_its_goals_on_floors_with_dead_ends(
     seed: int,
@@ -190,7 +190,7 @@ def test_every_robot_reaches_its_goals_on_floors_with_dead_ends(
     fleet.drive(30_000)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 1 << 32))
 def test_a_crowd_with_robots_that_crashed_or_are_busy_never_collides(seed: int) -> None:
     chance = random.Random(seed)  # noqa: S311

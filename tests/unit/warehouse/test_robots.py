@@ -738,7 +738,7 @@ STEPS = st.lists(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(STEPS)
 def test_whatever_is_ordered_and_breaks_no_robot_meets_another_and_no_load_is_two(
     steps: list[tuple[list[Cell], str, list[dict[str, Any]]]],

@@ -107,13 +107,13 @@ def test_a_robot_that_was_carried_off_and_comes_back_is_no_jump_in_the_trace() -
     assert validate_trace(SITE.rows, None, [line.decode() for line in lines]) == ()
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.integers(0, 10_000), st.sampled_from([0.1, 0.5]))
 def test_nothing_is_lost_when_messages_come_late(seed: int, lateness: float) -> None:
     assert_right(simulation(seed, orders=6, lateness=lateness).run(5000, until_done=True))
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(
     st.integers(0, 10_000),
     st.lists(st.tuples(st.integers(1, 500), st.sampled_from(MODULES)), min_size=1, max_size=6),

@@ -450,7 +450,7 @@ def rules_broken(jobs: list[Job], frames: list[Frame]) -> set[str]:
     return {violation.rule for frame in frames for violation in referee.check(frame)}
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32))
 def test_a_floor_that_keeps_the_rules_is_never_accused(seed: int) -> None:
     floor = Floor(dice(seed))
@@ -612,7 +612,7 @@ def empty_the_battery(play: Play) -> set[str]:
         deliver_again, release_later, make_it_heavy, set_a_pallet_in_the_way, empty_the_battery,
     ],
 )  # fmt: skip
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32))
 def test_one_thing_wrong_in_a_random_floor_is_found(mutation: Mutation, seed: int) -> None:
     floor = Floor(dice(seed))

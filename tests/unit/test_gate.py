@@ -1,0 +1,139 @@
+"""The rules of the gate, on runs of pytest with tests of their own."""
+
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parents[1]
+PLUGINS = ('-p', 'timeout', '-p', 'rerunfailures', '-p', 'xdist')
+CONFTEST = "pytest_plugins = ('limits', 'reruns', 'skips')\n"
+ONCE = """
+from pathlib import Path
+
+import pytest
+
+@pytest.mark.parametrize('number', range({count}))
+def test_is_late_once(number):
+    seen = Path(__file__).with_name(f'seen-{{number}}')
+    if not seen.exists():
+        seen.touch()
+        raise AssertionError('the first time')
+"""
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """The rules, and folders without tests."""
+    (tmp_path / 'pytest.ini').write_text(
+        '[pytest]\ntimeout_method = signal\ntimeout_func_only = true\n'
+    )
+    for name in ('patience', 'limits', 'reruns', 'skips'):
+        shutil.copy(TESTS / f'{name}.py', tmp_path)
+    (tmp_path / 'conftest.py').write_text(CONFTEST)
+    for name in ('unit', 'integration'):
+        (tmp_path / name).mkdir()
+    return tmp_path
+
+
+def run(tree: Path, *options: str, **environ: str) -> tuple[int, str]:
+    """The status of a run, and what it printed."""
+    command = [sys.executable, '-m', 'pytest', *PLUGINS, *options, str(tree)]
+    alone = {'PYTHONPATH': str(tree), 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
+    done = subprocess.run(
+        command, cwd=tree, env={'PATH': '/usr/bin:/bin', **alone, **environ},
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=50,
+    )  # fmt: skip
+    return done.returncode, done.stdout
+
+
+def counts(said: str) -> dict[str, int]:
+    """What became of the tests, from pytest's closing line."""
+    found = re.findall(r'(\d+) (passed|failed|rerun|skipped)', said.splitlines()[-1])
+    return {what: int(count) for count, what in found}
+
+
+@pytest.mark.parametrize('options', [(), ('-n', '2')], ids=['one process', 'two'])
+def test_a_test_that_starts_processes_is_run_again_once_and_that_is_told(
+    tree: Path, options: tuple[str, ...]
+) -> None:
+    (tree / 'integration' / 'test_late.py').write_text(ONCE.format(count=3))
+    status, said = run(tree, *options)
+    assert status == 0, said
+    assert 'AssertionError: the first time' in said.partition('run again')[2]
+    assert '3 of the tests needed a second run\n' in said
+    assert counts(said) == {'passed': 3, 'rerun': 3}
+
+
+@pytest.mark.parametrize('options', [(), ('-n', '2')], ids=['one process', 'two'])
+def test_more_than_three_that_are_run_again_make_a_run_red(
+    tree: Path, options: tuple[str, ...]
+) -> None:
+    (tree / 'integration' / 'test_late.py').write_text(ONCE.format(count=4))
+    status, said = run(tree, *options)
+    assert status == 1
+    assert '4 of the tests needed a second run: more than 3, so this run is red' in said
+
+
+def test_a_unit_test_is_never_run_again(tree: Path) -> None:
+    (tree / 'unit' / 'test_late.py').write_text(ONCE.format(count=1))
+    status, said = run(tree)
+    assert status == 1
+    assert counts(said) == {'failed': 1}
+
+
+def test_a_test_that_hangs_fails_each_time_it_is_run(tree: Path) -> None:
+    (tree / 'integration' / 'test_hangs.py').write_text(
+        'import time, pytest\n@pytest.mark.timeout(10)\ndef test_hangs():\n    time.sleep(1000)\n'
+    )
+    status, said = run(tree, TEST_PATIENCE='0.1')
+    assert status == 1
+    assert 'Timeout (>1.0s)' in said
+    assert counts(said) == {'failed': 1, 'rerun': 1}
+
+
+@pytest.mark.parametrize(
+    'skipping',
+    [
+        'def test_it():\n    pytest.skip("no browser")\n',
+        '@pytest.mark.skipif(True, reason="no browser")\ndef test_it():\n    pass\n',
+        'pytest.skip("no browser", allow_module_level=True)\n',
+    ],
+    ids=['in a test', 'by a mark', 'of a file'],
+)
+def test_a_skip_is_a_failure_where_it_must_not_be(tree: Path, skipping: str) -> None:
+    (tree / 'unit' / 'test_skips.py').write_text(f'import pytest\n\n{skipping}')
+    assert run(tree)[0] in {pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED}
+    status, said = run(tree, CI='true')
+    assert status in {pytest.ExitCode.TESTS_FAILED, pytest.ExitCode.INTERRUPTED}
+    assert 'no browser: with CI=true a skip is a failure (tests/skips.py)' in said
+
+
+def test_what_no_project_can_install_may_be_skipped(tree: Path) -> None:
+    (tree / 'unit' / 'test_skips.py').write_text(
+        'import pytest\n\n'
+        'def test_it():\n'
+        '    pytest.skip("a small disk cannot be mounted here: not root")\n'
+    )
+    status, said = run(tree, CI='true')
+    assert status == 0, said
+
+
+def test_children_of_the_tests_heed_every_signal_and_read_nothing() -> None:
+    """However this run was started: in the background, under nohup, at a terminal."""
+    program = (
+        'import pathlib, re\n'
+        "said = pathlib.Path('/proc/self/status').read_text()\n"
+        "print(re.search('SigIgn:(.*)', said)[1], re.search('SigBlk:(.*)', said)[1])\n"
+    )
+    said = subprocess.check_output(
+        ['/usr/bin/env', sys.executable, '-c', program], stdin=subprocess.DEVNULL, timeout=30
+    )
+    ignored, blocked = (int(mask, 16) for mask in said.split())
+    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
+        assert not ignored >> (number - 1) & 1
+        assert not blocked >> (number - 1) & 1
