@@ -28,31 +28,69 @@ settings.register_profile('same', deadline=None, derandomize=True)
 settings.register_profile('random', deadline=None, print_blob=True)
 settings.load_profile('same')
 
-UNIT: Final = Path(__file__).parent / 'unit'
+TESTS: Final = Path(__file__).parent
+UNIT: Final = TESTS / 'unit'
 
 # The ports of the other ids lie where Linux gives ports to clients.
 ROS_DOMAINS: Final = (*range(1, 102), *range(215, 233))
 
 # How long some modules take, in seconds, and how long a test of the others does about.
 LONG: Final = {
-    'test_secured_kafka_faults': 310,
-    'test_kafka_to_ros_kills': 200,
-    'test_reload': 180,
-    'test_dead_letters': 165,
-    'test_ros_control': 135,
-    'test_demo': 130,
-    'test_take_over': 120,
-    'test_ros_to_kafka_kills': 105,
-    'test_bridge_page': 95,
-    'test_lifecycle': 90,
-    'test_depth': 90,
-    'test_recovery': 90,
-    'test_worker_kills': 85,
-    'test_fault_bench': 65,
-    'test_chain': 60,
-    'test_own_module': 60,
-    'test_cluster': 55,
-    'test_fuzzed_records': 35,
+    'faults/test_secured_kafka_faults': 355,
+    'system/test_reload': 230,
+    'faults/test_kafka_to_ros_kills': 185,
+    'system/test_ros_control': 155,
+    'system/test_demo': 150,
+    'system/test_bridge_page': 150,
+    'faults/test_ros_to_kafka_kills': 130,
+    'system/test_workers': 120,
+    'system/test_dead_letters': 115,
+    'faults/test_network': 110,
+    'system/warehouse/test_recovery': 105,
+    'system/test_lifecycle': 100,
+    'faults/test_take_over': 95,
+    'integration/test_kills': 95,
+    'system/test_secured_kafka': 95,
+    'system/test_depth': 90,
+    'system/test_monitoring': 90,
+    'integration/test_ros_to_kafka': 90,
+    'faults/test_worker_kills': 85,
+    'system/test_local_kafka': 80,
+    'system/test_examples': 75,
+    'system/test_experiment': 70,
+    'system/warehouse/test_chain': 70,
+    'system/test_exclusive': 70,
+    'system/test_tracing': 65,
+    'faults/test_fault_bench': 65,
+    'system/test_pause': 65,
+    'integration/test_kafka_to_ros_beginnings': 60,
+    'system/warehouse/test_own_module': 55,
+    'faults/test_spool_kills': 55,
+    'integration/test_check': 50,
+    'system/test_topics': 50,
+    'system/test_measures': 50,
+    'faults/test_reload_kills': 45,
+    'faults/test_cluster': 45,
+    'system/test_getting_started': 40,
+    'system/test_schema_registry': 40,
+    'system/test_init': 35,
+    'system/test_drain': 35,
+    'integration/test_reload': 35,
+    'system/test_cli': 35,
+    'system/test_hosts': 35,
+    'integration/test_kafka_to_ros': 30,
+    'integration/test_workers': 30,
+    'system/test_kafka_source': 30,
+    'faults/test_fuzzed_records': 30,
+    'integration/test_monitoring': 30,
+    'integration/test_both_ways': 30,
+    'integration/test_kafka_to_ros_bad_records': 30,
+    'integration/test_cli': 25,
+    'integration/test_dead_letters': 25,
+    'integration/test_formats': 20,
+    'integration/test_demo': 15,
+    'integration/test_secured_kafka': 15,
+    'integration/test_ros_control': 10,
 }
 USUAL: Final = 5
 
@@ -92,7 +130,8 @@ def pytest_collection_finish() -> None:
 
 
 def _seconds(module: list[pytest.Item]) -> int:
-    return LONG.get(module[0].path.stem, USUAL * len(module))
+    name = str(module[0].path.relative_to(TESTS).with_suffix(''))
+    return LONG.get(name, USUAL * len(module))
 
 
 @pytest.fixture(autouse=True, scope='session')

@@ -193,6 +193,11 @@ class Bench:
         return f'{self.name}.to_ros'
 
     @property
+    def node(self) -> str:
+        """The ROS node of a bridge that has one."""
+        return '/kafka_bridge_' + self.name.replace('-', '_')
+
+    @property
     def environ(self) -> dict[str, str]:
         """The environment of what the test starts."""
         return {**os.environ, **self._environ}

@@ -149,7 +149,7 @@ def _value(value: Any) -> Any:
 
 
 @contextmanager
-def caller(domain: int, name: str = '/kafka_bridge_test') -> Iterator[Caller]:
+def caller(domain: int, name: str) -> Iterator[Caller]:
     """Make a node that calls the bridge's node of that name."""
     with open_node('caller', domain, Endpoints({}, {})) as node:
         executor = SingleThreadedExecutor(context=node.context)

@@ -1,7 +1,7 @@
 """What a bridge and the nodes of the tests import and link, done once for all of them.
 
 What is left out here is no mistake: each process imports what it has not got. An ImportError is
-passed over by multiprocessing; `tests/unit/test_warm.py` finds that.
+passed over by multiprocessing; `tests/integration/test_warm.py` finds that.
 """
 
 import ctypes

@@ -1,6 +1,12 @@
-"""What tests of several workers share: which processes they are, whether they are gone."""
+"""What tests of workers share: which processes they are, what they tell, whether they are gone."""
 
+import os
 import re
+import select
+import signal
+import subprocess
+import sys
+import time
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -40,3 +46,51 @@ def gone(pid: int) -> bool:
 def wait_until_gone(*all_of: int) -> None:
     """Wait until none of these processes runs."""
     eventually(lambda: all(map(gone, all_of)), 60, lambda: f'one of {all_of} still runs')
+
+
+def sized(count: int) -> list[bytes]:
+    return [f'{number}'.encode().ljust(500) for number in range(count)]
+
+
+class Watched:
+    """A worker of its own, and the end of its pipe."""
+
+    def __init__(self, bench: Bench, config: Path) -> None:
+        self.pipe, its_end = os.pipe()
+        with (bench.place / 'worker.log').open('ab') as log:
+            self.process = subprocess.Popen(
+                [
+                    *(sys.executable, '-m', 'ros2_kafka_bridge.worker', str(config)),
+                    f'--snapshots={its_end}',
+                ],
+                pass_fds=(its_end,),
+                stderr=log,
+            )
+        os.close(its_end)
+        self.log = bench.place / 'worker.log'
+
+    def lines(self, timeout_s: float) -> list[bytes]:
+        """All that is sent within a time, or until the worker closes the pipe."""
+        data, deadline_s = b'', time.monotonic() + timeout_s
+        while (left_s := deadline_s - time.monotonic()) > 0:
+            if select.select([self.pipe], [], [], left_s)[0]:
+                more = os.read(self.pipe, 65536)
+                if not more:
+                    break
+                data += more
+        assert data.endswith(b'\n') or not data
+        return data.splitlines()
+
+    def end(self) -> int:
+        self.process.terminate()
+        return self.process.wait(40)
+
+
+def kill(process: Process, worker: int) -> int:
+    """SIGKILL a worker, and wait until it runs again; returns what the other was before."""
+    before = pids(process, worker)
+    other = pids(process, 3 - worker)[-1]
+    os.kill(before[-1], signal.SIGKILL)
+    process.wait_for(f'worker {worker} (', 60, count=2)
+    eventually(lambda: len(pids(process, worker)) > len(before), 60, process.output)
+    return other

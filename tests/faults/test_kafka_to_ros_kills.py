@@ -1,8 +1,6 @@
 """Kafka -> ROS while something dies: the bridge, a subscriber, one bridge of two, the broker.
 
-A record's value is its number in its partition, which is also its offset. Subscribers that have
-to be slow take few samples into their DDS cache, so that the bridge's window is in flight
-whenever something happens.
+SIGKILL of the bridge is in tests/integration/test_kills.py.
 """
 
 import os
@@ -12,7 +10,6 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
 from typing import Self
 
@@ -27,82 +24,25 @@ from harness import (
     wait_until_it_reads,
     within,
 )
+from numbers_to_ros import (
+    ON_ITS_WAY_S,
+    ROS_TOPIC,
+    SAMPLES,
+    SLOW,
+    numbered,
+    numbers,
+    steps_back,
+    wait_for_all,
+    wait_for_lines,
+)
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
-
-ROS_TOPIC = '/numbers'
-SAMPLES = 50  # in the DDS cache of a slow subscriber
-ON_ITS_WAY_S = 1.0  # a commit that a killed bridge has sent, until the broker has done it
-SLOW = ('--work', '0.001')  # 0.8 messages/ms or so
 
 
 @pytest.fixture
 def arrived(tmp_path: Path) -> Path:
     """The file of a subscriber."""
     return tmp_path / 'arrived'
-
-
-def numbered(count: int) -> list[bytes]:
-    return [b'%d' % number for number in range(count)]
-
-
-def numbers(file: Path) -> list[int]:
-    return [int(line) for line in lines(file)]
-
-
-def wait_for_lines(file: Path, count: int, *processes: Process, timeout_s: float = 60.0) -> None:
-    eventually(
-        lambda: len(lines(file)) >= count,
-        timeout_s,
-        lambda: '\n'.join([f'{len(lines(file))} of {count}', *(p.output() for p in processes)]),
-    )
-
-
-def wait_for_all(file: Path, count: int, *processes: Process, timeout_s: float = 60.0) -> None:
-    """Wait for the last number; what came twice makes a file longer, not complete."""
-    last = str(count - 1)
-    eventually(
-        lambda: last in lines(file)[-1:],
-        timeout_s,
-        lambda: '\n'.join([f'{lines(file)[-1:]} of {last}', *(p.output() for p in processes)]),
-    )
-
-
-def steps_back(found: list[int]) -> list[tuple[int, int]]:
-    """Where repeats begin, as (number before, number after); between them nothing is left out.
-
-    That is 'in order but for repeats': a step forward is a step by one.
-    """
-    pairs = list(pairwise(found))
-    assert [(a, b) for a, b in pairs if b > a + 1] == []
-    return [(a, b) for a, b in pairs if b <= a]
-
-
-def test_guarantees_1_and_8_a_killed_bridge_loses_nothing_and_repeats_only_uncommitted_records(
-    bench: Bench, topic_name: str, arrived: Path
-) -> None:
-    count = 3500
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, numbered(count))
-    committed = []
-    with bench.subscriber(ROS_TOPIC, arrived, *SLOW, samples=SAMPLES):
-        for kill_at in (1200, 2200):
-            with bench.bridge(config) as bridge:
-                wait_for_lines(arrived, kill_at, bridge)
-                bridge.kill()
-            time.sleep(ON_ITS_WAY_S)
-            committed.append(bench.committed(bench.group, topic_name))
-        with bench.bridge(config) as bridge:
-            wait_for_all(arrived, count, bridge)
-            assert bridge.end() == 0
-        assert totals(bridge)['confirmed'] == count - committed[-1]
-    found = numbers(arrived)
-    assert found[0] == 0
-    # What comes again begins at the committed offset, so that all of it lies at or above.
-    assert [after for _, after in steps_back(found)] == committed
-    assert 0 < committed[0] < committed[1]
-    assert bench.committed(bench.group, topic_name) == count
 
 
 def test_guarantee_8_a_bridge_that_is_killed_at_rest_repeats_nothing(

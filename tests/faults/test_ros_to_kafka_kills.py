@@ -4,21 +4,18 @@ The guarantees are those of docs: 2 at least once without duplicates, 3 order, 4
 6 counters balance, 7 stop is a drain, 8 what SIGKILL can cost.
 """
 
-import contextlib
 import itertools
 import re
 import signal
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
-from confluent_kafka import Consumer, KafkaException, Message, TopicPartition
-from harness import Bench, Process, eventually, headers, to_kafka, totals, values, within
+from harness import Bench, Process, eventually, to_kafka, totals, values, within
+from numbers_to_kafka import LATCHED, how_many, last, published, seqs
 from relay import node_behind_relay
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka, free_port
 
-LATCHED = ('--durability', 'transient_local', '--readers', '0')
 READER_CACHE = 2000
 WINDOW = 2000
 RATE = 500
@@ -27,34 +24,6 @@ RATE = 500
 def numbered(count: int) -> list[bytes]:
     """What tests/peers/ros_publisher.py publishes."""
     return [b'%d' % number for number in range(count)]
-
-
-def seqs(records: Sequence[Message]) -> list[int]:
-    """The number of each record at its publisher, which is one and the same."""
-    found = [headers(record) for record in records]
-    assert len({header['ros.gid'] for header in found}) == 1
-    return [int(header['ros.seq']) for header in found]
-
-
-def published(publisher: Process) -> bool:
-    """Whether a publisher is through."""
-    return 'published' in publisher.output()
-
-
-def last(bench: Bench, topic: str) -> int:
-    """The number of the last record just now, 0 where there is none; no group is joined for it."""
-    config = {'bootstrap.servers': bench.bootstrap_servers, 'group.id': 'nobody'}
-    with contextlib.closing(Consumer(config)) as consumer:
-        try:
-            _, end = consumer.get_watermark_offsets(TopicPartition(topic, 0), timeout=10)
-        except KafkaException:  # a node that is up again leads the topic a moment later
-            return 0
-        if end == 0:
-            return 0
-        consumer.assign([TopicPartition(topic, 0, end - 1)])
-        record = consumer.poll(10)
-        assert record is not None
-        return seqs([record])[0]
 
 
 # The bridge ends
@@ -80,24 +49,6 @@ def test_sigterm_in_mid_stream_loses_and_doubles_nothing_of_a_history_guarantees
     assert seqs(records) == list(range(1, 4001))
 
 
-def test_sigkill_costs_nothing_of_a_transient_local_history_guarantees_2_3_8(
-    bench: Bench, topic_name: str
-) -> None:
-    bench.create_topic(topic_name)
-    config = bench.config([to_kafka('/orders', topic_name)], ros={'lease_s': 3})
-    options = (*LATCHED, '--count', '4000', '--rate', str(RATE))
-    with bench.publisher('/orders', *options) as publisher:
-        with bench.bridge(config) as bridge:
-            eventually(lambda: last(bench, topic_name) >= 300, 60)
-            assert not published(publisher)
-            bridge.kill()
-        with bench.bridge(config) as bridge:
-            records = bench.records(topic_name, 4000)
-            assert bridge.end() == 0
-    assert values(records) == numbered(4000)
-    assert seqs(records) == list(range(1, 4001))
-
-
 def test_sigkill_costs_a_volatile_publisher_no_more_than_is_said_guarantee_8(
     bench: Bench, topic_name: str
 ) -> None:
@@ -118,8 +69,7 @@ def test_sigkill_costs_a_volatile_publisher_no_more_than_is_said_guarantee_8(
                 eventually(lambda: last(bench, topic_name) > before, 60)
                 back_s = time.monotonic()
                 enough.touch()
-                publisher.wait_for('published')
-                count = int(publisher.output().split('published ')[1])
+                count = how_many(publisher)
                 eventually(lambda: last(bench, topic_name) == count, 60)
                 assert again.end() == 0
                 records = bench.records(topic_name, bench.end_offset(topic_name))
@@ -209,8 +159,7 @@ def test_connections_that_were_forgotten_on_the_way_cost_nothing_guarantees_2_3(
             reached = last(bench, topic_name)
             eventually(lambda: last(bench, topic_name) > reached + 100, 120, bridge.output)
             enough.touch()
-            publisher.wait_for('published')
-            count = int(publisher.output().split()[-1])
+            count = how_many(publisher)
             assert bridge.end() == 0, bridge.output()
             assert totals(bridge, 'to_kafka')['confirmed'] == count
         records = bench.records(topic_name, bench.end_offset(topic_name))

@@ -4,36 +4,15 @@ The guarantees are those of docs: 2 at least once, 3 order, 4 full means wait, 6
 7 stop is a drain, 8 what SIGKILL can cost. docs/spool.md has the same table of costs.
 """
 
-import contextlib
 import logging
-import sqlite3
 import time
-from pathlib import Path
-from typing import Any
 
-from confluent_kafka import Consumer, KafkaException, TopicPartition
-from harness import Bench, eventually, headers, to_kafka, totals
+from harness import Bench, eventually, headers, totals
+from spooled import CACHE, RATE, WINDOW, arrived, file, numbers, on_disk, route
 from spools import newest_on_disk
 
-from ros2_kafka_bridge.spool.store import Spool, file_of
+from ros2_kafka_bridge.spool.store import Spool
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
-
-WINDOW = 500
-CACHE = 500
-RATE = 1000
-
-
-def route(bench: Bench, topic: str, *, mode: str = 'when_away', **more: Any) -> dict[str, Any]:
-    """A route with a spool, and a window and a cache that a test can fill."""
-    spool = {'path': str(bench.place / 'spool'), 'mode': mode, **more}
-    made = to_kafka('/orders', topic, max_in_flight=WINDOW, spool=spool)
-    made['from']['max_samples'] = CACHE
-    return made
-
-
-def file(bench: Bench) -> Path:
-    """The spool of the route in the bridge of the tests."""
-    return file_of(bench.place / 'spool', bench.name, 'to_kafka')
 
 
 def spooled(bench: Bench) -> list[int]:
@@ -44,59 +23,6 @@ def spooled(bench: Bench) -> list[int]:
         return [int(row.record.value or b'') for row in spool.read(0, 10**6, 1 << 40)]
     finally:
         spool.close()
-
-
-def numbers(bench: Bench, topic: str) -> list[int]:
-    """What has arrived, in the order of the topic."""
-    end = arrived(bench, topic)
-    found: list[int] = []
-    config = {'bootstrap.servers': bench.bootstrap_servers, 'group.id': 'nobody'}
-    with contextlib.closing(Consumer(config)) as consumer:
-        consumer.assign([TopicPartition(topic, 0, 0)])
-        while len(found) < end:
-            found += [int(record.value() or b'') for record in consumer.consume(end, 0.5)]
-    return found
-
-
-def arrived(bench: Bench, topic: str) -> int:
-    """How many records a topic holds just now."""
-    config = {'bootstrap.servers': bench.bootstrap_servers, 'group.id': 'nobody'}
-    with contextlib.closing(Consumer(config)) as consumer:
-        try:
-            return int(consumer.get_watermark_offsets(TopicPartition(topic, 0), timeout=10)[1])
-        except KafkaException:
-            return 0
-
-
-def on_disk(bench: Bench) -> int:
-    """How many messages a running bridge has on disk."""
-    if not file(bench).exists():
-        return 0
-    reader = sqlite3.connect(f'file:{file(bench)}?mode=ro', uri=True)
-    with contextlib.closing(reader):
-        return int(reader.execute('SELECT count(*) FROM rows').fetchone()[0])
-
-
-def test_robots_are_not_held_back_while_kafka_is_away_and_nothing_is_lost_guarantees_2_3_4_6(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
-) -> None:
-    count = 8000
-    config = own_bench.config([route(own_bench, topic_name)])
-    own_bench.create_topic(topic_name)
-    options = ('--count', str(count), '--rate', str(RATE))
-    with own_bench.bridge(config) as bridge, own_bench.publisher('/orders', *options) as publisher:
-        eventually(lambda: arrived(own_bench, topic_name) >= 500, 60)
-        own_kafka.kill()
-        publisher.wait_for('published', timeout_s=60)
-        bridge.wait_for('new messages go to the spool: ')
-        bridge.wait_for('Kafka is away')
-        eventually(lambda: on_disk(own_bench) > WINDOW + CACHE, 60)
-        own_kafka.start()
-        bridge.wait_for('the spool is empty again', timeout_s=60)
-        assert bridge.end() == 0
-    found = totals(bridge, 'to_kafka')
-    assert found['taken'] == found['confirmed'] == count
-    assert numbers(own_bench, topic_name) == list(range(count))
 
 
 def test_sigkill_while_kafka_is_away_costs_nothing_of_what_was_taken_guarantees_2_3_8(

@@ -6,148 +6,51 @@ partitions instead: tests/faults/test_kafka_to_ros_kills.py.
 """
 
 import itertools
-import re
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from confluent_kafka import Message, Producer
+from confluent_kafka import Producer
 from harness import (
     Bench,
-    Process,
     eventually,
-    headers,
     lines,
     to_kafka,
     to_ros,
     totals,
-    values,
     wait_until_it_reads,
 )
+from numbers_to_kafka import LATCHED
 from spools import newest_on_disk
+from taking_turns import (
+    HANDS,
+    RATE,
+    STANDS_BY,
+    TAKES,
+    assert_each_once_in_order,
+    end,
+    exclusive,
+    now_s,
+    runs,
+    said_at_s,
+    streaming,
+    tell,
+    wait_for_all,
+    wait_for_order,
+)
 
-from ros2_kafka_bridge.dedup import Deduplicator
 from ros2_kafka_bridge.spool.store import file_of
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
-
-LATCHED = ('--durability', 'transient_local', '--readers', '0')
-RATE = 300
-TAKES = 'takes over: this bridge runs the route'
-HANDS = 'hands over: another bridge runs this route'
-STANDS_BY = 'stands by: another bridge runs this route'
 
 
 @pytest.fixture
 def name(unique: Callable[[str], str]) -> str:
     """The name of the bridges of a test: those of one name take turns."""
     return unique('pair')
-
-
-def exclusive(bench: Bench, name: str, topic: str) -> Path:
-    """A file that several bridges run."""
-    bench.create_topic(topic)
-    route = to_kafka('/orders', topic, exclusive=True)
-    return bench.config([route], name=name, ros={'lease_s': 3})
-
-
-def streaming(bench: Bench) -> Process:
-    """A publisher of numbers that keeps a history, until it is told that it is enough."""
-    options = (*LATCHED, '--until', str(bench.place / 'enough'), '--rate', str(RATE))
-    return bench.publisher('/orders', *options)
-
-
-def end(bench: Bench, stream: Process) -> int:
-    """Have it publish no more; returns how many there were."""
-    (bench.place / 'enough').touch()
-    stream.wait_for('published')
-    return int(stream.output().split('published ')[1])
-
-
-def runs(bridge: Process) -> bool:
-    """Whether it is the one that runs its route, by what it has said."""
-    said = bridge.output()
-    return said.count(TAKES) > said.count(HANDS)
-
-
-def wait_for_order(bench: Bench, topic: str, order: int, *bridges: Process) -> None:
-    """Wait until the topic holds so many records."""
-    eventually(
-        lambda: bench.reaches(topic, order), 60, lambda: '\n'.join(b.output() for b in bridges)
-    )
-
-
-def wait_for_all(bench: Bench, topic: str, count: int, *bridges: Process) -> list[Message]:
-    """Wait until each of the numbers from 1 has come; returns all records, in their order."""
-    wait_for_order(bench, topic, count, *bridges)
-    found: list[Message] = []
-
-    def complete() -> bool:
-        found[:] = bench.records(topic, bench.end_offset(topic))
-        return len({headers(record)['ros.seq'] for record in found}) >= count
-
-    eventually(complete, 60, lambda: '\n'.join(b.output() for b in bridges))
-    return found
-
-
-def assert_each_once_in_order(records: Iterable[Message], count: int) -> None:
-    """Nothing lost, and nothing doubled once the repeats are left out."""
-    dedup = Deduplicator()
-    once = list(dedup.without_repeats(records))
-    assert [int(headers(record)['ros.seq']) for record in once] == list(range(1, count + 1))
-    assert values(once) == [b'%d' % number for number in range(count)]
-    assert dedup.gaps() == {}
-
-
-def said_at_s(bridge: Process, text: str) -> float:
-    """When a bridge said something first, in seconds of its day."""
-    found = re.search(rf' (\d+):(\d+):(\d+),(\d+) .*{re.escape(text)}', bridge.output())
-    assert found, bridge.output()
-    hours, minutes, seconds, ms = map(int, found.groups())
-    return hours * 3600 + minutes * 60 + seconds + ms / 1000
-
-
-def now_s() -> float:
-    """What time it is, in seconds of the day."""
-    here = time.localtime()
-    return here.tm_hour * 3600 + here.tm_min * 60 + here.tm_sec + time.time() % 1
-
-
-def tell(what: str, seconds: float) -> None:
-    print(f'{what}: {seconds:.1f} s')  # noqa: T201 (shown with -s)
-
-
-def test_guarantee_8_a_killed_bridge_is_taken_over_from_and_nothing_of_a_history_is_lost(
-    bench: Bench, topic_name: str, name: str
-) -> None:
-    config = exclusive(bench, name, topic_name)
-    with ExitStack() as stack:
-        first = stack.enter_context(bench.bridge(config))
-        first.wait_for(TAKES, 60)
-        second = stack.enter_context(bench.bridge(config))
-        second.wait_for(STANDS_BY, 60)
-        stream = stack.enter_context(streaming(bench))
-        wait_for_order(bench, topic_name, 500, first)
-        third = stack.enter_context(bench.bridge(config))
-        third.wait_for(STANDS_BY, 60)
-        assert runs(first), 'one that joins changes nothing'
-        killed_s = now_s()
-        first.kill()
-        eventually(lambda: runs(second) or runs(third), 60)
-        other = second if runs(second) else third
-        tell('SIGKILL to the take-over', said_at_s(other, TAKES) - killed_s)
-        # Not before: what the first had sent may still have been written after its end.
-        before = bench.end_offset(topic_name)
-        wait_for_order(bench, topic_name, before + 1, other)
-        tell('SIGKILL to the first record of the other', now_s() - killed_s)
-        count = end(bench, stream)
-        records = wait_for_all(bench, topic_name, count, second, third)
-        assert [runs(second), runs(third)].count(True) == 1
-        assert second.end() == third.end() == 0
-    assert_each_once_in_order(records, count)
 
 
 def test_guarantee_8_what_a_killed_bridge_has_on_disk_comes_when_it_stands_by_again(

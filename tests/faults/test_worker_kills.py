@@ -8,8 +8,8 @@ import signal
 from functools import partial
 from pathlib import Path
 
-from harness import Bench, Process, eventually, lines, to_kafka, to_ros, values
-from workers import pids, there_and_back, wait_until_gone
+from harness import Bench, eventually, lines, to_kafka, to_ros, values
+from workers import kill, pids, there_and_back, wait_until_gone
 
 COUNT = 6000
 RATE = 400.0
@@ -18,16 +18,6 @@ LATCHED = ('--durability', 'transient_local', '--count', str(COUNT))
 
 def numbered(count: int) -> list[bytes]:
     return [b'%d' % number for number in range(count)]
-
-
-def kill(process: Process, worker: int) -> int:
-    """SIGKILL a worker, and wait until it runs again; returns what the other was before."""
-    before = pids(process, worker)
-    other = pids(process, 3 - worker)[-1]
-    os.kill(before[-1], signal.SIGKILL)
-    process.wait_for(f'worker {worker} (', 60, count=2)
-    eventually(lambda: len(pids(process, worker)) > len(before), 60, process.output)
-    return other
 
 
 def test_guarantees_1_2_8_a_killed_worker_is_started_again_and_nothing_is_lost(
@@ -64,30 +54,6 @@ def test_guarantees_1_2_8_a_killed_worker_is_started_again_and_nothing_is_lost(
     found = [int(line) for line in lines(arrived)]
     assert set(found) == set(range(COUNT))
     assert bench.committed(bench.group, topic_name) == COUNT
-
-
-def test_a_worker_that_is_started_again_runs_what_the_file_held_at_the_start(
-    bench: Bench, topic_name: str
-) -> None:
-    """With another name it would join another group, and publish all orders again."""
-    returned = f'{topic_name}.returned'
-    routes = there_and_back(topic_name)
-    config = bench.config(routes, workers=2)
-    bench.create_topic(topic_name)
-    bench.create_topic(returned)
-    bench.produce(topic_name, numbered(100))
-    with bench.bridge(config) as process:
-        eventually(partial(bench.reaches, returned, 100), 90, process.output)
-        eventually(lambda: bench.committed(bench.group, topic_name) == 100, 60, process.output)
-        changed = bench.config(routes, workers=2, name='changed')
-        changed.replace(config)
-        kill(process, 1)
-        bench.produce(topic_name, numbered(200)[100:])
-        eventually(lambda: bench.committed(bench.group, topic_name) == 200, 60, process.output)
-        assert process.end(40) == 0, process.output()
-    assert process.output().count(f'bridge {bench.name}, worker 1, runs') == 2
-    assert 'changed' not in process.output()
-    assert values(bench.records(returned, 200)) == numbered(200)
 
 
 def test_a_route_that_failed_for_good_stays_so_when_its_worker_is_killed_right_after(

@@ -1,29 +1,18 @@
 """The formats with schemas, end to end: real Kafka, real DDS, and a strict Schema Registry."""
 
-import json
 import math
-import sys
 from array import array
 from collections.abc import Iterator
-from contextlib import ExitStack, closing
 from typing import Any, NamedTuple
 
 import pytest
-from confluent_kafka.schema_registry import Schema, SchemaRegistryClient
-from harness import PEERS, Bench, Process, eventually, headers, lines, values
+from harness import Bench, eventually, headers, lines
 from messages import cdr, exact_of, extremes, layout_of, new_message
+from raw_readers import reader_of, received
 from registry_server import RegistryServer
-from ros_package import build_package, write_package
-
-from ros2_kafka_bridge.config.formats import SchemaSettings
-from ros2_kafka_bridge.formats import FORMATS
-from ros2_kafka_bridge.formats.avro.schema import avro_schema
-from ros2_kafka_bridge.formats.scope import Scope
-from ros2_kafka_bridge.message_types import load_layout
 
 STRING = 'std_msgs/msg/String'
 FLOAT64 = 'std_msgs/msg/Float64'
-LARGEST = {'max_message_bytes': 8_000_000}
 
 
 @pytest.fixture
@@ -32,6 +21,9 @@ def registry() -> Iterator[RegistryServer]:
     with RegistryServer() as server:
         yield server
     assert server.problems == []
+
+
+LARGEST = {'max_message_bytes': 8_000_000}
 
 
 def header(frame: str) -> Any:
@@ -94,6 +86,7 @@ FEW = ('nav_msgs/msg/Odometry', 'sensor_msgs/msg/Image', 'test_msgs/msg/Arrays',
 class Line(NamedTuple):
     """One type on its way: out of one ROS topic into Kafka, and back to another."""
 
+    bench: str
     number: int
     message_type: str
     format_name: str
@@ -114,7 +107,7 @@ class Line(NamedTuple):
     @property
     def topic(self) -> str:
         """The Kafka topic between the two."""
-        return f'formats-{self.number}'
+        return f'{self.bench}-{self.number}'
 
     def _route(self, source: dict[str, Any], sink: dict[str, Any]) -> dict[str, Any]:
         name = f'r{self.number}'
@@ -127,12 +120,15 @@ def test_what_is_published_comes_back_from_kafka_byte_for_byte_in_every_format(
     by_type = cases()
     chosen = [('json', kind, sent) for kind, sent in by_type.items()]
     chosen += [(name, kind, by_type[kind]) for name in ('avro', 'protobuf') for kind in FEW]
-    ways = [Line(number, kind, name, sent) for number, (name, kind, sent) in enumerate(chosen)]
+    ways = [
+        Line(bench.name, number, kind, name, sent)
+        for number, (name, kind, sent) in enumerate(chosen)
+    ]
     for way in ways:
         bench.create_topic(way.topic, max_message_bytes='8000000')
     more = {'schema_registry': {'url': registry.url}, 'defaults': LARGEST}
-    out = bench.config([way.to_kafka for way in ways], name='out', **more)
-    back = bench.config([way.to_ros for way in ways], name='back', **more)
+    out = bench.config([way.to_kafka for way in ways], name=f'{bench.name}-out', **more)
+    back = bench.config([way.to_ros for way in ways], name=f'{bench.name}-back', **more)
     (bench.place / 'read').write_text(
         ''.join(f'/out{way.number} {way.message_type}\n' for way in ways)
     )
@@ -157,7 +153,7 @@ def test_what_is_published_comes_back_from_kafka_byte_for_byte_in_every_format(
         assert writer.end() == 0, writer.output()
         assert reader.end() == 0, reader.output()
         checked, told, _ = bench.command('check', str(out), '--connect')
-    assert f'subject formats-{len(ways) - 1}-value of {registry.url} has the schema, with' in told
+    assert f'subject {ways[-1].topic}-value of {registry.url} has the schema, with' in told
     assert told.count(' has the schema, with the id ') == 2 * len(FEW)
     assert checked == 0, told
     found = [line.split(' ') for line in lines(received)]
@@ -166,22 +162,6 @@ def test_what_is_published_comes_back_from_kafka_byte_for_byte_in_every_format(
         came = [exact(bytes.fromhex(hexed)) for at, hexed in found if at == f'/out{way.number}']
         assert came == way.sent, f'{way.format_name} {way.message_type}'
     assert len(found) == count
-
-
-def reader_of(bench: Bench, message_type: str, topic: str = '/out') -> Process:
-    """A subscriber of one topic, ready; what it reads comes into the file `received`."""
-    reader = bench.script(
-        'ros_raw_subscriber.py', topic, message_type, str(bench.place / 'received')
-    )
-    reader.wait_for('ready')
-    return reader
-
-
-def received(bench: Bench, count: int, bridge: Process, message_type: str) -> list[bytes]:
-    """What the reader has got, once that are so many messages."""
-    file = bench.place / 'received'
-    eventually(lambda: len(lines(file)) >= count, 60, bridge.output)
-    return [exact_of(message_type)(bytes.fromhex(line)) for line in lines(file)]
 
 
 def test_a_bad_record_becomes_a_dead_letter_that_names_the_field_or_both_hashes(
@@ -222,121 +202,3 @@ def test_a_bad_record_becomes_a_dead_letter_that_names_the_field_or_both_hashes(
     assert errors[4].startswith('DecodeError: ros.type_hash: the record was written with my_msgs/')
     assert own in errors[4]
     assert other in errors[4]
-
-
-def test_a_registry_that_goes_away_in_mid_stream_makes_the_route_wait_and_loses_nothing(
-    bench: Bench, topic_name: str, registry: RegistryServer
-) -> None:
-    layout = layout_of(STRING)
-    sent = [cdr(STRING, data=f'{number}') for number in range(6)]
-    scope = Scope(topic_name, schema=SchemaSettings(), registry={'url': registry.url})
-    encode = FORMATS['avro'].make_encode(layout, scope)
-    known = [encode(one) or b'' for one in sent]
-    # The same fields under another id: a second version, which only the registry knows.
-    schema = Schema(json.dumps({**avro_schema(layout), 'doc': 'another'}), 'AVRO')
-    with closing(SchemaRegistryClient({'url': registry.url})) as client:
-        second = client.register_schema('x-value', schema)
-    unknown = [b'\0' + second.to_bytes(4, 'big') + value[5:] for value in known]
-    bench.create_topic(topic_name)
-    config = bench.config(
-        [
-            {
-                'name': 'a',
-                'from': {'kafka': topic_name, 'start': 'earliest'},
-                'to': {'ros': '/out', 'type': STRING},
-                'format': 'avro',
-            }
-        ],
-        schema_registry={'url': registry.url, 'max.retries': 0},
-    )
-    with reader_of(bench, STRING), bench.bridge(config) as bridge:
-        bench.produce(topic_name, known[:2])
-        assert received(bench, 2, bridge, STRING) == sent[:2]
-        registry.stop()
-        bench.produce(topic_name, [known[2], unknown[3], known[4], unknown[5]])
-        bridge.wait_for('tried again in')
-        bridge.wait_for('reads ', count=2)
-        assert f'Schema Registry {registry.url}' in bridge.output()
-        eventually(lambda: bench.committed(f'{bench.name}.a', topic_name) == 3, 60, bridge.output)
-        registry.start()
-        received(bench, 6, bridge, STRING)
-        eventually(lambda: bench.committed(f'{bench.name}.a', topic_name) == 6, 60, bridge.output)
-        assert bridge.end() == 0, bridge.output()
-    assert received(bench, 6, bridge, STRING) == sent
-
-
-def test_a_registry_that_is_away_at_the_start_holds_the_publishers_back_and_loses_nothing(
-    bench: Bench, topic_name: str, registry: RegistryServer
-) -> None:
-    registry.stop()
-    sent = [cdr(STRING, data=f'{number}') for number in range(50)]
-    file = bench.place / 'sent'
-    file.write_text(''.join(f'{one.hex()}\n' for one in sent))
-    bench.create_topic(topic_name)
-    config = bench.config(
-        [
-            {
-                'name': 'a',
-                'from': {'ros': '/in', 'type': STRING},
-                'to': {'kafka': topic_name},
-                'format': 'protobuf',
-            }
-        ],
-        schema_registry={'url': registry.url, 'max.retries': 0},
-    )
-    with (
-        bench.bridge(config) as bridge,
-        bench.script('ros_raw_publisher.py', '/in', STRING, str(file)) as publisher,
-    ):
-        publisher.wait_for('published 50', 60)
-        bridge.wait_for('tried again in', 60)
-        registry.start()
-        found = values(bench.records(topic_name, 50))
-        assert bridge.end() == 0, bridge.output()
-    scope = Scope(topic_name, schema=SchemaSettings(), registry={'url': registry.url})
-    decode = FORMATS['protobuf'].make_decode(layout_of(STRING), scope)
-    assert [decode(value) for value in found] == sent
-
-
-def test_a_custom_message_is_carried_and_that_of_another_version_is_a_dead_letter(
-    bench: Bench, topic_name: str
-) -> None:
-    kind, said = 'acme_msgs/msg/Crane', {'name': 'north', 'load_t': 2.5}
-    environ, hashes, cdr_bytes = {}, {}, b''
-    for version, more in (('theirs', ''), ('ours', 'bool broken\n')):
-        messages = {'Crane': f'string name\nfloat64 load_t\n{more}'}
-        folder = bench.place / version
-        package = write_package(folder, 'acme_msgs', messages)
-        environ[version] = build_package(package, bench.place / f'{version}-install')
-        layout = load_layout(kind, [folder])
-        hashes[version] = layout.type_hash or 'none'
-        if version == 'theirs':
-            decode = FORMATS['json'].make_decode(layout, Scope(topic_name))
-            cdr_bytes = decode(json.dumps(said).encode())
-    (bench.place / 'sent').write_text(f'/in {kind} {cdr_bytes.hex()}\n')
-    bridges = {}
-    for version in environ:
-        bench.create_topic(f'{topic_name}.{version}')
-        source, sink = {'ros': '/in', 'type': kind}, {'kafka': f'{topic_name}.{version}'}
-        route = {'name': 'a', 'from': source, 'to': sink, 'format': 'json'}
-        bridges[version] = bench.config([route], name=version)
-    with ExitStack() as stack:
-        for version, config in bridges.items():
-            bridge = stack.enter_context(bench.bridge(config, python=None, **environ[version]))
-            bridge.wait_for('subscribes to /in')
-        publisher = [
-            sys.executable,
-            str(PEERS / 'ros_many_publisher.py'),
-            str(bench.place / 'sent'),
-            '--readers=2',
-        ]
-        log = bench.place / 'publisher.log'
-        stack.enter_context(Process(publisher, log, bench.environ | environ['theirs']))
-        [record] = bench.records(f'{topic_name}.theirs', 1)
-        [letter] = bench.records(f'{topic_name}.ours.dead-letters', 1)
-    assert json.loads(record.value() or b'') == said
-    assert headers(record)['ros.type_hash'] == hashes['theirs']
-    assert letter.value() == cdr_bytes
-    error = headers(letter)['dead_letter.error']
-    assert f'the publisher sends {kind} {hashes["theirs"]}' in error
-    assert hashes['ours'] in error

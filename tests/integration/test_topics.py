@@ -1,32 +1,15 @@
 """`topics`: both sides as they are, the routes between them, and who would match."""
 
-import json
 import re
 from collections.abc import Callable
-from typing import Any
 
 from harness import Bench, to_kafka, to_ros
-from terminal import on_terminal, without_colours
-
-from ros2_kafka_bridge.testing.local_kafka import free_port
-
-Unique = Callable[[str], str]
-OFFERED = 'durability: volatile is offered, transient_local is asked for'
+from tables import OFFERED, row
 
 
-def row(out: str, topic: str) -> str:
-    """The line of a topic, one blank between its words."""
-    [found] = [line for line in out.splitlines() if line.split()[:1] == [topic]]
-    return ' '.join(found.split())
-
-
-def of(rows: list[dict[str, Any]], name: str) -> dict[str, Any]:
-    """The entry of that name."""
-    [found] = [row for row in rows if row['name'] == name]
-    return found
-
-
-def test_both_sides_are_shown_with_their_routes(bench: Bench, unique: Unique) -> None:
+def test_both_sides_are_shown_with_their_routes(
+    bench: Bench, unique: Callable[[str], str]
+) -> None:
     orders, missing = unique('orders'), unique('missing')
     bench.create_topic(orders, partitions=2)
     bench.create_topic(f'{orders}.dead-letters')
@@ -60,114 +43,3 @@ def test_both_sides_are_shown_with_their_routes(bench: Bench, unique: Unique) ->
     assert re.search(r'in /subscriber_\d+ yes', text)
     assert re.search(r'out /publisher_\d+ yes', text)
     assert 'later - nobody publishes /nobody' in text
-
-
-def test_without_a_file_names_that_correspond_are_pointed_out(
-    bench: Bench, unique: Unique
-) -> None:
-    robot = unique('robot').replace('-', '_')
-    out_topic, in_topic = f'{robot}.odom', f'{robot}.cmd'
-    bench.create_topic(out_topic)
-    bench.create_topic(in_topic)
-    with (
-        bench.publisher(f'/{robot}/odom', '--count', '0', '--readers', '0') as publisher,
-        bench.subscriber(
-            f'/{robot}/cmd', bench.place / 'received', '--durability', 'transient_local'
-        ) as subscriber,
-    ):
-        publisher.wait_for('published')
-        subscriber.wait_for('ready')
-        status, out, _ = bench.command('topics', '--bootstrap-servers', bench.bootstrap_servers)
-    assert status == 0
-    pairs = out[out.index('Possible pairs, not joined by a route') :]
-    assert row(pairs, out_topic) == f'{out_topic} /{robot}/odom ROS to Kafka yes'
-    expected = f'{in_topic} /{robot}/cmd Kafka to ROS {OFFERED}; set it in to.qos'
-    assert row(pairs, in_topic) == expected
-
-
-def test_rates_are_counted_on_request_and_json_is_for_programs(
-    bench: Bench, topic_name: str
-) -> None:
-    bench.create_topic(topic_name)
-    file = bench.config([to_kafka('/status', topic_name)])
-    with (
-        bench.bridge(file) as bridge,
-        bench.publisher('/status', '--count', '100000', '--rate', '100') as publisher,
-    ):
-        bridge.wait_for('subscribes to /status')
-        bench.records(topic_name, 50)
-        status, out, err = bench.command('topics', str(file), '--rates', '3', '--json')
-        assert publisher.running
-        assert bridge.end() == 0
-    assert (status, err) == (0, '')
-    view = json.loads(out)
-    assert of(view['ros'], '/status')['rate'] > 1
-    assert of(view['kafka'], topic_name)['rate'] > 1
-    assert of(view['kafka'], topic_name)['records'] > 0
-    assert of(view['kafka'], topic_name)['routes'] == [{'route': 'to_kafka', 'does': 'writes'}]
-    assert of(view['ros'], '/status')['routes'] == [{'route': 'to_kafka', 'does': 'takes'}]
-    [match] = of(view['ros'], '/status')['matches']
-    assert match['route'] == 'to_kafka'
-    assert match['problem'] == ''
-    assert view['seconds'] == 3
-
-
-def test_counting_is_no_subscriber_that_a_waiting_bridge_would_deliver_to(
-    bench: Bench, topic_name: str
-) -> None:
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [b'the only order'])
-    file = bench.config([to_ros(topic_name, '/waiting_orders')])
-    with bench.bridge(file) as bridge:
-        bridge.wait_for('reads ')
-        status, out, _ = bench.command('topics', str(file), '--rates', '2')
-        assert status == 0
-        assert row(out, '/waiting_orders').endswith(' ? to_ros publishes')
-        assert bridge.end() == 0
-    assert bench.committed(bench.group, topic_name) <= 0, 'it was delivered to nobody'
-
-
-def test_two_types_on_one_topic_are_both_named(bench: Bench) -> None:
-    with (
-        bench.publisher('/mixed', '--count', '0', '--readers', '0') as one,
-        bench.script(
-            'ros_raw_publisher.py', '/mixed', 'std_msgs/msg/Bool', '/dev/null', '--readers', '0'
-        ) as other,
-    ):
-        one.wait_for('published')
-        other.wait_for('published')
-        servers = ('--bootstrap-servers', bench.bootstrap_servers)
-        status, out, _ = bench.command('topics', *servers, '--rates', '0.5')
-    assert status == 0
-    types = 'std_msgs/msg/Bool; std_msgs/msg/String'
-    assert row(out, '/mixed') == f'/mixed {types} 2 reliable, volatile - ? -'
-
-
-def test_without_a_broker_the_ros_side_is_still_shown(bench: Bench) -> None:
-    nobody = f'127.0.0.1:{free_port()}'
-    with bench.publisher('/status', '--count', '0', '--readers', '0') as publisher:
-        publisher.wait_for('published')
-        status, out, err = bench.command('topics', '--bootstrap-servers', nobody)
-    assert (status, err) == (1, '')
-    assert f'Kafka ({nobody}): the broker does not answer' in out
-    assert row(out, '/status') == '/status std_msgs/msg/String 1 reliable, volatile - -'
-
-
-def test_a_terminal_shows_the_whole_of_each_name(bench: Bench, unique: Unique) -> None:
-    name = unique('a_rather_long_topic_name')
-    bench.create_topic(name)
-    file = bench.config([to_kafka(f'/{name.replace("-", "_")}', name)])
-    status, shown = on_terminal('topics', str(file), columns=80)
-    found = without_colours(shown)
-    assert status == 0
-    assert [line.split()[1:3] for line in found if line.split()[:1] == [name]] == [['1', '0']]
-    assert max(map(len, found)) <= 80
-    assert '…' not in shown
-
-
-def test_a_wrong_file_and_two_answers_for_the_brokers_are_refused(bench: Bench) -> None:
-    missing = bench.place / 'missing.yaml'
-    assert bench.command('topics', str(missing)) == (2, '', f'{missing}: no such file\n')
-    file = bench.config([to_ros('orders', '/orders')])
-    expected = f'--bootstrap-servers: {file} says them already: leave one out\n'
-    assert bench.command('topics', str(file), '--bootstrap-servers', 'x') == (2, '', expected)

@@ -8,11 +8,26 @@ import argparse
 import itertools
 import os
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import rclpy
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
+
+
+def paced(count: int | None, rate: float, leave: Path | None) -> Iterator[int]:
+    """The numbers from 0, each when it is its turn."""
+    due_s, allowed = time.monotonic(), 0
+    for number in itertools.count() if count is None else range(count):
+        while leave and number >= allowed:
+            allowed = int(leave.read_text())
+            due_s = time.monotonic()
+            time.sleep(0.005)
+        if rate:
+            time.sleep(max(0.0, due_s - time.monotonic()))
+            due_s += 1 / rate
+        yield number
 
 
 def main() -> None:
@@ -21,6 +36,7 @@ def main() -> None:
     parser.add_argument('topic')
     parser.add_argument('--count', type=int, help='without it until --until')
     parser.add_argument('--until', type=Path, help='publish until this file is there')
+    parser.add_argument('--leave', type=Path, help='publish as many as this file says, and wait')
     parser.add_argument('--rate', type=float, default=0.0, help='messages/s, 0 is no limit')
     parser.add_argument('--prefix', default='')
     parser.add_argument('--size', type=int, default=0, help='pad each to so many characters')
@@ -43,13 +59,10 @@ def main() -> None:
         time.sleep(0.01)
     if args.readers:
         time.sleep(1.0)  # the writer knows of the match before the reader does
-    start = time.monotonic()
     published = 0
-    for number in itertools.count():
-        if number == args.count or (args.until and args.until.exists()):
+    for number in paced(args.count, args.rate, args.leave):
+        if args.until and args.until.exists():
             break
-        if args.rate:
-            time.sleep(max(0.0, start + number / args.rate - time.monotonic()))
         message = String(data=f'{args.prefix}{number}'.ljust(args.size))
         while True:
             try:

@@ -23,6 +23,7 @@ def main() -> None:
     parser.add_argument('--durability', default='volatile')
     parser.add_argument('--depth', type=int, default=0, help='KEEP_LAST of so many; 0: KEEP_ALL')
     parser.add_argument('--hold', type=Path, help='take nothing while this file is there')
+    parser.add_argument('--leave', type=Path, help='take as many as this file says, and wait')
     parser.add_argument('--work', type=float, default=0.0, help='seconds of work for a message')
     args = parser.parse_args()
 
@@ -34,9 +35,12 @@ def main() -> None:
         history=HistoryPolicy.KEEP_LAST if args.depth else HistoryPolicy.KEEP_ALL,
         depth=args.depth,
     )
+    taken = 0
     with args.file.open('ab', buffering=0) as file:
 
         def on_message(message: String) -> None:
+            nonlocal taken
+            taken += 1
             file.write(message.data.encode() + b'\n')
             if args.work:
                 time.sleep(args.work)
@@ -46,7 +50,8 @@ def main() -> None:
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         while True:
-            if args.hold and args.hold.exists():
+            held = args.hold and args.hold.exists()
+            if held or (args.leave and taken >= int(args.leave.read_text())):
                 time.sleep(0.01)
             else:
                 executor.spin_once(timeout_sec=1.0)

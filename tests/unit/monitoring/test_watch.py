@@ -1,7 +1,5 @@
 """What the process that watches knows, and what it asks for."""
 
-import time
-
 import pytest
 from monitors import report, snapshot
 
@@ -38,13 +36,11 @@ def test_an_answer_that_does_not_come_is_said_to_be_missing(told: Told) -> None:
 
 def test_at_the_end_of_the_bridge_nobody_waits(told: Told) -> None:
     told.answer = lambda _: patient.close()
-    patient = Watch(told._hear, patience_s=60)
+    patient = Watch(told._hear, patience_s=1e6)  # which no test may take
     told.watch = patient
     told.tell(Configured(CONFIG, '/etc/bridge.yaml'))
-    began_s = time.monotonic()
     assert patient.ask(Do.RELOAD).text == 'the bridge has ended'
     assert patient.ask(Do.RELOAD).text == 'the bridge has ended'
-    assert time.monotonic() - began_s < 30
 
 
 def test_a_new_configuration_counts_at_once(told: Told) -> None:

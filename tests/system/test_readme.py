@@ -20,7 +20,10 @@ def sh_blocks() -> list[list[str]]:
     ]
 
 
-def test_the_three_terminals_of_the_readme(bench: Bench, tmp_path: Path, ros_domain: int) -> None:
+def test_the_three_terminals_of_the_readme(
+    own_bench: Bench, tmp_path: Path, ros_domain: int
+) -> None:
+    bench = own_bench  # its topics have the names of the README
     demo, kafka, bridge, round_trip = sh_blocks()
     assert demo == ['make demo']  # run by test_getting_started
     # The broker itself is run by test_local_kafka; here one is there already.

@@ -1,0 +1,189 @@
+"""Bridges and brokers that end in mid-stream: one proof each, the others are in tests/faults.
+
+Peers go no further than the test lets them (`Leave`), so that each kill comes in mid-stream
+however slow the machine is.
+"""
+
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+import spooled
+from harness import Bench, eventually, to_kafka, to_ros, totals, values
+from leave import Leave
+from numbers_to_kafka import LATCHED, last, seqs
+from numbers_to_ros import (
+    ON_ITS_WAY_S,
+    ROS_TOPIC,
+    SAMPLES,
+    numbered,
+    numbers,
+    steps_back,
+    wait_for_all,
+    wait_for_lines,
+)
+from taking_turns import (
+    STANDS_BY,
+    TAKES,
+    assert_each_once_in_order,
+    exclusive,
+    now_s,
+    runs,
+    said_at_s,
+    tell,
+)
+from taking_turns import wait_for_all as wait_for_all_of_a_pair
+
+from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+
+WINDOW = 500  # max_in_flight of a route
+
+
+@pytest.fixture
+def leave(tmp_path: Path) -> Leave:
+    """How far the peer of a test may go."""
+    return Leave(tmp_path)
+
+
+@pytest.fixture
+def arrived(tmp_path: Path) -> Path:
+    """The file of a subscriber."""
+    return tmp_path / 'arrived'
+
+
+def test_guarantees_1_and_8_a_killed_bridge_loses_nothing_and_repeats_only_uncommitted_records(
+    bench: Bench, topic_name: str, arrived: Path, leave: Leave
+) -> None:
+    count = 2000
+    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, numbered(count))
+    with bench.subscriber(ROS_TOPIC, arrived, *leave.options, samples=SAMPLES):
+        leave.up_to(1000)
+        with bench.bridge(config) as bridge:
+            wait_for_lines(arrived, 1000, bridge)
+            bridge.kill()
+        time.sleep(ON_ITS_WAY_S)
+        committed = bench.committed(bench.group, topic_name)
+        leave.up_to(2 * count)
+        with bench.bridge(config) as bridge:
+            wait_for_all(arrived, count, bridge)
+            assert bridge.end() == 0
+        assert totals(bridge)['confirmed'] == count - committed
+    found = numbers(arrived)
+    assert found[0] == 0
+    # What comes again begins at the committed offset, so that all of it lies at or above.
+    assert [after for _, after in steps_back(found)] == [committed]
+    assert 0 < committed <= 1000 + SAMPLES
+    assert bench.committed(bench.group, topic_name) == count
+
+
+def test_guarantees_2_3_8_sigkill_costs_nothing_of_a_transient_local_history(
+    bench: Bench, topic_name: str, leave: Leave
+) -> None:
+    count = 4000
+    bench.create_topic(topic_name)
+    config = bench.config([to_kafka('/orders', topic_name)], ros={'lease_s': 3})
+    options = (*LATCHED, *leave.options, '--count', str(count), '--rate', '500')
+    with bench.publisher('/orders', *options):
+        leave.up_to(1500)
+        with bench.bridge(config) as bridge:
+            eventually(lambda: last(bench, topic_name) >= 300, 60, bridge.output)
+            bridge.kill()
+        leave.up_to(count)
+        with bench.bridge(config) as bridge:
+            records = bench.records(topic_name, count)
+            assert bridge.end() == 0
+    assert values(records) == numbered(count)
+    assert seqs(records) == list(range(1, count + 1))
+
+
+def test_guarantees_1_and_3_a_restart_of_the_broker_loses_nothing_and_repeats_at_most_the_window(
+    own_bench: Bench, own_kafka: LocalKafka, topic_name: str, arrived: Path, leave: Leave
+) -> None:
+    bench, count = own_bench, 2000
+    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
+    bench.create_topic(topic_name, partitions=2)
+    bench.produce(topic_name, numbered(count), partition=0)
+    with (
+        bench.subscriber(ROS_TOPIC, arrived, *leave.options, samples=SAMPLES),
+        bench.bridge(config) as bridge,
+    ):
+        leave.up_to(1000)
+        wait_for_lines(arrived, 1000, bridge)
+        bench.close()
+        own_kafka.stop()
+        bridge.wait_for('Kafka is away')
+        own_kafka.start()
+        bench.produce(topic_name, numbered(count + 1000)[count:], partition=0)
+        leave.up_to(2 * count)
+        wait_for_all(arrived, count + 1000, bridge)
+        bridge.wait_for('Kafka is back')
+        # And the partition that had nothing before.
+        bench.produce(topic_name, numbered(10), partition=1)
+        wait_for_lines(arrived, count + 1010, bridge)
+        assert bridge.end() == 0
+    found = numbers(arrived)
+    assert found[-10:] == list(range(10))
+    assert found[0] == 0
+    # The group may give the partition away and back: then what was in flight comes again.
+    again = steps_back(found[:-10])
+    assert all(before - after < WINDOW for before, after in again), again
+    assert len(again) <= 1
+    assert 'ERROR' not in bridge.output()
+    assert bench.committed(bench.group, topic_name) == count + 1000
+
+
+def test_guarantees_2_3_4_6_robots_are_not_held_back_while_kafka_is_away_and_nothing_is_lost(
+    own_bench: Bench, own_kafka: LocalKafka, topic_name: str, leave: Leave
+) -> None:
+    bench, count = own_bench, 4000
+    config = bench.config([spooled.route(bench, topic_name)])
+    bench.create_topic(topic_name)
+    options = (*leave.options, '--count', str(count), '--rate', str(spooled.RATE))
+    with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
+        leave.up_to(1000)
+        eventually(lambda: spooled.arrived(bench, topic_name) >= 500, 60, bridge.output)
+        own_kafka.kill()
+        leave.up_to(count)
+        publisher.wait_for('published')
+        bridge.wait_for('new messages go to the spool: ')
+        bridge.wait_for('Kafka is away')
+        held = spooled.WINDOW + spooled.CACHE
+        eventually(lambda: spooled.on_disk(bench) > held, 60, bridge.output)
+        own_kafka.start()
+        bridge.wait_for('the spool is empty again')
+        assert bridge.end() == 0
+    found = totals(bridge, 'to_kafka')
+    assert found['taken'] == found['confirmed'] == count
+    assert spooled.numbers(bench, topic_name) == list(range(count))
+
+
+def test_guarantee_8_a_killed_bridge_is_taken_over_from_and_nothing_of_a_history_is_lost(
+    bench: Bench, topic_name: str, leave: Leave
+) -> None:
+    count = 3000
+    config = exclusive(bench, bench.name, topic_name)
+    options = (*LATCHED, *leave.options, '--count', str(count), '--rate', '300')
+    with ExitStack() as stack:
+        first = stack.enter_context(bench.bridge(config))
+        first.wait_for(TAKES)
+        second = stack.enter_context(bench.bridge(config))
+        second.wait_for(STANDS_BY)
+        stack.enter_context(bench.publisher('/orders', *options))
+        leave.up_to(1500)
+        eventually(lambda: bench.reaches(topic_name, 300), 60, first.output)
+        assert runs(first), 'one that joins changes nothing'
+        killed_s = now_s()
+        first.kill()
+        second.wait_for(TAKES)
+        tell('SIGKILL to the take-over', said_at_s(second, TAKES) - killed_s)
+        # What the first had sent may still have been written after its end.
+        before = bench.end_offset(topic_name)
+        leave.up_to(count)
+        eventually(lambda: bench.reaches(topic_name, before + 1), 60, second.output)
+        tell('SIGKILL to the first record of the other', now_s() - killed_s)
+        records = wait_for_all_of_a_pair(bench, topic_name, count, second)
+        assert second.end() == 0
+    assert_each_once_in_order(records, count)

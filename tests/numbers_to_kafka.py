@@ -1,0 +1,43 @@
+"""Numbers from a publisher to Kafka: which of them a topic holds."""
+
+import contextlib
+from collections.abc import Sequence
+
+from confluent_kafka import Consumer, KafkaException, Message, TopicPartition
+from harness import Bench, Process, headers
+
+LATCHED = ('--durability', 'transient_local', '--readers', '0')
+
+
+def seqs(records: Sequence[Message]) -> list[int]:
+    """The number of each record at its publisher, which is one and the same."""
+    found = [headers(record) for record in records]
+    assert len({header['ros.gid'] for header in found}) == 1
+    return [int(header['ros.seq']) for header in found]
+
+
+def published(publisher: Process) -> bool:
+    """Whether a publisher is through."""
+    return 'published' in publisher.output()
+
+
+def how_many(publisher: Process) -> int:
+    """How many messages a publisher that is through has published."""
+    publisher.wait_for('published')
+    return int(publisher.output().split('published ')[1])
+
+
+def last(bench: Bench, topic: str) -> int:
+    """The number of the last record just now, 0 where there is none; no group is joined for it."""
+    config = {'bootstrap.servers': bench.bootstrap_servers, 'group.id': 'nobody'}
+    with contextlib.closing(Consumer(config)) as consumer:
+        try:
+            _, end = consumer.get_watermark_offsets(TopicPartition(topic, 0), timeout=10)
+        except KafkaException:  # a node that is up again leads the topic a moment later
+            return 0
+        if end == 0:
+            return 0
+        consumer.assign([TopicPartition(topic, 0, end - 1)])
+        record = consumer.poll(10)
+        assert record is not None
+        return seqs([record])[0]

@@ -1,0 +1,55 @@
+"""Numbers from Kafka to a subscriber that is slow: what has arrived, and where it begins again.
+
+A record's value is its number in its partition, which is also its offset. Subscribers that have
+to be slow take few samples into their DDS cache, so that the bridge's window is in flight
+whenever something happens.
+"""
+
+from itertools import pairwise
+from pathlib import Path
+
+from harness import Process, eventually, lines
+
+ROS_TOPIC = '/numbers'
+SAMPLES = 50  # in the DDS cache of a slow subscriber
+ON_ITS_WAY_S = 1.0  # a commit that a killed bridge has sent, until the broker has done it
+SLOW = ('--work', '0.001')  # 0.8 messages/ms or so
+
+
+def numbered(count: int) -> list[bytes]:
+    """So many numbers, as they are written."""
+    return [b'%d' % number for number in range(count)]
+
+
+def numbers(file: Path) -> list[int]:
+    """The numbers that a subscriber has got."""
+    return [int(line) for line in lines(file)]
+
+
+def wait_for_lines(file: Path, count: int, *processes: Process, timeout_s: float = 60.0) -> None:
+    """Wait until a subscriber has got so many."""
+    eventually(
+        lambda: len(lines(file)) >= count,
+        timeout_s,
+        lambda: '\n'.join([f'{len(lines(file))} of {count}', *(p.output() for p in processes)]),
+    )
+
+
+def wait_for_all(file: Path, count: int, *processes: Process, timeout_s: float = 60.0) -> None:
+    """Wait for the last number; what came twice makes a file longer, not complete."""
+    last = str(count - 1)
+    eventually(
+        lambda: last in lines(file)[-1:],
+        timeout_s,
+        lambda: '\n'.join([f'{lines(file)[-1:]} of {last}', *(p.output() for p in processes)]),
+    )
+
+
+def steps_back(found: list[int]) -> list[tuple[int, int]]:
+    """Where repeats begin, as (number before, number after); between them nothing is left out.
+
+    That is 'in order but for repeats': a step forward is a step by one.
+    """
+    pairs = list(pairwise(found))
+    assert [(a, b) for a, b in pairs if b > a + 1] == []
+    return [(a, b) for a, b in pairs if b <= a]

@@ -1,0 +1,107 @@
+"""`init`: a starting file that is right as it is, from nothing or from the ROS graph."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+
+from harness import Bench, eventually, lines, values
+from renaming import renamed
+
+from ros2_kafka_bridge.testing.local_kafka import free_port
+
+Unique = Callable[[str], str]
+
+
+def test_the_name_is_bridge_yaml_and_a_file_is_never_overwritten(bench: Bench) -> None:
+    command = [sys.executable, '-m', 'ros2_kafka_bridge', 'init']
+
+    def init(*options: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [*command, *options],
+            cwd=bench.place, capture_output=True, text=True, timeout=120, check=False,
+        )  # fmt: skip
+
+    assert init().returncode == 0
+    file = bench.place / 'bridge.yaml'
+    file.write_text('mine')
+    again = init()
+    expected = 'bridge.yaml: is there already: name another file, or say --force\n'
+    assert (again.returncode, again.stdout, again.stderr) == (2, '', expected)
+    graph = init('--from-graph')
+    assert (graph.returncode, graph.stdout, graph.stderr) == (2, '', expected)
+    assert file.read_text() == 'mine'
+    assert init('--force', '--bootstrap-servers', 'a:1,b:2').returncode == 0
+    assert "  bootstrap.servers: 'a:1,b:2'\n" in file.read_text()
+    assert bench.command('check', str(file))[0] == 0
+
+
+def test_a_place_that_cannot_be_written_is_one_sentence(bench: Bench) -> None:
+    file = bench.place / 'missing' / 'bridge.yaml'
+    expected = (2, '', f'{file}: cannot be written: No such file or directory\n')
+    assert bench.command('init', str(file)) == expected
+
+
+def test_a_graph_becomes_routes_that_carry_its_messages(bench: Bench, unique: Unique) -> None:
+    robot = unique('robot').replace('-', '_')
+    file, received = bench.place / 'bridge.yaml', bench.place / 'received'
+    bench.create_topic(f'{robot}.cmd')
+    bench.create_topic(f'{robot}_odom')
+    with (
+        bench.publisher(f'/{robot}/odom', '--count', '10') as odom,
+        bench.publisher(
+            f'/{robot}/map', '--count', '1', '--durability', 'transient_local', '--readers', '0'
+        ) as latched,
+        bench.publisher(f'/{robot}/mixed', '--count', '0', '--readers', '0') as one,
+        bench.script(
+            'ros_raw_publisher.py', f'/{robot}/mixed', 'std_msgs/msg/Bool', '/dev/null',
+            '--readers', '0',
+        ) as other,
+        bench.subscriber(f'/{robot}/cmd', received, '--durability', 'transient_local') as reader,
+    ):  # fmt: skip
+        latched.wait_for('published')
+        one.wait_for('published')
+        other.wait_for('published')
+        reader.wait_for('ready')
+        status, out, err = bench.command(
+            'init', str(file), '--from-graph', '--bootstrap-servers', bench.bootstrap_servers
+        )
+        text = file.read_text()
+        assert status == 0, err
+        assert f'{file} is written: 3 routes, 2 to Kafka and 1 from it' in out
+        assert f'left as a comment: /{robot}/mixed has types' in err
+        assert f'  # - name: {robot}_mixed\n' in text
+        assert f'    to: {{kafka: {robot}_odom}}\n' in text, 'the name that Kafka has already'
+        assert '# Transient local from /publisher_' in text
+        assert '/rosout' in text
+        assert bench.command('check', str(file))[0] == 0
+        renamed(file, ('bridge-1', unique('bridge')))
+        with bench.bridge(file) as bridge:
+            odom.wait_for('published')
+            assert len(bench.records(f'{robot}_odom', 10)) == 10
+            assert values(bench.records(f'{robot}.map', 1)) == [b'0']
+            bridge.wait_for(f'reads {robot}.cmd')
+            bench.produce(f'{robot}.cmd', [b'stop'])
+            eventually(lambda: lines(received) == ['stop'], 30)
+            assert bridge.end() == 0
+
+
+def test_an_empty_graph_is_said_and_nothing_is_written(bench: Bench, ros_domain: int) -> None:
+    file = bench.place / 'bridge.yaml'
+    status, out, err = bench.command('init', str(file), '--from-graph')
+    assert (status, out) == (1, '')
+    assert f'no topic is seen in ROS domain {ros_domain} (ROS_DOMAIN_ID): nothing is' in err
+    assert 'ROS_AUTOMATIC_DISCOVERY_RANGE' in err
+    assert not file.exists()
+
+
+def test_a_graph_is_written_though_kafka_does_not_answer(bench: Bench) -> None:
+    file = bench.place / 'bridge.yaml'
+    nobody = f'127.0.0.1:{free_port()}'
+    with bench.publisher('/odom', '--count', '0', '--readers', '0') as publisher:
+        publisher.wait_for('published')
+        status, out, err = bench.command(
+            'init', str(file), '--from-graph', '--bootstrap-servers', nobody
+        )
+    assert (status, len(out.splitlines())) == (0, 4)
+    assert f'the file is written without looking at Kafka ({nobody})' in err
+    assert '    to: {kafka: odom}\n' in file.read_text()
