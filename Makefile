@@ -22,6 +22,9 @@ unexport PYTHONDONTWRITEBYTECODE
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTATION
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
+# pip trusts what the machine trusts, a company's authority for instance; uv only when told.
+export UV_SYSTEM_CERTS ?= true
+
 export ROS2_KAFKA_BRIDGE_KAFKA_JARS ?= $(CURDIR)/.kafka/jars
 
 .PHONY: help setup demo warehouse test test-long test-all jars check lint format types locked kafka
