@@ -12,6 +12,7 @@ descriptor holds: FILE gives its name to the messages, and its directory to `${f
 
 import argparse
 import contextlib
+import faulthandler
 import gc
 import os
 import resource
@@ -51,6 +52,7 @@ _OPEN_FILES: Final = 65_536
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a worker to its end; returns the exit status."""
+    faulthandler.enable()  # a crash in a library names the place, in the log of whoever started us
     options = _parse(arguments)
     signals = _before_the_start(supervised=options.worker > 0)
     allow_open_files()

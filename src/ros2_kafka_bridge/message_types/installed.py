@@ -4,6 +4,7 @@ import os
 import sys
 import sysconfig
 from pathlib import Path
+from typing import Final
 
 import msgspec
 
@@ -32,6 +33,11 @@ class _File(msgspec.Struct):
     type_hashes: tuple[_Hash, ...]
 
 
+# Made once, here: msgspec looks at a struct when the first decoder of it is made, and two threads
+# that do so at the same time end the process (SIGSEGV). Each route loads its type in its thread.
+_FILE: Final = msgspec.json.Decoder(_File)
+
+
 def installed_names() -> set[str]:
     """All message types of the installed packages, without those of services and actions."""
     index = 'share/ament_index/resource_index/rosidl_interfaces'
@@ -55,7 +61,7 @@ def read_installed(name: str) -> Described:
         problem = f'{name} is installed without its description, share/{name}.json'
         raise ConfigError([f'{problem}: build its package with ROS 2 Iron or a newer one'])
     try:
-        read = msgspec.json.decode(file.read_bytes(), type=_File)
+        read = _FILE.decode(file.read_bytes())
     except (OSError, msgspec.DecodeError) as error:
         raise ConfigError([f'{file}: no description of a message type: {error}']) from error
     message = read.type_description_msg

@@ -125,6 +125,22 @@ def test_a_layout_is_read_without_loading_ros() -> None:
     subprocess.run([sys.executable, '-c', program], check=True, timeout=60)
 
 
+def test_threads_that_load_types_at_the_same_time_end_no_process() -> None:
+    """As the routes of a bridge do at its start; of ten runs msgspec crashed four."""
+    program = (
+        'import sys, threading;'
+        'sys.setswitchinterval(1e-6);'
+        'from ros2_kafka_bridge.message_types.installed import read_installed;'
+        'barrier = threading.Barrier(8);'
+        'load = lambda: (barrier.wait(), read_installed("std_msgs/msg/String"));'
+        'threads = [threading.Thread(target=load) for _ in range(8)];'
+        '[thread.start() for thread in threads];'
+        '[thread.join() for thread in threads]'
+    )
+    for _ in range(5):
+        subprocess.run([sys.executable, '-c', program], check=True, timeout=60)
+
+
 @pytest.fixture
 def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where acme_msgs/msg/Crane is installed, but for its description."""
