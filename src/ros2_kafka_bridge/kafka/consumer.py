@@ -467,6 +467,9 @@ class KafkaSource:
         )
 
     def _forget(self, partitions: list[TopicPartition]) -> None:
+        # librdkafka keeps a partition paused over its loss: it would come back and never be read.
+        with contextlib.suppress(KafkaException):  # fatal for the client, and known
+            self._client.resume(partitions)
         for partition in partitions:
             self._gone.add(partition.partition)
             self._beginnings.forget(partition.partition)
