@@ -47,7 +47,7 @@ test: $(if $(filter-out tests/unit%,$(T)),jars) $(if $(filter $(LONG:=%) tests,$
 
 test-long: jars $(JAZZY) $(READY) ## the long tests: the whole system, faults, properties at random
 	$(PYTEST) $(LONG) $(A); long=$$?; \
-	$(PYTEST) tests/unit -m hypothesis --hypothesis-profile=random $(A) && exit $$long
+	$(PYTEST) tests/unit tests/system -m hypothesis --hypothesis-profile=random $(A) && exit $$long
 
 test-all: test test-long ## both
 

@@ -7,7 +7,6 @@ import itertools
 import os
 import re
 import shutil
-import signal
 import tempfile
 import uuid
 from collections.abc import Callable, Iterator
@@ -15,13 +14,13 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from harness import Bench
+from harness import CALM, Bench
 from hypothesis import settings
 
 from ros2_kafka_bridge.testing.kafka_node import new_id
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
-pytest_plugins = ('limits', 'reruns', 'skips')
+pytest_plugins = ('heeding', 'limits', 'reruns', 'skips')
 
 # The same input each time; `make test-long` draws other ones once more.
 settings.register_profile('same', deadline=None, derandomize=True)
@@ -152,31 +151,6 @@ def _processes_keep_what_python_compiles(
         patch.delenv('PYTHONDONTWRITEBYTECODE', raising=False)
         patch.setenv('PYTHONPYCACHEPREFIX', str(shared / 'bytecode'))
         yield
-
-
-# SIGPIPE is left out: Python ignores it, and gives its children the default again.
-HEEDED: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
-
-
-@pytest.fixture(autouse=True, scope='session')
-def _processes_heed_signals() -> Iterator[None]:
-    # In the background, or under nohup, they would inherit that these are ignored or blocked.
-    before = {number: signal.signal(number, signal.SIG_DFL) for number in HEEDED}
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    mask = signal.pthread_sigmask(signal.SIG_UNBLOCK, {*HEEDED, signal.SIGPIPE})
-    yield
-    signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
-# For a node that is never killed: it outlives a machine that stands still for seconds, and tells
-# less often that it lives, which alone took 4 % of a core.
-CALM: Final = {
-    'broker.heartbeat.interval.ms': '2000',
-    'broker.session.timeout.ms': '10000',
-    'metadata.max.idle.interval.ms': '5000',
-}
 
 
 @pytest.fixture(scope='session')

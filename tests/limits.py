@@ -1,6 +1,10 @@
 """How long a test may take: none can hang."""
 
+import signal
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Final
 
 import pytest
@@ -10,6 +14,7 @@ TESTS: Final = Path(__file__).parent
 
 # Seconds for the body of a test that names no limit of its own (pytest.mark.timeout).
 LIMITS_S: Final = {'unit': 60, 'integration': 150, 'system': 300, 'faults': 300}
+FIXTURES_S: Final = 150.0  # for all that are made before a test, and for all that end after it
 
 
 def tier(item: pytest.Item) -> str:
@@ -18,8 +23,38 @@ def tier(item: pytest.Item) -> str:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give each test its limit; fixtures have limits of their own, in what they wait for."""
+    """Give the body of each test its limit."""
     for item in items:
         own = item.get_closest_marker('timeout')
         limit_s = own.args[0] if own else LIMITS_S[tier(item)]
         item.add_marker(pytest.mark.timeout(patient(limit_s)), append=False)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup() -> Generator[None]:
+    """Limit the fixtures: pytest-timeout looks at bodies only, so that reruns have limits, too."""
+    with _limited('fixtures that are made'):
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown() -> Generator[None]:
+    """Limit their end."""
+    with _limited('fixtures that end'):
+        return (yield)
+
+
+@contextmanager
+def _limited(what: str) -> Iterator[None]:
+    limit_s = patient(FIXTURES_S)
+
+    def fail(_number: int, _frame: FrameType | None) -> None:
+        pytest.fail(f'Timeout (>{limit_s:.1f}s) of {what}')
+
+    before = signal.signal(signal.SIGALRM, fail)
+    signal.setitimer(signal.ITIMER_REAL, limit_s)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)

@@ -32,7 +32,7 @@ from ros2_kafka_bridge.formats.layout import (
 from ros2_kafka_bridge.ros.types import load_type
 
 FEW: Final = settings(max_examples=8)
-"""For a test of every type: few examples, the same ones every time."""
+"""For a test of every type: few examples."""
 
 _FLOATS: Final = (math.nan, math.inf, -math.inf, -0.0, 0.0, 0.1, 5e-324, -sys.float_info.min)
 _FLOAT32_MAX: Final = (2 - 2**-23) * 2.0**127

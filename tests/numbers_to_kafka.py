@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from confluent_kafka import Consumer, KafkaException, Message, TopicPartition
 from harness import Bench, Process, headers
+from patience import patient
 
 LATCHED = ('--durability', 'transient_local', '--readers', '0')
 
@@ -32,12 +33,12 @@ def last(bench: Bench, topic: str) -> int:
     config = {'bootstrap.servers': bench.bootstrap_servers, 'group.id': 'nobody'}
     with contextlib.closing(Consumer(config)) as consumer:
         try:
-            _, end = consumer.get_watermark_offsets(TopicPartition(topic, 0), timeout=10)
+            _, end = consumer.get_watermark_offsets(TopicPartition(topic, 0), timeout=patient(10))
         except KafkaException:  # a node that is up again leads the topic a moment later
             return 0
         if end == 0:
             return 0
         consumer.assign([TopicPartition(topic, 0, end - 1)])
-        record = consumer.poll(10)
+        record = consumer.poll(patient(10))
         assert record is not None
         return seqs([record])[0]

@@ -1,15 +1,19 @@
 """A subscriber of any message type, and what it has got."""
 
+from contextlib import ExitStack
+
 from harness import Bench, Process, eventually, lines
 from messages import exact_of
 
 
 def reader_of(bench: Bench, message_type: str, topic: str = '/out') -> Process:
     """A subscriber of one topic, ready; what it reads comes into the file `received`."""
-    reader = bench.script(
-        'ros_raw_subscriber.py', topic, message_type, str(bench.place / 'received')
-    )
-    reader.wait_for('ready')
+    file = str(bench.place / 'received')
+    with ExitStack() as stack:
+        script = bench.script('ros_raw_subscriber.py', topic, message_type, file)
+        reader = stack.enter_context(script)
+        reader.wait_for('ready')
+        stack.pop_all()
     return reader
 
 

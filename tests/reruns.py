@@ -4,6 +4,7 @@ A race on a busy machine costs one rerun. A test that fails twice is red, and so
 more than `MOST` tests needed their second chance: then it is no race.
 """
 
+import itertools
 from typing import Final
 
 import pytest
@@ -34,7 +35,7 @@ def pytest_terminal_summary(
     if not again:
         return
     terminalreporter.section('run again')
-    for report in again:
+    for report in itertools.chain(*again.values()):
         terminalreporter.write_line(f'{report.nodeid} ({report.when}) failed at first:')
         terminalreporter.write_line(report.longreprtext)
         terminalreporter.write_line('')
@@ -42,7 +43,13 @@ def pytest_terminal_summary(
     terminalreporter.write_line(f'{len(again)} of the tests needed a second run{verdict}')
 
 
-def _run_again(config: pytest.Config) -> list[pytest.TestReport]:
-    """The first failures; none in a worker of pytest-xdist, which tells its controller."""
+def _run_again(config: pytest.Config) -> dict[str, list[pytest.TestReport]]:
+    """The first failures of each test; none in a worker of pytest-xdist, which only reports."""
+    if hasattr(config, 'workerinput'):
+        return {}
     reporter = config.pluginmanager.get_plugin('terminalreporter')
-    return [] if reporter is None else reporter.stats.get('rerun', [])
+    reports = [] if reporter is None else reporter.stats.get('rerun', [])
+    found: dict[str, list[pytest.TestReport]] = {}
+    for report in reports:
+        found.setdefault(report.nodeid, []).append(report)  # in its body, at its end
+    return found

@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from harness import eventually
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from patience import patient
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
@@ -53,9 +54,9 @@ class Caller:
         known, too.
         """
         client = self._node.create_client(kind, f'{self._name}/{service}')
-        assert client.wait_for_service(PATIENCE_S), f'no service {self._name}/{service}'
+        assert client.wait_for_service(patient(PATIENCE_S)), f'no service {self._name}/{service}'
         younger = self._node.create_client(GetState, f'{self._name}/get_state')
-        assert younger.wait_for_service(PATIENCE_S), f'no service {self._name}/get_state'
+        assert younger.wait_for_service(patient(PATIENCE_S)), f'no service {self._name}/get_state'
         eventually(lambda: self._answers(younger), PATIENCE_S, lambda: 'no answer')
         self._node.destroy_client(younger)
         return client
@@ -67,7 +68,7 @@ class Caller:
 
     def wait(self, future: Any) -> Any:
         """Wait for an answer."""
-        self._executor.spin_until_future_complete(future, PATIENCE_S)
+        self._executor.spin_until_future_complete(future, patient(PATIENCE_S))
         assert future.done(), 'no answer'
         return future.result()
 
@@ -119,7 +120,7 @@ class Caller:
     def diagnostics(self) -> dict[str, Any]:
         """The next ones, by what they are about."""
         self._diagnostics.clear()
-        deadline = time.monotonic() + PATIENCE_S
+        deadline = time.monotonic() + patient(PATIENCE_S)
         while not self._diagnostics:
             assert time.monotonic() < deadline, 'no diagnostics'
             self._executor.spin_once(0.1)

@@ -41,7 +41,7 @@ class Watched:
         except httpx.TransportError:
             return 0
 
-    def becomes(self, path: str, status: int, words: str = '', timeout_s: float = 180.0) -> str:
+    def becomes(self, path: str, status: int, words: str = '', timeout_s: float = 90.0) -> str:
         """Wait for a status and words; returns all that is said with it."""
         found = ''
 

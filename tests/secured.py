@@ -29,6 +29,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from harness import Bench, Process, eventually, to_kafka, to_ros
+from patience import patient
 from ruamel.yaml import YAML
 
 from ros2_kafka_bridge.testing.local_kafka import HOST, LocalKafka, free_port
@@ -293,7 +294,7 @@ class SecuredKafka:
         admin = self.admin  # kept: its futures fail when it goes
         made = [_binding(user, right) for right in dict.fromkeys(rights)]
         for future in admin.create_acls(made).values():
-            future.result(_PATIENCE_S)
+            future.result(patient(_PATIENCE_S))
         wanted = [_filter(binding) for binding in made]
         eventually(lambda: all(_found(admin, one) for one in wanted), _PATIENCE_S)
 
@@ -302,12 +303,12 @@ class SecuredKafka:
         admin = self.admin
         wanted = [_filter(_binding(user, right)) for right in rights]
         for future in admin.delete_acls(wanted).values():
-            assert future.result(_PATIENCE_S), 'there was no such permission'
+            assert future.result(patient(_PATIENCE_S)), 'there was no such permission'
         eventually(lambda: not any(_found(admin, one) for one in wanted), _PATIENCE_S)
 
     def _alter_user(self, user: str, change: Any) -> None:
         admin = self.admin
-        admin.alter_user_scram_credentials([change])[user].result(_PATIENCE_S)
+        admin.alter_user_scram_credentials([change])[user].result(patient(_PATIENCE_S))
 
     # The node
 
@@ -442,7 +443,7 @@ def _filter(binding: AclBinding) -> AclBindingFilter:
 
 def _found(admin: AdminClient, wanted: AclBindingFilter) -> bool:
     """Whether the broker itself knows of it: it learns of changes from the controller, later."""
-    return bool(admin.describe_acls(wanted).result(_PATIENCE_S))
+    return bool(admin.describe_acls(wanted).result(patient(_PATIENCE_S)))
 
 
 def _java_key_store(certificate: trustme.LeafCert) -> trustme.Blob:

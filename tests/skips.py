@@ -16,7 +16,7 @@ ALLOWED: Final = (
 )
 
 
-@pytest.hookimpl(wrapper=True)
+@pytest.hookimpl(wrapper=True, trylast=True)  # before others look at it
 def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Turn a skip into a failure that says why it was one."""
     report = yield

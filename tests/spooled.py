@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from confluent_kafka import Consumer, KafkaException, TopicPartition
-from harness import Bench, to_kafka
+from harness import Bench, eventually, to_kafka
+from patience import patient
 
 from ros2_kafka_bridge.spool.store import file_of
 
@@ -35,8 +36,13 @@ def numbers(bench: Bench, topic: str) -> list[int]:
     config = {'bootstrap.servers': bench.bootstrap_servers, 'group.id': 'nobody'}
     with contextlib.closing(Consumer(config)) as consumer:
         consumer.assign([TopicPartition(topic, 0, 0)])
-        while len(found) < end:
-            found += [int(record.value() or b'') for record in consumer.consume(end, 0.5)]
+
+        def all_read() -> bool:
+            records = [one for one in consumer.consume(end, 0.5) if one.error() is None]
+            found.extend(int(record.value() or b'') for record in records)
+            return len(found) >= end
+
+        eventually(lambda: end == 0 or all_read(), 60, lambda: f'{len(found)} of {end} read')
     return found
 
 
@@ -45,7 +51,9 @@ def arrived(bench: Bench, topic: str) -> int:
     config = {'bootstrap.servers': bench.bootstrap_servers, 'group.id': 'nobody'}
     with contextlib.closing(Consumer(config)) as consumer:
         try:
-            return int(consumer.get_watermark_offsets(TopicPartition(topic, 0), timeout=10)[1])
+            return int(
+                consumer.get_watermark_offsets(TopicPartition(topic, 0), timeout=patient(10))[1]
+            )
         except KafkaException:
             return 0
 

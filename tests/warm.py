@@ -9,6 +9,7 @@ by `os._exit`: what Python does at its own end is left to those that begin by a 
 
 import contextlib
 import ctypes
+import faulthandler
 import gc
 import multiprocessing
 import os
@@ -99,6 +100,7 @@ def _become(arguments: list[str], log: Path, environ: dict[str, str], place: Pat
         os._exit(1)
     gc.freeze()
     _own_files(log)
+    faulthandler.enable()  # a crash names its place in the log
     os.chdir(place)
     os.environ.clear()
     os.environ.update(environ)

@@ -9,9 +9,11 @@ import sys
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
+from ending import KILLED_S
 from harness import Bench, Process, eventually, to_kafka, to_ros
+from patience import patient
 
 
 def there_and_back(kafka: str, **more: Any) -> list[dict[str, Any]]:
@@ -68,10 +70,25 @@ class Watched:
             )
         os.close(its_end)
         self.log = bench.place / 'worker.log'
+        self._closed = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.wait(patient(KILLED_S))
+        self.stop_reading()
+
+    def stop_reading(self) -> None:
+        """Close this end of the pipe."""
+        if not self._closed:
+            os.close(self.pipe)
+        self._closed = True
 
     def lines(self, timeout_s: float) -> list[bytes]:
         """All that is sent within a time, or until the worker closes the pipe."""
-        data, deadline_s = b'', time.monotonic() + timeout_s
+        data, deadline_s = b'', time.monotonic() + patient(timeout_s)
         while (left_s := deadline_s - time.monotonic()) > 0:
             if select.select([self.pipe], [], [], left_s)[0]:
                 more = os.read(self.pipe, 65536)
@@ -83,7 +100,7 @@ class Watched:
 
     def end(self) -> int:
         self.process.terminate()
-        return self.process.wait(40)
+        return self.process.wait(patient(40))
 
 
 def kill(process: Process, worker: int) -> int:

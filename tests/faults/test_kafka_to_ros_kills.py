@@ -1,6 +1,6 @@
 """Kafka -> ROS while something dies: the bridge, a subscriber, one bridge of two, the broker.
 
-SIGKILL of the bridge is in tests/integration/test_kills.py.
+The first proofs are in tests/integration/test_kills.py.
 """
 
 import os
@@ -45,6 +45,33 @@ def arrived(tmp_path: Path) -> Path:
     return tmp_path / 'arrived'
 
 
+def test_guarantees_1_and_8_a_bridge_that_is_killed_twice_repeats_only_uncommitted_records(
+    bench: Bench, topic_name: str, arrived: Path
+) -> None:
+    count = 3500
+    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, numbered(count))
+    committed = []
+    with bench.subscriber(ROS_TOPIC, arrived, *SLOW, samples=SAMPLES):
+        for kill_at in (1200, 2200):
+            with bench.bridge(config) as bridge:
+                wait_for_lines(arrived, kill_at, bridge)
+                bridge.kill()
+            time.sleep(ON_ITS_WAY_S)
+            committed.append(bench.committed(bench.group, topic_name))
+        with bench.bridge(config) as bridge:
+            wait_for_all(arrived, count, bridge)
+            assert bridge.end() == 0
+        assert totals(bridge)['confirmed'] == count - committed[-1]
+    found = numbers(arrived)
+    assert found[0] == 0
+    # What comes again begins at the committed offset, so that all of it lies at or above.
+    assert [after for _, after in steps_back(found)] == committed
+    assert 0 < committed[0] < committed[1]
+    assert bench.committed(bench.group, topic_name) == count
+
+
 def test_guarantee_8_a_bridge_that_is_killed_at_rest_repeats_nothing(
     bench: Bench, topic_name: str, arrived: Path
 ) -> None:
@@ -63,9 +90,8 @@ def test_guarantee_8_a_bridge_that_is_killed_at_rest_repeats_nothing(
     assert numbers(arrived) == list(range(101))
 
 
-@pytest.mark.parametrize('lease_s', [8.0, None], ids=['lease 8 s', 'default lease'])
-def test_guarantee_1_when_the_only_subscriber_is_killed_the_next_one_gets_what_was_in_flight(
-    bench: Bench, topic_name: str, tmp_path: Path, lease_s: float | None
+def test_guarantee_1_a_killed_subscriber_of_the_default_lease_loses_what_its_cache_held(
+    bench: Bench, topic_name: str, tmp_path: Path
 ) -> None:
     """Lost is at most what the dead subscriber's own DDS cache held, acknowledged but not read.
 
@@ -77,7 +103,7 @@ def test_guarantee_1_when_the_only_subscriber_is_killed_the_next_one_gets_what_w
     bench.create_topic(topic_name)
     bench.produce(topic_name, numbered(count))
     with (
-        bench.subscriber(ROS_TOPIC, first, *SLOW, samples=SAMPLES, lease_s=lease_s) as dying,
+        bench.subscriber(ROS_TOPIC, first, *SLOW, samples=SAMPLES) as dying,
         bench.bridge(config) as bridge,
     ):
         wait_for_lines(first, 1000, bridge)

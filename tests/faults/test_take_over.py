@@ -53,6 +53,36 @@ def name(unique: Callable[[str], str]) -> str:
     return unique('pair')
 
 
+def test_guarantee_8_of_two_that_stand_by_one_takes_over_from_a_killed_bridge(
+    bench: Bench, topic_name: str, name: str
+) -> None:
+    config = exclusive(bench, name, topic_name)
+    with ExitStack() as stack:
+        first = stack.enter_context(bench.bridge(config))
+        first.wait_for(TAKES, 60)
+        second = stack.enter_context(bench.bridge(config))
+        second.wait_for(STANDS_BY, 60)
+        stream = stack.enter_context(streaming(bench))
+        wait_for_order(bench, topic_name, 500, first)
+        third = stack.enter_context(bench.bridge(config))
+        third.wait_for(STANDS_BY, 60)
+        assert runs(first), 'one that joins changes nothing'
+        killed_s = now_s()
+        first.kill()
+        eventually(lambda: runs(second) or runs(third), 60)
+        other = second if runs(second) else third
+        tell('SIGKILL to the take-over', said_at_s(other, TAKES) - killed_s)
+        # Not before: what the first had sent may still have been written after its end.
+        before = bench.end_offset(topic_name)
+        wait_for_order(bench, topic_name, before + 1, other)
+        tell('SIGKILL to the first record of the other', now_s() - killed_s)
+        count = end(bench, stream)
+        records = wait_for_all(bench, topic_name, count, second, third)
+        assert [runs(second), runs(third)].count(True) == 1
+        assert second.end() == third.end() == 0
+    assert_each_once_in_order(records, count)
+
+
 def test_guarantee_8_what_a_killed_bridge_has_on_disk_comes_when_it_stands_by_again(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str, name: str
 ) -> None:

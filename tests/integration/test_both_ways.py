@@ -37,7 +37,7 @@ def test_guarantee_7_a_stop_in_mid_stream_loses_nothing_between_two_routes_of_on
     sent = [f'{number}'.encode().ljust(500) for number in range(COUNT)]
     returned = f'{topic_name}.returned'
     # The rate leaves time to stop in mid-stream; what is in flight is in flight all the same.
-    routes = [to_ros(topic_name, '/orders', max_rate=8000), to_kafka('/orders', returned)]
+    routes = [to_ros(topic_name, '/orders', max_rate=4000), to_kafka('/orders', returned)]
     config = bench.config(routes, kafka=bench.patient_kafka)
     bench.create_topic(topic_name)
     bench.create_topic(returned)

@@ -132,7 +132,7 @@ def test_each_thing_that_does_not_fit_is_a_line_with_its_cure(
     last = out.splitlines()[-1]
     waits = '1 would wait (later: for subscribers of /later)'
     assert last.startswith(f'2 routes would run; {waits}; 3 cannot run as it is (latched: ')
-    found = bench.admin().list_topics(timeout=10).topics
+    found = bench.admin().list_topics(timeout=patient(10)).topics
     assert missing not in found, 'nothing is changed'
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from harness import WORKER, Bench, Process, lines, to_kafka, to_ros
+from patience import patient
 
 from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.testing.local_kafka import free_port
@@ -59,7 +60,11 @@ def test_help_loads_nothing_heavy() -> None:
         'assert not heavy & {*sys.modules}, heavy & {*sys.modules}'
     )
     done = subprocess.run(
-        [sys.executable, '-c', program], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, '-c', program],
+        capture_output=True,
+        text=True,
+        timeout=patient(60),
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert {'run', 'check'} <= set(done.stdout.split())
@@ -110,11 +115,13 @@ def test_run_runs_the_routes_that_are_asked_for(bench: Bench, unique: Unique) ->
         assert bridge.end() == 0
     assert f'bridge {bench.name} runs 1 route on' in bridge.output()
     assert ' b: ' not in bridge.output()
-    assert second not in bench.admin().list_topics(timeout=10).topics
+    assert second not in bench.admin().list_topics(timeout=patient(10)).topics
 
 
-def test_run_becomes_the_process_that_other_tests_begin_with(bench: Bench) -> None:
-    file = bench.config([to_kafka('/orders', 'orders')])
+def test_run_becomes_the_process_that_other_tests_begin_with(
+    bench: Bench, topic_name: str
+) -> None:
+    file = bench.config([to_kafka('/orders', topic_name)])
     with bench.run(file) as process:
         process.wait_for(f'bridge {bench.name} runs 1 route on')
         assert words(process) == [sys.executable, *WORKER, '--', str(file)]
@@ -181,7 +188,7 @@ def test_a_file_that_can_be_read_only_once_is_not_run(bench: Bench) -> None:
     file = bench.config([to_ros('orders', '/orders')])
     command = f'{sys.executable} -m ros2_kafka_bridge run <(cat {file})'
     done = subprocess.run(
-        ['bash', '-c', command], capture_output=True, text=True, timeout=120, check=False
+        ['bash', '-c', command], capture_output=True, text=True, timeout=patient(60), check=False
     )
     assert done.returncode == 2
     assert re.fullmatch(r'/dev/fd/\d+: can be read only once: .*\n', done.stderr)

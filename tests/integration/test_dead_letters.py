@@ -6,7 +6,8 @@ import shlex
 from pathlib import Path
 
 from harness import Bench
-from letters import HOSTILE, SMALL, done, long, route, wait_for_commit
+from letters import HOSTILE, SMALL, done, long, route
+from words import wait_for_commit
 
 ROOT = Path(__file__).parents[2]
 

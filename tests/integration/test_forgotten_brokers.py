@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import pytest
 from nobody import Nobody
+from patience import patient
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
@@ -22,7 +23,7 @@ NO_BROKERS = {'statistics.interval.ms': 20}
 
 
 def until(done: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + 30
+    deadline_s = time.monotonic() + patient(30)
     while not done():
         assert time.monotonic() < deadline_s
 

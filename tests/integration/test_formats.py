@@ -126,7 +126,11 @@ def test_what_is_published_comes_back_from_kafka_byte_for_byte_in_every_format(
     ]
     for way in ways:
         bench.create_topic(way.topic, max_message_bytes='8000000')
-    more = {'schema_registry': {'url': registry.url}, 'defaults': LARGEST}
+    more = {
+        'schema_registry': {'url': registry.url},
+        'defaults': LARGEST,
+        'kafka': bench.patient_kafka,
+    }
     out = bench.config([way.to_kafka for way in ways], name=f'{bench.name}-out', **more)
     back = bench.config([way.to_ros for way in ways], name=f'{bench.name}-back', **more)
     (bench.place / 'read').write_text(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from harness import Bench, eventually, lines, to_ros, totals
+from patience import patient
 from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
 
 
@@ -49,11 +50,11 @@ def test_with_min_subscribers_0_records_go_to_nobody(bench: Bench, topic_name: s
 def test_guarantee_1_max_rate_is_kept_and_a_keep_last_subscriber_then_loses_nothing(
     bench: Bench, topic_name: str, arrived: Path
 ) -> None:
-    count, rate = 300, 50.0
+    count, rate = 120, 20.0
     bench.create_topic(topic_name)
     config = bench.config([to_ros(topic_name, ROS_TOPIC, max_rate=rate)])
     with (
-        bench.subscriber(ROS_TOPIC, arrived, '--depth', '50'),
+        bench.subscriber(ROS_TOPIC, arrived, '--depth', '100'),
         bench.bridge(config) as bridge,
     ):
         bridge.wait_for('first start of this group')
@@ -106,7 +107,7 @@ def test_guarantee_4_a_stopped_subscriber_holds_back_one_route_alone(
     bench.produce(topic_name, words(2000))
     config = bench.config([to_ros(topic_name, ROS_TOPIC), to_ros(other, '/others', 'others')])
     with (
-        bench.subscriber(ROS_TOPIC, arrived, samples=50) as stopped,
+        bench.subscriber(ROS_TOPIC, arrived, samples=50, lease_s=patient(120)) as stopped,
         bench.subscriber('/others', others),
         bench.bridge(config) as bridge,
     ):

@@ -19,7 +19,8 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     ResourcePatternType,
     ResourceType,
 )
-from harness import Bench, lines, to_ros, totals
+from harness import CALM, Bench, lines, to_ros, totals
+from patience import patient
 from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
@@ -41,6 +42,7 @@ def arrived(tmp_path: Path) -> Path:
 def strict_bench(tmp_path: Path, ros_domain: int) -> Iterator[Bench]:
     """A bench on a Kafka with permissions."""
     properties = {
+        **CALM,
         'authorizer.class.name': 'org.apache.kafka.metadata.authorizer.StandardAuthorizer',
         'allow.everyone.if.no.acl.found': 'true',
     }
@@ -218,7 +220,7 @@ def test_guarantee_5_a_dead_letter_topic_without_permission_fails_its_route_alon
     )
     forbidden, same = AclBinding(*rule), AclBindingFilter(*rule)
     admin = bench.admin()
-    admin.create_acls([forbidden])[forbidden].result(60)
+    admin.create_acls([forbidden])[forbidden].result(patient(60))
     for topic in (topic_name, other):
         bench.create_topic(topic)
     bench.produce(topic_name, [b'0', GARBAGE, b'1'], key=KEY, headers=HEADERS)
@@ -234,7 +236,7 @@ def test_guarantee_5_a_dead_letter_topic_without_permission_fails_its_route_alon
         assert 'give this user WRITE on the topic (ACL)' in bridge.output()
         wait_for(others, texts(words(100)), bridge)
         assert bench.committed(bench.group, topic_name) <= 1
-        admin.delete_acls([same])[same].result(60)
+        admin.delete_acls([same])[same].result(patient(60))
         wait_for_commit(bench, topic_name, 3, bridge)
         bench.produce(other, words(100, start=100))
         wait_for(others, texts(words(200)), bridge)

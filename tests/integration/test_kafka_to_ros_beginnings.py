@@ -14,7 +14,8 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     AdminClient,
     NewPartitions,
 )
-from harness import Bench, eventually, lines, to_ros, totals, values
+from harness import CALM, Bench, eventually, lines, to_ros, totals, values
+from patience import patient
 from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
@@ -29,7 +30,7 @@ def arrived(tmp_path: Path) -> Path:
 @pytest.fixture
 def compacting_bench(tmp_path: Path, ros_domain: int) -> Iterator[Bench]:
     """A bench on a Kafka that compacts its topics at once."""
-    with LocalKafka(properties={'log.cleaner.backoff.ms': '100'}) as node:
+    with LocalKafka(properties={**CALM, 'log.cleaner.backoff.ms': '100'}) as node:
         yield Bench(tmp_path, node.bootstrap_servers, ros_domain)
 
 
@@ -94,7 +95,7 @@ def test_guarantee_1_a_partition_added_while_running_is_read_from_its_beginning(
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(bench.config([route])) as bridge:
         bridge.wait_for('first start of this group')
         admin = bench.admin()
-        admin.create_partitions([NewPartitions(topic_name, 2)])[topic_name].result(60)
+        admin.create_partitions([NewPartitions(topic_name, 2)])[topic_name].result(patient(60))
         # The broker hears of it from the controller, and refuses a record for it until then.
         eventually(lambda: partitions(admin, topic_name) == 2, 60)
         bench.produce(topic_name, words(100), partition=1)
@@ -106,7 +107,7 @@ def test_guarantee_1_a_partition_added_while_running_is_read_from_its_beginning(
 
 
 def partitions(admin: AdminClient, topic: str) -> int:
-    return len(admin.list_topics(topic).topics[topic].partitions)
+    return len(admin.list_topics(topic, timeout=patient(10)).topics[topic].partitions)
 
 
 def test_guarantee_1_records_deleted_before_they_were_read_are_counted_and_the_others_arrive(
@@ -122,7 +123,7 @@ def test_guarantee_1_records_deleted_before_they_were_read_are_counted_and_the_o
         bench.produce(topic_name, words(50, start=50))
         admin = bench.admin()
         below = TopicPartition(topic_name, 0, 70)
-        admin.delete_records([below])[below].result(60)
+        admin.delete_records([below])[below].result(patient(60))
         with bench.bridge(config) as bridge:
             wait_for(arrived, texts([*words(50), *words(30, start=70)]), bridge)
             assert bridge.end() == 0
@@ -208,7 +209,7 @@ def test_guarantee_1_a_topic_made_anew_while_running_is_read_from_its_beginning(
         bench.produce(topic_name, [b'old %d' % number for number in range(20)])
         eventually(lambda: len(lines(arrived)) == 20, 30, bridge.output)
         admin = bench.admin()
-        admin.delete_topics([topic_name])[topic_name].result(60)
+        admin.delete_topics([topic_name])[topic_name].result(patient(60))
         eventually(partial(created, bench, topic_name), 30, bridge.output)
         bench.produce(topic_name, [b'new %d' % number for number in range(5)])
         eventually(lambda: lines(arrived)[-1:] == ['new 4'], 60, bridge.output)

@@ -1,9 +1,10 @@
 """Bridges and brokers that end in mid-stream: one proof each, the others are in tests/faults.
 
-Peers go no further than the test lets them (`Leave`), so that each kill comes in mid-stream
-however slow the machine is.
+Peers go no further than the test lets them (`Leave`): on a machine however slow no kill comes
+when all is over, and none finds a history overrun.
 """
 
+import re
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,11 +13,12 @@ import pytest
 import spooled
 from harness import Bench, eventually, to_kafka, to_ros, totals, values
 from leave import Leave
-from numbers_to_kafka import LATCHED, last, seqs
+from numbers_to_kafka import LATCHED, last, published, seqs
 from numbers_to_ros import (
     ON_ITS_WAY_S,
     ROS_TOPIC,
     SAMPLES,
+    SLOW,
     numbered,
     numbers,
     steps_back,
@@ -37,8 +39,6 @@ from taking_turns import wait_for_all as wait_for_all_of_a_pair
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
-WINDOW = 500  # max_in_flight of a route
-
 
 @pytest.fixture
 def leave(tmp_path: Path) -> Leave:
@@ -55,14 +55,15 @@ def arrived(tmp_path: Path) -> Path:
 def test_guarantees_1_and_8_a_killed_bridge_loses_nothing_and_repeats_only_uncommitted_records(
     bench: Bench, topic_name: str, arrived: Path, leave: Leave
 ) -> None:
-    count = 2000
+    count = 4000
     config = bench.config([to_ros(topic_name, ROS_TOPIC)])
     bench.create_topic(topic_name)
     bench.produce(topic_name, numbered(count))
-    with bench.subscriber(ROS_TOPIC, arrived, *leave.options, samples=SAMPLES):
-        leave.up_to(1000)
+    with bench.subscriber(ROS_TOPIC, arrived, *SLOW, *leave.options, samples=SAMPLES):
+        leave.up_to(3000)
         with bench.bridge(config) as bridge:
-            wait_for_lines(arrived, 1000, bridge)
+            wait_for_lines(arrived, 500, bridge)
+            eventually(lambda: bench.committed(bench.group, topic_name) > 0, 60, bridge.output)
             bridge.kill()
         time.sleep(ON_ITS_WAY_S)
         committed = bench.committed(bench.group, topic_name)
@@ -74,9 +75,36 @@ def test_guarantees_1_and_8_a_killed_bridge_loses_nothing_and_repeats_only_uncom
     found = numbers(arrived)
     assert found[0] == 0
     # What comes again begins at the committed offset, so that all of it lies at or above.
-    assert [after for _, after in steps_back(found)] == [committed]
-    assert 0 < committed <= 1000 + SAMPLES
+    assert [after for _, after in steps_back(found)] in ([committed], [])
+    assert 0 < committed <= 3000 + SAMPLES
     assert bench.committed(bench.group, topic_name) == count
+
+
+def test_guarantee_1_when_the_only_subscriber_is_killed_the_next_one_gets_what_was_in_flight(
+    bench: Bench, topic_name: str, arrived: Path, leave: Leave
+) -> None:
+    """Lost is at most what the dead subscriber's own DDS cache held, acknowledged but not read."""
+    count, second = 3000, bench.place / 'second'
+    config = bench.config([to_ros(topic_name, ROS_TOPIC)], kafka=bench.patient_kafka)
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, numbered(count))
+    options = (*leave.options, '--work', '0')
+    with (
+        bench.subscriber(ROS_TOPIC, arrived, *options, samples=SAMPLES, lease_s=8.0) as dying,
+        bench.bridge(config) as bridge,
+    ):
+        leave.up_to(1000)
+        wait_for_lines(arrived, 1000, bridge)
+        dying.kill()
+        with bench.subscriber(ROS_TOPIC, second):
+            wait_for_all(second, count, bridge)
+            assert bridge.end() == 0
+    assert 'a subscriber of /numbers has gone: ' in bridge.output()
+    assert totals(bridge)['confirmed'] == count
+    assert numbers(arrived) == list(range(1000))
+    after = numbers(second)
+    steps_back(after)
+    assert min(after) <= 1000 + SAMPLES
 
 
 def test_guarantees_2_3_8_sigkill_costs_nothing_of_a_transient_local_history(
@@ -99,7 +127,7 @@ def test_guarantees_2_3_8_sigkill_costs_nothing_of_a_transient_local_history(
     assert seqs(records) == list(range(1, count + 1))
 
 
-def test_guarantees_1_and_3_a_restart_of_the_broker_loses_nothing_and_repeats_at_most_the_window(
+def test_guarantees_1_and_3_a_restart_of_the_broker_loses_nothing_and_repeats_no_committed_record(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str, arrived: Path, leave: Leave
 ) -> None:
     bench, count = own_bench, 2000
@@ -112,9 +140,12 @@ def test_guarantees_1_and_3_a_restart_of_the_broker_loses_nothing_and_repeats_at
     ):
         leave.up_to(1000)
         wait_for_lines(arrived, 1000, bridge)
+        eventually(lambda: bench.committed(bench.group, topic_name) > 0, 60, bridge.output)
+        committed = bench.committed(bench.group, topic_name)
         bench.close()
         own_kafka.stop()
-        bridge.wait_for('Kafka is away')
+        # Its partitions are paused just then: a full window holds them.
+        bridge.wait_for(f'lost {topic_name}[')
         own_kafka.start()
         bench.produce(topic_name, numbered(count + 1000)[count:], partition=0)
         leave.up_to(2 * count)
@@ -122,17 +153,40 @@ def test_guarantees_1_and_3_a_restart_of_the_broker_loses_nothing_and_repeats_at
         bridge.wait_for('Kafka is back')
         # And the partition that had nothing before.
         bench.produce(topic_name, numbered(10), partition=1)
-        wait_for_lines(arrived, count + 1010, bridge)
+        eventually(lambda: numbers(arrived)[-10:] == list(range(10)), 60, bridge.output)
         assert bridge.end() == 0
     found = numbers(arrived)
-    assert found[-10:] == list(range(10))
     assert found[0] == 0
     # The group may give the partition away and back: then what was in flight comes again.
-    again = steps_back(found[:-10])
-    assert all(before - after < WINDOW for before, after in again), again
-    assert len(again) <= 1
+    assert [one for one in steps_back(found[:-10]) if one[1] < committed] == []
     assert 'ERROR' not in bridge.output()
     assert bench.committed(bench.group, topic_name) == count + 1000
+
+
+def test_guarantees_2_3_4_a_broker_that_is_away_holds_the_publisher_back_and_costs_nothing(
+    own_bench: Bench, own_kafka: LocalKafka, topic_name: str, leave: Leave
+) -> None:
+    """Window, reader's cache and the publisher's own history hold 9,000; then it waits."""
+    bench, count = own_bench, 15_000
+    config = bench.config([to_kafka('/orders', topic_name)])
+    bench.create_topic(topic_name)
+    options = (*leave.options, '--count', str(count))
+    with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
+        leave.up_to(1000)
+        eventually(lambda: bench.reaches(topic_name, 1000), 60, bridge.output)
+        bench.close()
+        own_kafka.kill()
+        leave.up_to(count)
+        full = re.compile(r'waiting \(Kafka is away.*\): \d+ confirmed.* 2000 in flight')
+        eventually(lambda: bool(full.search(bridge.output())), 60, bridge.output)
+        assert not published(publisher)
+        own_kafka.start()
+        publisher.wait_for('published')
+        records = bench.records(topic_name, count)
+        assert bridge.end() == 0
+    assert totals(bridge, 'to_kafka')['confirmed'] == count
+    assert values(records) == numbered(count)
+    assert seqs(records) == list(range(1, count + 1))
 
 
 def test_guarantees_2_3_4_6_robots_are_not_held_back_while_kafka_is_away_and_nothing_is_lost(

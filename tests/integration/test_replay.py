@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
+from ending import ended
 from harness import eventually
 
 STARTER: Final = """
@@ -28,10 +29,8 @@ threading.Event().wait()
 def test_a_replay_ends_when_the_process_that_has_started_it_is_killed(tmp_path: Path) -> None:
     held = tmp_path / 'held'
     os.mkfifo(held)  # a replay that reads this file is never done with its configuration
-    starter = subprocess.Popen(
-        [sys.executable, '-c', STARTER, str(tmp_path / 'bridge.yaml')], stdout=subprocess.PIPE
-    )
-    with starter:
+    command = [sys.executable, '-c', STARTER, str(tmp_path / 'bridge.yaml')]
+    with ended(subprocess.Popen(command, stdout=subprocess.PIPE)) as starter:
         assert starter.stdout is not None
         assert starter.stdout.readline() == b'started\n'
         try:

@@ -13,6 +13,7 @@ def test_a_bridge_that_waits_for_a_manager_is_configured_activated_and_shut_down
     monitoring = {'listen': 'off', 'node': True, 'start': 'unconfigured'}
     routes = [to_ros(topic_name, '/orders')]
     config = bench.config(routes, monitoring=monitoring, kafka=bench.patient_kafka)
+    bench.create_topic(topic_name)
     bench.produce(topic_name, [b'1', b'2'])
     with (
         bench.subscriber('/orders', file),

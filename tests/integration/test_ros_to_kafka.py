@@ -21,6 +21,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     ResourceType,
 )
 from harness import Bench, Process, eventually, headers, to_kafka, to_ros, totals, values
+from patience import patient
 
 from ros2_kafka_bridge.ros.types import load_type
 
@@ -100,7 +101,7 @@ def test_headers_name_topic_type_publisher_number_time_and_origin_guarantee_2(
 ) -> None:
     before_ns = time.time_ns()
     sent = [text(b'%d' % number) for number in range(100)]
-    config = bench.config([to_kafka('/orders', topic_name)], name='warehouse-1')
+    config = bench.config([to_kafka('/orders', topic_name)])
     with bench.bridge(config) as bridge, publish(bench, '/orders', sent) as publisher:
         records = bench.records(topic_name, 100)
         gid = publisher.output().split()[1]
@@ -117,7 +118,7 @@ def test_headers_name_topic_type_publisher_number_time_and_origin_guarantee_2(
             'ros.type': STRING,
             'ros.type_hash': load_type(STRING).type_hash,
             'ros.gid': gid,
-            'bridge.origin': 'warehouse-1',
+            'bridge.origin': bench.name,
         }
     ]
     assert {record.key() for record in records} == {b'/orders'}
@@ -252,7 +253,7 @@ def test_what_a_keep_last_publisher_overwrites_is_counted_and_said_guarantee_2(
     with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
         bench.records(topic_name, 1)
         bridge.send(signal.SIGSTOP)
-        time.sleep(4)  # much more is published than what DDS holds for the bridge
+        time.sleep(patient(4))  # much more is published than what DDS holds for the bridge
         until.touch()
         publisher.wait_for('published ', 60)
         bridge.send(signal.SIGCONT)
@@ -362,7 +363,7 @@ def limit(bench: Bench, topic: str) -> None:
     entry = ConfigEntry('max.message.bytes', '5000', incremental_operation=AlterConfigOpType.SET)
     resource = ConfigResource(ResourceType.TOPIC, topic, incremental_configs=[entry])
     admin = bench.admin()
-    admin.incremental_alter_configs([resource])[resource].result(60)
+    admin.incremental_alter_configs([resource])[resource].result(patient(60))
 
 
 @pytest.mark.parametrize('way', WAYS)
@@ -500,9 +501,15 @@ def test_cdr_comes_back_the_same_after_two_bridges_in_both_byte_orders(
         kinds[STRING]: [text(b'x' * length, order) for length in range(10) for order in '<>'],
         kinds['nav_msgs/msg/Odometry']: [odometry(order) for order in '<><>'],
     }
+    for stem in kinds.values():
+        bench.create_topic(f'{stem}.a')
     with (
-        bench.bridge(bench.config(there_and_back(kinds, 'a', 'b'), name='first')) as first,
-        bench.bridge(bench.config(there_and_back(kinds, 'b', 'c'), name='second')) as second,
+        bench.bridge(
+            bench.config(there_and_back(kinds, 'a', 'b'), name=f'{bench.name}-first')
+        ) as first,
+        bench.bridge(
+            bench.config(there_and_back(kinds, 'b', 'c'), name=f'{bench.name}-second')
+        ) as second,
     ):
         for stem, messages in sent.items():
             bench.produce(f'{stem}.a', list(messages))
@@ -529,8 +536,8 @@ def test_a_bridge_skips_its_own_records_so_that_no_loop_closes(
     bench: Bench, topic_name: str
 ) -> None:
     bench.create_topic(topic_name)
-    out = bench.config([to_kafka('/orders', topic_name)], name='warehouse-1')
-    back = bench.config([to_ros(topic_name, '/orders')], name='warehouse-1')
+    out = bench.config([to_kafka('/orders', topic_name)])
+    back = bench.config([to_ros(topic_name, '/orders')])
     with (
         bench.bridge(out) as first,
         bench.bridge(back) as second,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, cast
 
 import pytest
 from harness import eventually
+from patience import patient
 
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.metrics import Counters, Snapshot, to_line
@@ -257,7 +258,7 @@ def test_a_bug_in_what_hears_the_signals_ends_the_bridge_with_1(
 
     def run(tell: Callable[[Begun], None]) -> int:
         tell(Begun())
-        assert stop.wait(60), 'it goes on, and nobody could stop it'
+        assert stop.wait(patient(60)), 'it goes on, and nobody could stop it'
         return 0
 
     bridge = cast('Bridge', SimpleNamespace(stop=stop, snapshots=fails, run=run))
@@ -277,7 +278,7 @@ def test_a_check_that_nobody_waits_for_any_more_ends_without_a_word(tmp_path: Pa
     os.close(pipe)
     done = subprocess.run(
         [sys.executable, '-m', 'ros2_kafka_bridge.supervision.reload', f'--plan={plan}'],
-        pass_fds=[plan], stdout=its_end, stderr=subprocess.PIPE, timeout=60, check=False,
+        pass_fds=[plan], stdout=its_end, stderr=subprocess.PIPE, timeout=patient(60), check=False,
     )  # fmt: skip
     os.close(its_end)
     os.close(plan)
@@ -292,7 +293,7 @@ def test_ctrl_c_is_for_the_supervisor_and_not_for_its_check(tmp_path: Path) -> N
     for number in (signal.SIGINT, signal.SIGHUP):
         check.send_signal(number)
     file.write_text(TEXT)
-    said, _ = check.communicate(timeout=60)
+    said, _ = check.communicate(timeout=patient(60))
     os.close(plan)
     assert check.returncode == 0
     assert said

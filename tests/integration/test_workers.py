@@ -1,6 +1,5 @@
 """Several workers as their users meet them: once and in order, balanced, started again."""
 
-import os
 from functools import partial
 from itertools import pairwise
 
@@ -42,12 +41,11 @@ def test_snapshots_of_a_worker_balance_under_load_and_the_last_one_comes_after_t
     bench.create_topic(returned)
     bench.produce(topic_name, sized(COUNT))
     routes = there_and_back(topic_name, max_rate=3000)
-    watched = Watched(bench, bench.config(routes, kafka=bench.patient_kafka))
-    eventually(lambda: bench.reaches(returned, COUNT // 2), 60, watched.log.read_text)
-    watched.process.terminate()
-    found = [from_line(line) for line in watched.lines(60)]
-    assert watched.process.wait(40) == 0
-    os.close(watched.pipe)
+    with Watched(bench, bench.config(routes, kafka=bench.patient_kafka)) as watched:
+        eventually(lambda: bench.reaches(returned, COUNT // 2), 60, watched.log.read_text)
+        watched.process.terminate()
+        found = [from_line(line) for line in watched.lines(60)]
+        assert watched.end() == 0
     assert len(found) >= 3
     assert all([s.route for s in every] == ['to_ros', 'to_kafka'] for every in found)
     assert all(snapshot.balanced for every in found for snapshot in every), found

@@ -18,9 +18,9 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     ResourceType,
 )
 from harness import Bench, Process, eventually, headers, lines, to_kafka, values
-from letters import HOSTILE, SMALL, done, long, route, run, wait_for_commit
+from letters import HOSTILE, SMALL, done, long, route, run
 from secured import PASSWORD, USER, Right, group_right, running, topic_right
-from words import ROS_TOPIC
+from words import ROS_TOPIC, wait_for_commit
 
 from ros2_kafka_bridge.dead_letters import explain, from_kafka
 from ros2_kafka_bridge.endpoints import Outgoing

@@ -276,21 +276,20 @@ def test_a_reader_of_snapshots_that_is_gone_or_never_reads_holds_no_worker_up(
     bench.create_topic(topic_name)
     bench.create_topic(f'{topic_name}.returned')
     routes = there_and_back(topic_name)
-    gone_reader = Watched(bench, bench.config(routes))
-    os.close(gone_reader.pipe)
-    bench.produce(topic_name, sized(1000))
-    eventually(lambda: bench.reaches(f'{topic_name}.returned', 1000), 60)
-    time.sleep(2.5)  # it finds out when it sends
-    bench.produce(topic_name, sized(1000))
-    eventually(lambda: bench.reaches(f'{topic_name}.returned', 2000), 60)
-    assert gone_reader.end() == 0, gone_reader.log.read_text()
+    with Watched(bench, bench.config(routes)) as gone_reader:
+        gone_reader.stop_reading()
+        bench.produce(topic_name, sized(1000))
+        eventually(lambda: bench.reaches(f'{topic_name}.returned', 1000), 60)
+        time.sleep(2.5)  # it finds out when it sends
+        bench.produce(topic_name, sized(1000))
+        eventually(lambda: bench.reaches(f'{topic_name}.returned', 2000), 60)
+        assert gone_reader.end() == 0, gone_reader.log.read_text()
 
-    never_reads = Watched(bench, bench.config(routes))
-    fill(never_reads.process.pid)
-    bench.produce(topic_name, sized(1000))
-    eventually(lambda: bench.reaches(f'{topic_name}.returned', 3000), 60)
-    assert never_reads.end() == 0, never_reads.log.read_text()
-    os.close(never_reads.pipe)
+    with Watched(bench, bench.config(routes)) as never_reads:
+        fill(never_reads.process.pid)
+        bench.produce(topic_name, sized(1000))
+        eventually(lambda: bench.reaches(f'{topic_name}.returned', 3000), 60)
+        assert never_reads.end() == 0, never_reads.log.read_text()
 
 
 def fill(pid: int) -> None:

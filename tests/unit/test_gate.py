@@ -8,10 +8,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from patience import patient
 
 TESTS = Path(__file__).parents[1]
+SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 PLUGINS = ('-p', 'timeout', '-p', 'rerunfailures', '-p', 'xdist')
-CONFTEST = "pytest_plugins = ('limits', 'reruns', 'skips')\n"
+RULES = ('heeding', 'limits', 'reruns', 'skips')
+CONFTEST = f'pytest_plugins = {RULES}\n'
 ONCE = """
 from pathlib import Path
 
@@ -25,6 +28,41 @@ def test_is_late_once(number):
         raise AssertionError('the first time')
 """
 
+FIXTURE = """
+import time, pytest
+
+@pytest.fixture
+def slow():
+    if '{where}' == 'before':
+        time.sleep(1000)
+    yield
+    time.sleep(1000)
+
+def test_it(slow):
+    pass
+"""
+BOTH = """
+import pytest
+
+@pytest.fixture
+def bad():
+    yield
+    raise RuntimeError
+
+def test_it(bad):
+    raise ValueError
+"""
+CHILD = """
+import re
+import subprocess
+
+def test_child():
+    said = subprocess.check_output(['cat', '/proc/self/status'], text=True)
+    for what in ('SigIgn', 'SigBlk'):
+        mask = int(re.search(rf'{what}:(.*)', said)[1], 16)
+        assert not any(mask >> (number - 1) & 1 for number in (1, 2, 15)), said
+"""
+
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
@@ -32,7 +70,7 @@ def tree(tmp_path: Path) -> Path:
     (tmp_path / 'pytest.ini').write_text(
         '[pytest]\ntimeout_method = signal\ntimeout_func_only = true\n'
     )
-    for name in ('patience', 'limits', 'reruns', 'skips'):
+    for name in ('patience', *RULES):
         shutil.copy(TESTS / f'{name}.py', tmp_path)
     (tmp_path / 'conftest.py').write_text(CONFTEST)
     for name in ('unit', 'integration'):
@@ -40,15 +78,22 @@ def tree(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def run(tree: Path, *options: str, **environ: str) -> tuple[int, str]:
+def run(tree: Path, *options: str, deaf: bool = False, **environ: str) -> tuple[int, str]:
     """The status of a run, and what it printed."""
     command = [sys.executable, '-m', 'pytest', *PLUGINS, *options, str(tree)]
     alone = {'PYTHONPATH': str(tree), 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
     done = subprocess.run(
         command, cwd=tree, env={'PATH': '/usr/bin:/bin', **alone, **environ},
-        stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=50,
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=patient(25),
+        preexec_fn=_deaf if deaf else None,
     )  # fmt: skip
     return done.returncode, done.stdout
+
+
+def _deaf() -> None:
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
 
 
 def counts(said: str) -> dict[str, int]:
@@ -90,10 +135,26 @@ def test_a_test_that_hangs_fails_each_time_it_is_run(tree: Path) -> None:
     (tree / 'integration' / 'test_hangs.py').write_text(
         'import time, pytest\n@pytest.mark.timeout(10)\ndef test_hangs():\n    time.sleep(1000)\n'
     )
-    status, said = run(tree, TEST_PATIENCE='0.1')
+    status, said = run(tree, '-n', '2', TEST_PATIENCE='0.1')
     assert status == 1
     assert 'Timeout (>1.0s)' in said
     assert counts(said) == {'failed': 1, 'rerun': 1}
+
+
+@pytest.mark.parametrize('where', ['before', 'after'])
+def test_a_fixture_that_hangs_fails_each_time_it_is_used(tree: Path, where: str) -> None:
+    (tree / 'integration' / 'test_hangs.py').write_text(FIXTURE.format(where=where))
+    status, said = run(tree, TEST_PATIENCE='0.01')
+    assert status == 1
+    assert 'Timeout (>1.5s) of fixtures that ' in said
+    assert counts(said)['rerun'] == 1
+
+
+def test_a_test_that_fails_in_its_body_and_at_its_end_was_run_again_once(tree: Path) -> None:
+    (tree / 'integration' / 'test_both.py').write_text(BOTH)
+    status, said = run(tree)
+    assert status == 1
+    assert '1 of the tests needed a second run' in said
 
 
 @pytest.mark.parametrize(
@@ -113,6 +174,14 @@ def test_a_skip_is_a_failure_where_it_must_not_be(tree: Path, skipping: str) -> 
     assert 'no browser: with CI=true a skip is a failure (tests/skips.py)' in said
 
 
+def test_a_skip_that_is_a_failure_is_one_also_where_tests_are_run_again(tree: Path) -> None:
+    (tree / 'integration' / 'test_skips.py').write_text(
+        'import pytest\n\ndef test_it():\n    pytest.skip("no browser")\n'
+    )
+    status, said = run(tree, CI='true')
+    assert (status, counts(said)['failed']) == (1, 1), said
+
+
 def test_what_no_project_can_install_may_be_skipped(tree: Path) -> None:
     (tree / 'unit' / 'test_skips.py').write_text(
         'import pytest\n\n'
@@ -123,17 +192,10 @@ def test_what_no_project_can_install_may_be_skipped(tree: Path) -> None:
     assert status == 0, said
 
 
-def test_children_of_the_tests_heed_every_signal_and_read_nothing() -> None:
-    """However this run was started: in the background, under nohup, at a terminal."""
-    program = (
-        'import pathlib, re\n'
-        "said = pathlib.Path('/proc/self/status').read_text()\n"
-        "print(re.search('SigIgn:(.*)', said)[1], re.search('SigBlk:(.*)', said)[1])\n"
-    )
-    said = subprocess.check_output(
-        ['/usr/bin/env', sys.executable, '-c', program], stdin=subprocess.DEVNULL, timeout=30
-    )
-    ignored, blocked = (int(mask, 16) for mask in said.split())
-    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
-        assert not ignored >> (number - 1) & 1
-        assert not blocked >> (number - 1) & 1
+@pytest.mark.parametrize('options', [(), ('-n', '2')], ids=['one process', 'two'])
+def test_children_heed_every_signal_however_the_run_was_started(
+    tree: Path, options: tuple[str, ...]
+) -> None:
+    (tree / 'unit' / 'test_child.py').write_text(CHILD)
+    status, said = run(tree, *options, deaf=True)
+    assert status == 0, said
