@@ -144,9 +144,11 @@ def test_another_name_restarts_every_route(bench: Bench, topic_name: str) -> Non
     with bench.bridge(config) as process:
         process.wait_for('reads ', 60)
         it = Reloaded(bench, process, config)
-        assert it.to(routes, name='other') == 'restarted to_ros, to_kafka'
-        assert 'reload: name: test -> other' in process.output()
-        eventually(lambda: bench.committed('other.to_ros', topic_name) == 10, 60, process.output)
+        other = f'{bench.name}-other'
+        assert it.to(routes, name=other) == 'restarted to_ros, to_kafka'
+        assert f'reload: name: {bench.name} -> {other}' in process.output()
+        group = f'{other}.to_ros'
+        eventually(lambda: bench.committed(group, topic_name) == 10, 60, process.output)
         assert it.to(routes) == 'restarted to_ros, to_kafka', 'and back, without the first process'
         assert process.end(40) == 0, process.output()
 
