@@ -402,7 +402,6 @@ class OrderDesk:
         missing: list[OrderEvent] = []
         for request in requests:
             order_id, update = request.order_id, request.order_update_id
-            # What was said at a lower update happened before this request was looked at.
             self._replay(order_id, waiting.get(order_id, []), update)
             received = said.get((order_id, update, '', OrderStatus.RECEIVED))
             if update <= reopened.get(order_id, -1):
@@ -438,11 +437,22 @@ class OrderDesk:
         return True
 
     def _replay(self, order_id: str, events: list[OrderEvent], below: int | None) -> None:
-        """Applies events that were said at an update below, and takes them from the list."""
+        """Applies the events that were said before a request, and takes them from the list.
+
+        They name a lower update, one that has been accepted: a request that was refused may have
+        come before one of a lower update, and what was said of that one waits for it.
+
+        Args:
+            order_id: Whose.
+            events: Of this order, in the order in which they were said.
+            below: The update of the request; None takes all.
+        """
         record = self._records.get(order_id)
+        accepted = None if record is None else record.update
         rest = []
         for event in events:
-            if below is not None and event.order_update_id >= below:
+            update = event.order_update_id
+            if below is not None and (accepted is None or update > accepted or update >= below):
                 rest.append(event)
             elif record is not None and record.order is not None:
                 self._apply(record, record.order, event)

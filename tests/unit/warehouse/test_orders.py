@@ -387,6 +387,19 @@ def test_a_change_that_came_after_the_end_is_refused_after_a_restart_too() -> No
     assert event.reason == 'ORDER_ENDED: the order is DELIVERED'
 
 
+def test_an_order_that_was_refused_at_a_higher_update_first_keeps_its_end() -> None:
+    refused, taken = request(update=1, lines=()), request(update=0)
+    events = [
+        OrderEvent('a', 1, OrderStatus.REJECTED, 1.0),
+        OrderEvent('a', 0, OrderStatus.RECEIVED, 2.0),
+        OrderEvent('a', 0, OrderStatus.FAILED, 3.0),
+    ]
+    desk = OrderDesk(SITE)
+    (event,) = desk.restore([refused, taken, request(update=2)], events, now_s=9.0)
+    assert desk.open().orders == ()
+    assert event.reason == 'ORDER_ENDED: the order is FAILED'
+
+
 def test_an_order_whose_events_are_gone_goes_on_as_it_stood() -> None:
     shop = Shop()
     asked = [request(), request(update=1, priority=4)]
