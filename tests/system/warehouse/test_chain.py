@@ -1,11 +1,6 @@
 """The whole warehouse: from an order in Kafka to the robots, and back to Kafka."""
 
-import re
-import signal
-import subprocess
-import sys
-
-from harness import Bench, Process, eventually
+from harness import Bench, eventually
 from warehouse_graph import drawn_graph, running_graph
 from warehouses import Warehouse
 
@@ -47,23 +42,3 @@ def _assert_that_a_full_desk_leaves_orders_in_kafka(bench: Bench, warehouse: War
     log = warehouse.logs / 'orders.log'
     eventually(lambda: 'the desk is full' in log.read_text(), 60, warehouse.story)
     assert bench.committed('warehouse.orders', 'warehouse.orders') < before + MANY
-
-
-def test_it_runs_with_python_alone_and_ctrl_c_ends_all_of_it(bench: Bench) -> None:
-    command = [
-        sys.executable, '-m', 'warehouse', 'run', '--robots=2', '--step-s=0.2',
-        '--orders-per-minute=60', '--port=0', f'--logs={bench.place / "logs"}',
-    ]  # fmt: skip
-    with Process(command, bench.place / 'run.log', bench.environ) as run:
-        run.wait_for('the warehouse is up', 120)
-        [servers] = re.findall(r'broker answers at (\S+)', run.output())
-        embedded = Bench(bench.place, servers, bench.domain)
-        assert embedded.records('warehouse.order-events', 1), run.output()
-        run.send(signal.SIGINT)
-        assert run.wait(40) == 0, run.output()
-        assert 'was killed' not in run.output()
-        pids = [line.split()[-1] for line in run.output().splitlines() if ' is process ' in line]
-        left = subprocess.run(
-            ['ps', '-o', 'pid=', '-p', ','.join(pids)], capture_output=True, text=True, check=False
-        )
-        assert left.stdout == ''

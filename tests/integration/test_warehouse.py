@@ -1,0 +1,53 @@
+"""The warehouse as `make warehouse` starts it: broker, bridge, modules, robots, all at once."""
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from contextlib import closing
+
+from confluent_kafka import Consumer
+from harness import Bench, Process
+from patience import patient
+
+from warehouse.codec import decode
+from warehouse.messages import OrderEvent, OrderStatus
+
+
+def test_the_warehouse_delivers_with_python_alone_and_ctrl_c_ends_all_of_it(bench: Bench) -> None:
+    command = [
+        sys.executable, '-m', 'warehouse', 'run', '--robots=2', '--step-s=0.1',
+        '--orders-per-minute=60', '--port=0', f'--logs={bench.place / "logs"}',
+    ]  # fmt: skip
+    with Process(command, bench.place / 'run.log', bench.environ) as run:
+        run.wait_for('the warehouse is up', 120)
+        [servers] = re.findall(r'broker answers at (\S+)', run.output())
+        assert read_until_delivered(servers), run.output()
+        run.send(signal.SIGINT)
+        assert run.wait(40) == 0, run.output()
+        assert 'was killed' not in run.output()
+        pids = [line.split()[-1] for line in run.output().splitlines() if ' is process ' in line]
+        left = subprocess.run(
+            ['ps', '-o', 'pid=', '-p', ','.join(pids)], capture_output=True, text=True, check=False
+        )
+        assert left.stdout == ''
+
+
+def read_until_delivered(servers: str) -> bool:
+    """Whether some order has been delivered, by the events in Kafka."""
+    config = {
+        'bootstrap.servers': servers,
+        'group.id': 'test',
+        'auto.offset.reset': 'earliest',
+        'fetch.wait.max.ms': 50,
+    }
+    deadline_s = time.monotonic() + patient(90)
+    with closing(Consumer(config)) as consumer:
+        consumer.subscribe(['warehouse.order-events'])
+        while time.monotonic() < deadline_s:
+            for record in consumer.consume(100, 0.2):
+                event = decode(record.value() or b'', OrderEvent)
+                if event.status is OrderStatus.DELIVERED and not event.line_id:
+                    return True
+    return False
