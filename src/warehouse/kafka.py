@@ -17,6 +17,7 @@ from confluent_kafka import (
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     AdminClient,
     NewTopic,
+    OffsetSpec,
 )
 
 from warehouse.topics import KAFKA, KafkaTopic
@@ -33,6 +34,7 @@ __all__ = [
 
 _REQUEST_S: Final = 5.0
 _AGAIN_S: Final = 1.0
+_BEGIN_S: Final = 30.0
 _LOOK_S: Final = 0.5
 _BATCH: Final = 1000
 # Snapshots replace each other: of the old ones Kafka is to keep little.
@@ -56,7 +58,9 @@ class AwayError(Exception):
 
 
 def create_topics(bootstrap_servers: str) -> None:
-    """Create the topics of the warehouse that are not there; each has one partition.
+    """Create the topics of the warehouse that are not there, and wait until they take records.
+
+    Each has one partition.
 
     Raises:
         AwayError: The broker does not answer, or refuses.
@@ -64,15 +68,39 @@ def create_topics(bootstrap_servers: str) -> None:
     admin = AdminClient(_client(bootstrap_servers))
     new = [NewTopic(topic.name, num_partitions=1, config=_config(topic)) for topic in KAFKA]
     answers = admin.create_topics(new, request_timeout=_REQUEST_S)
+    made = []
     for name, answer in answers.items():
         try:
             answer.result()
+            made.append(name)
         except KafkaException as error:
             if error.args[0].code() != KafkaError.TOPIC_ALREADY_EXISTS:
                 raise AwayError(
                     f'{bootstrap_servers}: topic {name} cannot be created '
                     f'({error.args[0].str()}): does the broker run, may this user create topics?'
                 ) from error
+    for name in made:
+        _wait_until_it_answers(admin, bootstrap_servers, name)
+
+
+def _wait_until_it_answers(admin: AdminClient, bootstrap_servers: str, topic: str) -> None:
+    """A partition that just begins may refuse a producer's first record and take its second."""
+    where = TopicPartition(topic, 0)
+    end = OffsetSpec.latest()  # type: ignore[no-untyped-call]
+    deadline_s = time.monotonic() + _BEGIN_S
+    while True:
+        asked = admin.list_offsets({where: end}, request_timeout=_REQUEST_S)
+        try:
+            asked[where].result()
+        except KafkaException as error:
+            if time.monotonic() > deadline_s:
+                raise AwayError(
+                    f'{bootstrap_servers}: topic {topic} was created and does not answer '
+                    f'({error.args[0].str()}): has its partition a leader?'
+                ) from error
+            time.sleep(_LOOK_S)
+        else:
+            return
 
 
 def _config(topic: KafkaTopic) -> dict[str, str]:
