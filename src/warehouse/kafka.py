@@ -108,10 +108,14 @@ def _config(topic: KafkaTopic) -> dict[str, str]:
 
 
 def ask_for_topics(bootstrap_servers: str) -> None:
-    """Make the topics at the embedded broker, which makes each when it is asked for."""
+    """Make the topics at the embedded broker, which makes each when it is asked for.
+
+    Those of the dead letters, too: the bridge cannot make them there.
+    """
     admin = AdminClient(_client(bootstrap_servers))
     for topic in KAFKA:
-        admin.list_topics(topic.name, timeout=_REQUEST_S)
+        for name in (topic.name, f'{topic.name}.dead-letters'):
+            admin.list_topics(name, timeout=_REQUEST_S)
 
 
 class Sender:

@@ -4,6 +4,7 @@ import pytest
 from confluent_kafka import Consumer, Producer, TopicPartition
 
 from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.kafka.admin import ensure_topic
 from ros2_kafka_bridge.testing import embedded_broker
 from ros2_kafka_bridge.testing.embedded_broker import EmbeddedBroker
 
@@ -29,6 +30,15 @@ def test_two_of_them_know_nothing_of_each_other() -> None:
 def test_it_listens_on_this_machine_alone() -> None:
     with EmbeddedBroker() as broker:
         assert broker.bootstrap_servers.startswith('127.0.0.1:')
+
+
+def test_a_topic_that_is_there_is_not_made_again() -> None:
+    # This broker cannot make topics by request, as a user may not be allowed to.
+    with EmbeddedBroker() as broker:
+        produce(broker.bootstrap_servers, [b'first'])
+        ensure_topic({'bootstrap.servers': broker.bootstrap_servers}, 'orders')
+        with pytest.raises(TransportError):
+            ensure_topic({'bootstrap.servers': broker.bootstrap_servers}, 'others')
 
 
 def test_one_that_does_not_come_up_is_one_clear_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

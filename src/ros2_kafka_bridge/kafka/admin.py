@@ -33,6 +33,8 @@ def ensure_topic(properties: Mapping[str, Any], topic: str) -> None:
     """
     admin = Admin(properties, __name__)
     with admin.translated(f'topic {topic}'):
+        if topic in admin.requests.list_topics(timeout=_REQUEST_S).topics:
+            return
         new = NewTopic(topic, num_partitions=1)
         answer = admin.requests.create_topics([new], request_timeout=_REQUEST_S)[topic]
         try:

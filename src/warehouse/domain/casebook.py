@@ -153,7 +153,8 @@ class Casebook:
         )
         if same is not None:
             same.keys[key] = row.code
-            same.gone = False
+            if same.gone:
+                self._open_again(same, evidence, row, now_s)
             return same
         cell = self._watches[name].state.cell if name else None
         what = key if name == FLEET else row.code
@@ -170,14 +171,27 @@ class Casebook:
         )
         self.memory.failures.append(failure)
         failure.due_s = now_s
-        task_id = next(iter(self._tasks_of(name)), '')
+        self._tell(failure, row, now_s)
+        return failure
+
+    def _open_again(
+        self, failure: Failure, evidence: Evidence, row: FailureRow, now_s: float
+    ) -> None:
+        """A robot that waited to be told to rejoin shows the same once more."""
+        failure.gone = False
+        failure.evidence = evidence.text
+        enter(failure, row.code, now_s)
+        self._tell(failure, row, now_s)
+
+    def _tell(self, failure: Failure, row: FailureRow, now_s: float) -> None:
+        """Say what was found and what will be done about it, and count it."""
+        task_id = next(iter(self._tasks_of(failure.robot)), '')
         self.say('FailureDetected', failure, now_s, task_id=task_id)
         response = response_to(row.code, self.profiles)
         planned = ', '.join(response.steps) or 'nothing'
         outcome = f'next step for a person: {row.next_step}' if row.next_step else ''
         self.say('FailureDiagnosed', failure, now_s, response=planned, outcome=outcome)
         self._count(failure, response, now_s)
-        return failure
 
     def _count(self, failure: Failure, response: Response, now_s: float) -> None:
         """Remember the failure; one too many is answered otherwise."""

@@ -1,12 +1,15 @@
 """Cost Estimator: what it would cost each robot to do each task.
 
 A cost is in seconds: the travel to the load and a part of that with it (short work first), picking
-and dropping, made dearer by the risk that the robot fails on the way, and made cheaper by how
-urgent the task is (its priority, its due time, how long it has waited). A pair without a cost
-cannot be: the robot is too weak, its battery too low, or no way leads there.
+and dropping. It is dearer by the risk that the robot fails on the way, by what the task takes of
+the battery that is left, and by the strength of the robot that the load does not need; cheaper by
+how urgent the task is (its priority, its due time, how long it has waited, how much of its order
+is done). A pair without a cost cannot be: the robot is too weak, its battery too low, or no way
+leads there.
 """
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -30,8 +33,12 @@ PRIORITY_S: Final = 20.0
 WAITING: Final = 0.02  # for each second that a task has waited: a low priority never starves
 LATE: Final = 1.0  # for each second that a task would be late now
 MOST_URGENT_S: Final = 1000.0
+GROUPED_S: Final = 10.0  # for the last line of an order, and less for those before
 FAILING_S: Final = 120.0  # what a failure on the way costs
+BATTERY_S: Final = 3.0  # for a task that takes all that is left above critical
+SPARE_S: Final = 2.0  # for a robot that could carry much more
 
+_BEGUN: Final = frozenset((TaskStatus.PICKING, TaskStatus.CARRIED, TaskStatus.DELIVERED))
 WAITS: Final = frozenset((TaskStatus.OPEN, TaskStatus.ASSIGNED, TaskStatus.BLOCKED))
 
 
@@ -76,9 +83,14 @@ class CostEstimator:
                 infeasible[task.task_id] = self._why_not(
                     task, fits[:, number], travel[:, number], carry[number], robots
                 )
-        can &= self._batteries_last(robots, types, travel, carry, waiting)
-        urgency = _urgency(waiting, now_s)
-        costs = self._seconds(robots, types, travel, carry) - urgency
+        if self._site.chargers and robots:
+            way = np.where(can, travel + carry, np.inf)
+            lasts, reasons = self._batteries_last(robots, types, way, waiting)
+            infeasible = reasons | infeasible  # that no robot can get there says more
+            can &= lasts
+        urgency = _urgency(waiting, tasks.tasks, now_s)
+        costs = self._seconds(robots, types, travel, carry) + _wear(robots, types, travel + carry)
+        costs += _spare(types, waiting) - urgency
         return Costs(
             tasks.step,
             tuple(robot.serial_number for robot in robots),
@@ -148,23 +160,36 @@ class CostEstimator:
         self,
         robots: Sequence[RobotReport],
         types: Sequence[RobotType],
-        travel: Table,
-        carry: Table,
+        way: Table,
         tasks: Sequence[Task],
-    ) -> NDArray[np.bool_]:
-        """Whether the battery lasts for the task and for the way to a charger after it."""
-        if not self._site.chargers:
-            return np.ones(travel.shape, dtype=bool)
+    ) -> tuple[NDArray[np.bool_], dict[str, str]]:
+        """Which batteries last for each task and for the way to a charger after it.
+
+        Where no way leads to a charger now, the task alone counts: nobody gains if all stand still
+        with what they have.
+
+        Returns:
+            Whether each robot's battery lasts; and of the tasks for which charging would not help
+            any robot, why not.
+        """
         ends = [task.delivery for task in tasks]
         back = self._distances.between(ends, self._site.chargers).min(axis=1, initial=np.inf)
-        need = (travel + carry + back) * _column([kind.battery.per_cell for kind in types])
-        left = _column(
-            [
-                robot.state.power_supply.state_of_charge - kind.battery.critical
-                for robot, kind in zip(robots, types, strict=True)
-            ]
-        )
-        return np.asarray(need <= left)
+        can_charge = np.isfinite(back)
+        cells = way + np.where(can_charge, back, 0.0)
+        need = cells * _column([kind.battery.per_cell for kind in types])
+        charge = _charges(robots)
+        full = np.maximum(charge, _column([kind.battery.target for kind in types]))
+        spared = _column([kind.battery.critical for kind in types])
+        lasts = np.asarray(need <= charge - spared)
+        helps = np.where(can_charge, need <= full - spared, lasts)
+        reasons = {
+            task.task_id: f'no battery lasts for the way of {cells[:, number].min():g} cells'
+            if can_charge[number]
+            else 'no battery lasts for it, and no way to a charger is free'
+            for number, task in enumerate(tasks)
+            if not helps[:, number].any()
+        }
+        return lasts, reasons
 
     def _lost_ways(self, tasks: Tasks, report: FleetReport) -> dict[str, str]:
         """Of the loads on a robot: those that cannot get to their station now."""
@@ -198,15 +223,36 @@ class CostEstimator:
         return f'no robot in service can do it from {task.pickup}'
 
 
-def _urgency(tasks: Iterable[Task], now_s: float) -> Table:
-    """Seconds by which each task is the cheaper."""
-    return np.array([_urgency_of(task, now_s) for task in tasks])
+def _wear(robots: Sequence[RobotReport], types: Sequence[RobotType], way: Table) -> Table:
+    """What the tasks are dearer by for robots that have little charge left."""
+    left = _charges(robots) - _column([kind.battery.critical for kind in types])
+    need = way * _column([kind.battery.per_cell for kind in types])
+    return BATTERY_S * np.minimum(1.0, need / np.maximum(left, 1e-9))
+
+
+def _spare(types: Sequence[RobotType], tasks: Sequence[Task]) -> Table:
+    """What the tasks are dearer by for robots that are stronger than the load needs."""
+    weights = np.array([task.weight_kg for task in tasks])
+    used: Table = weights / _column([kind.max_load_kg for kind in types])
+    return SPARE_S * np.maximum(0.0, 1.0 - used)
+
+
+def _urgency(waiting: Sequence[Task], tasks: Sequence[Task], now_s: float) -> Table:
+    """Seconds by which each waiting task is the cheaper."""
+    lines = Counter(task.order_id for task in tasks)
+    begun = Counter(task.order_id for task in tasks if task.status in _BEGUN)
+    grouped = [GROUPED_S * begun[task.order_id] / lines[task.order_id] for task in waiting]
+    return np.array([_urgency_of(task, now_s) for task in waiting]) + np.array(grouped)
 
 
 def _urgency_of(task: Task, now_s: float) -> float:
     late_s = 0.0 if task.due_s is None else max(0.0, now_s - task.due_s)
     waited_s = max(0.0, now_s - task.released_s)
     return min(MOST_URGENT_S, PRIORITY_S * task.priority + WAITING * waited_s + LATE * late_s)
+
+
+def _charges(robots: Sequence[RobotReport]) -> Table:
+    return _column([robot.state.power_supply.state_of_charge for robot in robots])
 
 
 def _column(values: Sequence[float]) -> Table:

@@ -257,7 +257,7 @@ class _Failures:
         self.hand_overs_s: deque[float] = deque(maxlen=KEPT)
         self.repairs_s: deque[float] = deque(maxlen=KEPT)
         self._open: OrderedDict[str, float] = OrderedDict()
-        self._handed_over: set[tuple[str, str]] = set()
+        self._handed_over: OrderedDict[tuple[str, str], None] = OrderedDict()
 
     def take(self, event: FailureEvent) -> None:
         if event.event == 'FailureDetected' and event.failure_id not in self._open:
@@ -273,7 +273,9 @@ class _Failures:
         if event.event == 'TaskReassigned':
             key = (event.failure_id, event.task_id)
             if key not in self._handed_over:
-                self._handed_over.add(key)
+                self._handed_over[key] = None
+                if len(self._handed_over) > REMEMBERED:
+                    self._handed_over.popitem(last=False)
                 self.hand_overs_s.append(event.time_s - began_s)
         elif event.event == 'FailureDiagnosed' and event.code == 'NO_PROGRESS':
             self.deadlocks += 1

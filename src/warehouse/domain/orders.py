@@ -27,14 +27,17 @@ from warehouse.messages import (
     TaskStatus,
 )
 
-__all__ = ['OrderDesk', 'event_name']
+__all__ = ['OrderDesk', 'event_name', 'shortened']
 
 _ENDED_KEPT: Final = 100_000  # ended and refused orders whose repeats are still known as such
 _MOST_LINES: Final = 100
 _BLOCKED_TIMES: Final = 5  # as many orders as usual, at most, while some wait for a person
 _ETA_NEWS_S: Final = 5.0  # a smaller change of an ETA is no news
 _PRIORITIES: Final = range(10)
+_UPDATES: Final = range(2**32)  # uint32 in VDA 5050
+_QUANTITIES: Final = range(1, 10_001)
 _ID_LENGTH: Final = 200
+_REASON_LENGTH: Final = 500
 
 _LINE_ENDS: Final = {
     TaskStatus.DELIVERED: LineStatus.DELIVERED,
@@ -134,6 +137,8 @@ class OrderDesk:
         A new order and each change of it is RECEIVED, or REJECTED with the reason. That a change
         was rejected leaves the order as it was.
         """
+        if reason := _unusable(request):  # nothing is kept of it: it may be megabytes
+            return (_event(request, OrderStatus.REJECTED, now_s, reason),)
         record = self._records.setdefault(request.order_id, _Record())
         content = hash(request)
         if content in record.seen:
@@ -179,8 +184,6 @@ class OrderDesk:
 
     def _wrong(self, request: OrderRequest) -> str:
         """What is wrong with an order, or ''."""
-        if not 0 < len(request.order_id) <= _ID_LENGTH:
-            return f'orderId must have 1 to {_ID_LENGTH} characters'
         if request.station not in self._site.stations:
             known = ', '.join(self._site.stations)
             return f'no station is called {request.station!r}; there are {known}'
@@ -198,8 +201,8 @@ class OrderDesk:
             return f"lineId must have 1 to {_ID_LENGTH} characters and no '/'"
         if line.product not in self._site.products:
             return f'line {line.line_id}: no product is called {line.product!r}'
-        if line.quantity < 1:
-            return f'line {line.line_id}: quantity is {line.quantity}; it must be at least 1'
+        if line.quantity not in _QUANTITIES:
+            return f'line {line.line_id}: quantity must be from 1 to {_QUANTITIES[-1]}'
         return ''
 
     def _new(self, request: OrderRequest, now_s: float) -> Order:
@@ -404,7 +407,7 @@ class OrderDesk:
             order_id, update = request.order_id, request.order_update_id
             self._replay(order_id, waiting.get(order_id, []), update)
             received = said.get((order_id, update, '', OrderStatus.RECEIVED))
-            if update <= reopened.get(order_id, -1):
+            if order_id in reopened and update <= reopened[order_id]:
                 self._records.setdefault(order_id, _Record()).seen.add(hash(request))
                 continue
             time_s = now_s if received is None else received.time_s
@@ -415,6 +418,8 @@ class OrderDesk:
 
     def _know(self, request: OrderRequest) -> None:
         """Notes a request of an order that is over, nobody knows how."""
+        if _unusable(request):
+            return
         record = self._records.setdefault(request.order_id, _Record())
         record.seen.add(hash(request))
         record.update = max(request.order_update_id, record.update or 0)
@@ -479,7 +484,27 @@ class OrderDesk:
 def _event(
     request: OrderRequest, status: OrderStatus, now_s: float, reason: str = ''
 ) -> OrderEvent:
-    return OrderEvent(request.order_id, request.order_update_id, status, now_s, reason=reason)
+    return OrderEvent(
+        shortened(request.order_id),
+        request.order_update_id,
+        status,
+        now_s,
+        reason=shortened(reason, _REASON_LENGTH),
+    )
+
+
+def shortened(text: str, length: int = _ID_LENGTH) -> str:
+    """A text of a customer as it is repeated to everybody who looks on."""
+    return text if len(text) <= length else f'{text[: length - 1]}…'
+
+
+def _unusable(request: OrderRequest) -> str:
+    """Why a request does not even name an order, or ''."""
+    if not 0 < len(request.order_id) <= _ID_LENGTH:
+        return f'VALIDATION_FAILURE: orderId must have 1 to {_ID_LENGTH} characters'
+    if request.order_update_id not in _UPDATES:
+        return f'VALIDATION_FAILURE: orderUpdateId goes from 0 to {_UPDATES[-1]}'
+    return ''
 
 
 def _too_late(record: _Record, request: OrderRequest) -> str:

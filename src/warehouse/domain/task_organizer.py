@@ -117,6 +117,7 @@ class TaskOrganizer:
 
     def __init__(self, site: Site) -> None:
         self._site = site
+        self._types = {robot.robot_type for robot in site.robots.values()}
         self._distances = Distances(Grid(site.rows), targets=tuple(site.stations.values()))
         self._entries: dict[str, _Entry] = {}
         self._past: dict[str, _Entry] = {}
@@ -313,6 +314,7 @@ class TaskOrganizer:
             return
         match result:
             case 'OVERWEIGHT' | 'MISFIT':
+                entry.tries += 1
                 entry.unfit.add(state.robot_type)
             case 'PICK_FAILED':
                 entry.tries += 1
@@ -578,7 +580,7 @@ class TaskOrganizer:
             )
         elif reason:
             self._avoid_obstacle(entry)
-            self._let_try_again(entry)
+            self._let_try_again(entry, profiles)
             entry.set(
                 status=TaskStatus.BLOCKED, robot='', reason=reason, excluded=self._excluded(entry)
             )
@@ -614,11 +616,14 @@ class TaskOrganizer:
             entry.set(pickup=self._nearest(others, task.delivery))
             entry.changed_step = self._step
 
-    def _let_try_again(self, entry: _Entry) -> None:
+    def _let_try_again(self, entry: _Entry, profiles: ExecutionProfiles) -> None:
         """Rather a robot that could not pick it before than nobody; its tries are counted."""
-        robots = entry.unfit & self._robots.keys()
-        if robots:
-            entry.unfit -= robots
+        again = entry.unfit & self._robots.keys()
+        able = self._able(entry.task, profiles)
+        if able <= entry.unfit:
+            again |= able
+        if again:
+            entry.unfit -= again
             entry.changed_step = self._step
 
     def _excluded(self, entry: _Entry) -> tuple[str, ...]:
@@ -633,17 +638,26 @@ class TaskOrganizer:
         return report is not None and report.failure != 'REMOVED' and robot not in self._heard
 
     def _lost(self, entry: _Entry, profiles: ExecutionProfiles) -> str:
-        """Why no type of robot will ever do the task, or ''."""
+        """Why no type of robot of this site will ever do the task, or ''."""
         task = entry.task
         if entry.waits and self._report is not None and not self._may_have(entry.gave_up):
             return f'{entry.waits}, and no robot has it'
+        if self._able(task, profiles):
+            return ''
         product = self._site.products.get(task.product)
-        for kind in profiles.robot_types.values():
-            fits = product is None or product.size in kind.sizes
-            if fits and task.weight_kg <= kind.max_load_kg and kind.name not in entry.unfit:
-                return ''
         size = product.size if product is not None else 'unknown'
-        return f'no type of robot can carry {task.weight_kg:g} kg of size {size}'
+        return f'no type of robot here can carry {task.weight_kg:g} kg of size {size}'
+
+    def _able(self, task: Task, profiles: ExecutionProfiles) -> set[str]:
+        """The types of robots on this site that can carry a load, by their profiles."""
+        product = self._site.products.get(task.product)
+        kinds = (kind for kind in profiles.robot_types.values() if kind.name in self._types)
+        return {
+            kind.name
+            for kind in kinds
+            if task.weight_kg <= kind.max_load_kg
+            and (product is None or product.size in kind.sizes)
+        }
 
 
 def _action_name(action_id: str) -> _ActionName:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import msgspec
 
 from warehouse.codec import MessageError, decode
-from warehouse.domain.orders import OrderDesk
+from warehouse.domain.orders import OrderDesk, shortened
 from warehouse.messages import (
     ORDER_ENDS,
     Assignments,
@@ -267,7 +267,7 @@ class _Orders:
             named = msgspec.json.decode(text, type=_Named)
             self._events.say(
                 OrderEvent(
-                    order_id=named.order_id,
+                    order_id=shortened(named.order_id),
                     order_update_id=named.order_update_id,
                     status=OrderStatus.REJECTED,
                     time_s=self._module.now_s(),

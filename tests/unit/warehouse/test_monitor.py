@@ -655,6 +655,21 @@ def test_a_repaired_robot_gets_tasks_only_when_it_is_told_to_rejoin(watched: Wat
     assert watched.robot().obstacle == ()
 
 
+def test_a_repaired_robot_that_fails_again_before_it_rejoins_calls_the_operator_again(
+    watched: Watched,
+) -> None:
+    watched.say('motionFault')
+    watched.wait()
+    watched.say()
+    watched.wait(10)
+    watched.say('motionFault')
+    said = watched.wait()
+
+    assert said[:2] == ['FailureDetected MOTION_FAULT', 'FailureDiagnosed MOTION_FAULT']
+    assert watched.robot().answer == 'the operator is called'
+    assert not watched.robot().commissioned
+
+
 def test_a_robot_that_is_told_to_rejoin_just_before_its_repair_shows_rejoins(
     watched: Watched,
 ) -> None:
@@ -910,7 +925,9 @@ def test_what_fails_in_the_fleet_is_found_answered_and_over_after_repair(code: s
         read_site(), PROFILES, TABLE, seed=3, orders=OrderPlan(per_hour=900), repair_s=None
     )
     simulation.run(60)
-    name = next(state.serial_number for state in simulation.state.states if state.loads)
+    while not (loaded := [state for state in simulation.state.states if state.loads]):
+        simulation.step()
+    name = loaded[0].serial_number
     simulation.command('failRobot', name, failure=code)
     if code == 'CHARGER_FAULT':
         simulation.command('failRobot', name, failure='LOW_BATTERY')

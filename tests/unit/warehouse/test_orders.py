@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from warehouse.codec import encode
 from warehouse.domain.execution_profiles import read_execution_profiles
 from warehouse.domain.orders import OrderDesk, event_name
 from warehouse.domain.random_orders import random_order
@@ -96,11 +97,11 @@ def test_a_new_order_is_received_once_however_often_it_comes() -> None:
         (request(lines=()), 'at least one line'),
         (request(lines=(Line('1', 'gold'),)), "line 1: no product is called 'gold'"),
         (request(station='moon'), "no station is called 'moon'; there are packing-1, packing-2"),
-        (request(lines=(Line('1', 'rice', 0),)), 'line 1: quantity is 0'),
+        (request(lines=(Line('1', 'rice', 0),)), 'line 1: quantity must be from 1 to 10000'),
+        (request(lines=(Line('1', 'rice', 10**309),)), 'line 1: quantity must be from 1'),
         (request(lines=(Line('1', 'rice'), Line('1', 'tape'))), 'the same lineId'),
         (request(lines=(Line('a/b', 'rice'),)), "no '/'"),
         (request(priority=10), 'priority is 10; it goes from 0 to 9'),
-        (request(order_id=''), 'orderId must have'),
         (request(lines=tuple(Line(str(n), 'rice') for n in range(101))), 'at most 100'),
         (request(cancel=True), 'NO_ORDER_TO_CANCEL'),
     ],
@@ -114,6 +115,36 @@ def test_an_order_that_cannot_be_is_rejected_with_the_reason(
     assert reason in event.reason
     assert desk.receive(asked, 2.0) == ()
     assert desk.open().orders == ()
+
+
+@pytest.mark.parametrize(
+    ('asked', 'reason'),
+    [
+        (request(order_id=''), 'orderId must have 1 to 200 characters'),
+        (request(order_id='x' * 201), 'orderId must have 1 to 200 characters'),
+        (request(update=-1), 'orderUpdateId goes from 0 to 4294967295'),
+        (request(update=2**32), 'orderUpdateId goes from 0 to 4294967295'),
+        (request(update=-1, cancel=True), 'orderUpdateId goes from 0'),
+    ],
+)
+def test_a_request_that_names_no_order_is_rejected_and_nothing_is_kept_of_it(
+    asked: OrderRequest, reason: str
+) -> None:
+    desk = OrderDesk(SITE)
+    (event,) = desk.receive(asked, 1.0)
+    assert event.status is OrderStatus.REJECTED
+    assert reason in event.reason
+    again = OrderDesk(SITE)
+    assert again.restore([asked], [event], past=[asked]) == ()
+    assert again.open().orders == ()
+
+
+@pytest.mark.parametrize('what', [{'order_id': 'x' * 900_000}, {'station': 'x' * 900_000}])
+def test_a_refused_text_is_not_repeated_to_all_who_look_on(what: dict[str, str]) -> None:
+    asked = replace(request(), **what)
+    (event,) = OrderDesk(SITE).receive(asked, 1.0)
+    assert event.status is OrderStatus.REJECTED
+    assert len(encode(event)) < 1000
 
 
 @pytest.mark.parametrize(

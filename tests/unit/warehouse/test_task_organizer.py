@@ -50,7 +50,7 @@ SITE = Site(
         'desk': Product('desk', (FAR,), 50.0, 'large'),
         'pool': Product('pool', (FAR,), 1.0, 'huge'),
     },
-    {name: RobotPlace(name, 'carrier', (0, 0)) for name in ('r', 'q')},
+    {'r': RobotPlace('r', 'carrier', (0, 0)), 'q': RobotPlace('q', 'hauler', (0, 0))},
 )
 UNDER_WAY, FINISHED, FAILED = ActionStatus.RUNNING, ActionStatus.FINISHED, ActionStatus.FAILED
 
@@ -167,8 +167,8 @@ def test_each_line_becomes_a_task_with_its_weight_and_the_nearest_stock_cell() -
 @pytest.mark.parametrize(
     ('line', 'reason'),
     [
-        (OrderLine('1', 'tea', 61), 'no type of robot can carry 122 kg of size small'),
-        (OrderLine('1', 'pool'), 'no type of robot can carry 1 kg of size huge'),
+        (OrderLine('1', 'tea', 61), 'no type of robot here can carry 122 kg of size small'),
+        (OrderLine('1', 'pool'), 'no type of robot here can carry 1 kg of size huge'),
     ],
 )
 def test_a_line_that_no_type_of_robot_can_carry_has_failed(line: OrderLine, reason: str) -> None:
@@ -373,13 +373,43 @@ def test_a_robot_that_fails_to_pick_is_not_sent_again() -> None:
     assert (task.status, task.attempt, task.excluded) == (TaskStatus.OPEN, 1, ('r',))
 
 
-def test_a_type_of_robot_for_which_a_load_is_too_heavy_is_excluded_until_none_is_left() -> None:
+def test_a_type_of_robot_for_which_a_load_is_too_heavy_is_excluded() -> None:
     hall = Hall()
     hall.now()
     hall.robot('r', ('a/1#0:pick', FAILED, 'OVERWEIGHT'))
     assert hall.now().excluded == ('carrier',)
+
+
+def test_a_load_that_was_too_heavy_for_all_is_tried_again_and_fails_after_three_tries() -> None:
+    hall = Hall()
+    hall.now()
+    hall.robot('r', ('a/1#0:pick', FAILED, 'OVERWEIGHT'))
+    hall.now()
     hall.robot('q', ('a/1#1:pick', FAILED, 'MISFIT'))
-    assert hall.now().status is TaskStatus.FAILED
+    assert hall.now().excluded == ('carrier', 'hauler')
+    hall.costs = {'a/1': 'no robot in service can carry tea (6 kg)'}
+    assert hall.now().status is TaskStatus.BLOCKED
+    hall.costs = {}
+    task = hall.now(2)
+    assert (task.status, task.excluded) == (TaskStatus.OPEN, ())
+    hall.robot('r', ('a/1#2:pick', FAILED, 'OVERWEIGHT'))
+    task = hall.now()
+    assert (task.status, task.reason) == (
+        TaskStatus.FAILED,
+        'OVERWEIGHT: picked 3 times in vain',
+    )
+
+
+def test_a_line_that_no_robot_of_the_site_can_carry_has_failed() -> None:
+    carriers = {name: RobotPlace(name, 'carrier', (0, 0)) for name in ('r', 'q')}
+    hall = Hall()
+    hall.organizer = TaskOrganizer(replace(SITE, robots=carriers))
+    hall.orders(order(OrderLine('1', 'desk')))
+    task = hall.now()
+    assert (task.status, task.reason) == (
+        TaskStatus.FAILED,
+        'no type of robot here can carry 50 kg of size large',
+    )
 
 
 def test_a_pick_that_was_cancelled_is_only_numbered_anew() -> None:
