@@ -24,16 +24,27 @@ def serve(
         list[str] | None,
         typer.Option(help='Another name under which browsers reach this page.'),
     ] = None,
+    alive: Annotated[
+        Path | None, typer.Option(help='A file that is touched as long as the page works.')
+    ] = None,
 ) -> None:
     """Serve the live page of the warehouse."""
-    from warehouse.page.server import CannotListen, Where, run  # noqa: PLC0415 (--help needs no server)
+    from warehouse.page.server import (  # noqa: PLC0415 (--help needs no server)
+        CannotListen,
+        PartFailed,
+        Where,
+        run,
+    )
 
     try:
         where = Where(bootstrap_servers, host, port, tuple(allow_host or ()))
-        run(read_site(site), where, orders_per_minute)
+        run(read_site(site), where, orders_per_minute, alive)
     except (SiteError, CannotListen) as error:
         typer.echo(f'warehouse page: {error}', err=True)
         raise typer.Exit(2) from None
+    except PartFailed as error:
+        typer.echo(f'warehouse page: {error}', err=True)
+        raise typer.Exit(1) from None
 
 
 if __name__ == '__main__':

@@ -2,9 +2,10 @@
 
 import asyncio
 import contextlib
+import logging
 import time
 import uuid
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -12,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
@@ -27,10 +28,14 @@ from warehouse.page.view import View
 
 __all__ = ['Page', 'make_app', 'new_order_id']
 
+_LOG: Final = logging.getLogger(__name__)
+
 STATIC: Final = Path(__file__).parent / 'static'
 
 _PUSH_S = 0.1
 _TICK_S = 1.0
+_ALIVE_S = 2.0
+_SLOW_S = 10.0  # the longest call of either Kafka client takes a second or two
 _MOST_BODY_BYTES = 64 * 1024
 _MOST_BROWSERS = 50
 
@@ -42,7 +47,9 @@ class Page(NamedTuple):
         failures: Codes that a robot can be failed with, with words for people.
         names: What may stand in `Host`.
         stopping: Whether the server is to end: streams of events then end, too.
+        give_up: Ends the process as failed, so that its supervisor starts it again.
         orders_per_minute: Random orders to begin with.
+        alive: A file that is touched as long as records come in and go out.
     """
 
     site: Site
@@ -50,7 +57,9 @@ class Page(NamedTuple):
     bootstrap_servers: str
     names: frozenset[str]
     stopping: Callable[[], bool]
+    give_up: Callable[[], None]
     orders_per_minute: float = 0.0
+    alive: Path | None = None
 
 
 def make_app(page: Page) -> Starlette:
@@ -84,15 +93,37 @@ class _Desk:
         self._random_orders = RandomOrders(self._page.site, self._outbox, new_order_id, time.time)
         self._random_orders.set(self._page.orders_per_minute)
         async with asyncio.TaskGroup() as tasks:
-            feed = tasks.create_task(self._feed.run(self._page.stopping))
+            feed = tasks.create_task(self._must_work(self._feed.run(self._page.stopping)))
             rest = [
-                tasks.create_task(work)
-                for work in (self._outbox.serve(), self._random_orders.run(), self._tick())
+                tasks.create_task(self._must_work(work))
+                for work in (
+                    self._outbox.serve(),
+                    self._random_orders.run(),
+                    self._tick(),
+                    self._stay_alive(),
+                )
             ]
             yield
             await feed
             for task in rest:
                 task.cancel()
+
+    async def _must_work(self, work: Awaitable[None]) -> None:
+        """A page without one of its parts would show old data for ever: it ends instead."""
+        try:
+            await work
+        except Exception:  # noqa: BLE001 (whatever it is, the log has it)
+            _LOG.exception('a part of the page has failed: the page ends')
+            self._page.give_up()
+
+    async def _stay_alive(self) -> None:
+        """A supervisor starts the page again when this file becomes old."""
+        while self._page.alive is not None:
+            worked_s = min(self._feed.worked_s, self._outbox.worked_s)
+            if time.monotonic() - worked_s < _SLOW_S:
+                with contextlib.suppress(OSError):  # its age says so, too
+                    self._page.alive.touch()
+            await asyncio.sleep(_ALIVE_S)
 
     async def _tick(self) -> None:
         while True:
@@ -156,10 +187,13 @@ class _Desk:
 
 async def _answer(request: Request, act: Callable[[bytes], Any]) -> Response:
     body = bytearray()
-    async for part in request.stream():
-        body += part
-        if len(body) > _MOST_BODY_BYTES:
-            return _refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, 'the body is over 64 KiB')
+    try:
+        async for part in request.stream():
+            body += part
+            if len(body) > _MOST_BODY_BYTES:
+                return _refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, 'the body is over 64 KiB')
+    except ClientDisconnect:  # nobody hears the answer
+        return _refused(HTTPStatus.BAD_REQUEST, 'the body did not come to its end')
     try:
         return JSONResponse(await act(bytes(body)), HTTPStatus.ACCEPTED)
     except BadForm as error:

@@ -1,6 +1,7 @@
 """Kafka in: the newest snapshots and all events, again and again found after an interruption."""
 
 import asyncio
+import logging
 import time
 from collections.abc import Callable, Iterable
 from typing import Any, Final
@@ -10,6 +11,8 @@ from confluent_kafka import Consumer, KafkaError, KafkaException, Message, Topic
 from warehouse.page.view import SNAPSHOTS, STREAMS, View
 
 __all__ = ['Feed']
+
+_LOG: Final = logging.getLogger(__name__)
 
 # librdkafka's OFFSET_TAIL(n) is -2000 - n. The last offsets may be markers of transactions.
 _NEWEST: Final = -2000 - 10
@@ -29,12 +32,17 @@ class Feed:
     Args:
         bootstrap_servers: Of Kafka.
         view: Takes the records, in the thread of the event loop.
+
+    Attributes:
+        worked_s: When it last asked for records, by the monotonic clock.
     """
 
     def __init__(self, bootstrap_servers: str, view: View) -> None:
         self._view = view
         self._away = 'not reached yet'
         self._known: set[tuple[str, int]] = set()
+        self._complained: set[tuple[str, type[Exception]]] = set()
+        self.worked_s = time.monotonic()
         self._consumer = Consumer(
             {
                 'bootstrap.servers': bootstrap_servers,
@@ -59,7 +67,7 @@ class Feed:
         """Read until told to stop."""
         looked_s = heard_s = 0.0
         while not stopping():
-            now_s = time.monotonic()
+            self.worked_s = now_s = time.monotonic()
             if now_s - looked_s > self._look_again_s(now_s - heard_s):
                 looked_s = now_s
                 await asyncio.to_thread(self._find_partitions)
@@ -107,7 +115,21 @@ class Feed:
     def _hand_on(self, topic: str, record: Message) -> None:
         now_s = time.time()
         _, made_ms = record.timestamp()
-        self._view.take(topic, record.value(), now_s, made_ms / 1000 if made_ms > 0 else now_s)
+        made_s = made_ms / 1000 if made_ms > 0 else now_s
+        try:
+            self._view.take(topic, record.value(), now_s, made_s)
+        except Exception as error:  # noqa: BLE001 (whatever anybody has put into Kafka)
+            # Read again after a restart, it would end the page again, for as long as Kafka has it.
+            self._view.leave_out()
+            self._complain(topic, record, error)
+
+    def _complain(self, topic: str, record: Message, error: Exception) -> None:
+        """Say it once: what is wrong with a snapshot may be wrong with each one that follows."""
+        kind = (topic, type(error))
+        if kind not in self._complained:
+            self._complained.add(kind)
+            where = f'{topic}, partition {record.partition()}, offset {record.offset()}'
+            _LOG.error('cannot show a record of %s', where, exc_info=error)
 
     def _on_error(self, error: KafkaError) -> None:
         if error.code() == KafkaError._ALL_BROKERS_DOWN:  # noqa: SLF001 (so is it spelled)

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import time
 from typing import Any, Final
 
 from confluent_kafka import KafkaError, Message, Producer
@@ -26,9 +27,13 @@ class Outbox:
 
     Args:
         bootstrap_servers: Of Kafka.
+
+    Attributes:
+        worked_s: When it last served delivery reports, by the monotonic clock.
     """
 
     def __init__(self, bootstrap_servers: str) -> None:
+        self.worked_s = time.monotonic()
         self._producer = Producer(
             {
                 'bootstrap.servers': bootstrap_servers,
@@ -59,6 +64,7 @@ class Outbox:
     async def serve(self) -> None:
         """Serve delivery reports; runs as long as the page does."""
         while True:
+            self.worked_s = time.monotonic()
             await asyncio.to_thread(self._producer.poll, 0.2)
 
     async def _send(self, topic: str, key: str, value: str) -> None:

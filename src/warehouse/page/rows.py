@@ -1,6 +1,7 @@
 """What a browser is told: small rows made of the warehouse's messages, by pure functions."""
 
 from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
 
 from warehouse.messages import (
     ActionStatus,
@@ -237,7 +238,6 @@ def ended_row(
         received_s: When it came, if that was seen.
     """
     asked = order.lines if order is not None else request.lines if request is not None else ()
-    due = None if request is None else request.due_time
     return OrderRow(
         id=end.order_id,
         station=order.station if order else request.station if request else '',
@@ -245,11 +245,18 @@ def ended_row(
         lines=tuple(_ended_line(line, lines.get(line.line_id), end) for line in asked),
         priority=order.priority if order else request.priority if request else 0,
         released_s=received_s if order is None else order.released_s,
-        due_s=order.due_s if order else None if due is None else due.timestamp(),
+        due_s=order.due_s if order else _due_s(request.due_time) if request else None,
         ended_s=end.time_s,
         late_s=end.late_s,
         reason=end.reason,
     )
+
+
+def _due_s(due: datetime | None) -> float | None:
+    """As the desk takes it: a time without a zone is UTC (as local time, some cannot be)."""
+    if due is None:
+        return None
+    return (due if due.tzinfo is not None else due.replace(tzinfo=UTC)).timestamp()
 
 
 def _ended_line(line: Line | OrderLine, event: OrderEvent | None, end: OrderEvent) -> LineRow:

@@ -2,6 +2,7 @@
 
 import signal
 import socket
+from pathlib import Path
 from typing import Any, Final, NamedTuple, NoReturn
 
 import typer
@@ -12,7 +13,7 @@ from warehouse.domain.site import Site
 from warehouse.page.app import Page, make_app
 from warehouse.page.failures import FAILURES
 
-__all__ = ['CannotListen', 'Where', 'run']
+__all__ = ['CannotListen', 'PartFailed', 'Where', 'run']
 
 _BACKLOG: Final = 100
 _ENDINGS: Final = (signal.SIGINT, signal.SIGTERM)
@@ -20,6 +21,10 @@ _ENDINGS: Final = (signal.SIGINT, signal.SIGTERM)
 
 class CannotListen(Exception):  # noqa: N818 (what happened)
     """The address is taken or not ours."""
+
+
+class PartFailed(Exception):  # noqa: N818 (what happened)
+    """A part of the page ended by an error; the log has it."""
 
 
 class Where(NamedTuple):
@@ -31,22 +36,39 @@ class Where(NamedTuple):
     more_names: tuple[str, ...] = ()
 
 
-def run(site: Site, where: Where, orders_per_minute: float = 0.0) -> None:
-    """Serve until SIGINT or SIGTERM.
+def run(
+    site: Site, where: Where, orders_per_minute: float = 0.0, alive: Path | None = None
+) -> None:
+    """Serve until SIGINT or SIGTERM; touch `alive` meanwhile.
 
     Raises:
         CannotListen: The address is taken or not ours.
+        PartFailed: It could not go on.
     """
     host = where.host
     with _listen(host, where.port) as listener:
         port = listener.getsockname()[1]
         server: uvicorn.Server
+        failed = False
 
         def stopping() -> bool:
             return server.should_exit
 
+        def give_up() -> None:
+            nonlocal failed
+            failed = server.should_exit = True
+
         names = names_of(host, port, where.more_names).hosts
-        page = Page(site, FAILURES, where.bootstrap_servers, names, stopping, orders_per_minute)
+        page = Page(
+            site,
+            FAILURES,
+            where.bootstrap_servers,
+            names,
+            stopping,
+            give_up,
+            orders_per_minute,
+            alive,
+        )
         config = uvicorn.Config(
             make_app(page),
             lifespan='on',
@@ -62,6 +84,8 @@ def run(site: Site, where: Where, orders_per_minute: float = 0.0) -> None:
         for number in _ENDINGS:
             signal.signal(number, _leave)
         server.run(sockets=[listener])
+        if failed:
+            raise PartFailed('a part has failed; see above')
 
 
 def _leave(*_: Any) -> NoReturn:

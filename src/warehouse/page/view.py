@@ -4,14 +4,16 @@ A section has a version, which grows when it changes: a browser that says what i
 given the sections that are newer, each whole. So it may miss any number of them.
 """
 
+import logging
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final, NamedTuple
 
 import msgspec
 
 from warehouse.codec import MessageError, decode
 from warehouse.domain.kpis import Kpis, KpiView
+from warehouse.domain.orders import shortened
 from warehouse.domain.site import Site
 from warehouse.messages import (
     Assignment,
@@ -20,6 +22,7 @@ from warehouse.messages import (
     FailureEvent,
     FleetReport,
     FleetState,
+    Line,
     Message,
     OpenOrders,
     OperatorCommand,
@@ -31,7 +34,9 @@ from warehouse.messages import (
     Task,
     Tasks,
     ValidatorReport,
+    Violation,
 )
+from warehouse.page.intake import Intake
 from warehouse.page.rows import (
     OrderRow,
     RobotRow,
@@ -42,6 +47,8 @@ from warehouse.page.rows import (
 )
 
 __all__ = ['SNAPSHOTS', 'STREAMS', 'View']
+
+_LOG: Final = logging.getLogger(__name__)
 
 SNAPSHOTS: Final = (
     'warehouse.open-orders',
@@ -67,11 +74,22 @@ _KEPT_PLACED = 200
 _WINDOW_STEPS = 1200  # that the use of the robots looks back
 _SHOWN_OPEN = 300
 _SHOWN_VIOLATIONS = 20
+_SHOWN_ENDED_BYTES = 256 * 1024  # each browser gets them again with each change
+_SHOWN_LINES = 100
+_SHOWN_SENTENCE = 500
+_SHOWN_NUMBER = 10**9
 
 
 class _Take(NamedTuple):
     kind: type[Message]
     take: Callable[[Any], None]
+
+
+class _Ended(NamedTuple):
+    """An order that has ended; encoded at once, so that what cannot be is not kept."""
+
+    row: OrderRow
+    encoded: msgspec.Raw
 
 
 class View:
@@ -94,9 +112,11 @@ class View:
         self._assignments: dict[str, Assignment] = {}
         self._plans = Plans(step=-1)
         self._validator: ValidatorReport | None = None
-        self._acknowledged = 0
+        self._acknowledged: frozenset[_ViolationName] = frozenset()
+        self._begun_s: float | None = None
+        self._intake = Intake()
         self._orders: OrderedDict[str, Order] = OrderedDict()  # as last seen open
-        self._ended: OrderedDict[str, OrderRow] = OrderedDict()
+        self._ended: OrderedDict[str, _Ended] = OrderedDict()
         self._lines: OrderedDict[str, dict[str, OrderEvent]] = OrderedDict()
         self._received: OrderedDict[str, float] = OrderedDict()
         self._requests: OrderedDict[str, OrderRequest] = OrderedDict()
@@ -108,6 +128,7 @@ class View:
         self._now_s = 0.0
         self._heard_s: dict[str, float] = {}
         self._unreadable = 0
+        self._unmade: set[str] = set()
         self._kafka_away = ''
         self._rate = 0.0
         self._takes = {
@@ -144,8 +165,14 @@ class View:
         except MessageError:
             self._unreadable += 1
             return
-        self._heard_s[topic] = min(now_s, made_s)
+        if self._begun_s is None:
+            self._begun_s = now_s
+        self._read_s, self._heard_s[topic] = now_s, min(now_s, made_s)
         take(message)
+
+    def leave_out(self) -> None:
+        """Count a record that cannot be shown."""
+        self._unreadable += 1
 
     def tick(self, now_s: float, *, kafka_away: str, rate: float) -> None:
         """Bring what changes by itself up to date, once a second or so.
@@ -163,7 +190,8 @@ class View:
         for name, version in self._versions.items():
             if seen.get(name, -1) < version:
                 seen[name] = version
-                parts.append(b'"%s":%s' % (name.encode(), self._section(name, version)))
+                if section := self._section(name, version):
+                    parts.append(b'"%s":%s' % (name.encode(), section))
         return b'{%s}' % b','.join(parts) if parts else b''
 
     @property
@@ -177,7 +205,15 @@ class View:
         kept, encoded = self._encoded.get(name, (-1, b''))
         if kept == version:
             return encoded
-        encoded = msgspec.json.encode(self._makes[name]())
+        try:
+            encoded = msgspec.json.encode(self._makes[name]())
+            self._unmade.discard(name)
+        except Exception:  # noqa: BLE001 (whatever anybody has put into Kafka)
+            # A browser keeps what it has; the other sections go on.
+            encoded = b''
+            if name not in self._unmade:
+                self._unmade.add(name)
+                _LOG.exception('cannot show the section %s', name)
         self._encoded[name] = (version, encoded)
         return encoded
 
@@ -229,25 +265,43 @@ class View:
         self._change('validator')
 
     def _take_request(self, request: OrderRequest) -> None:
+        request = _short_request(request)
+        self._intake.take_request(request, self._heard_s['warehouse.orders'], self._read_s)
         _keep(self._requests, request.order_id, request, _KEPT_REQUESTS)
 
     def _take_command(self, command: OperatorCommand) -> None:
         """Remember what people have seen, and put where no robot may have found it yet."""
-        if command.command == 'acknowledge' and self._validator is not None:
-            self._acknowledged = len(self._validator.violations)
-            self._change('validator')
-        elif command.command == 'blockCell' and command.cell is not None:
+        if command.command == 'acknowledge':
+            self._acknowledge()
+        elif command.command == 'blockCell' and self._is_on_map(command.cell):
             _keep(self._placed, command.cell, None, _KEPT_PLACED)
             self._change('floor')
         elif command.command == 'unblockCell' and command.cell is not None:
             self._placed.pop(command.cell, None)
             self._change('floor')
 
+    def _acknowledge(self) -> None:
+        """Remember by name: the list is cut at its length, and a validator may begin anew."""
+        # One from before this page was there may not have meant the violations that it knows.
+        is_old = self._heard_s['warehouse.commands'] < (self._begun_s or 0.0)
+        if self._validator is not None and not is_old:
+            self._acknowledged = frozenset(map(_violation_name, self._validator.violations))
+            self._change('validator')
+
+    def _is_on_map(self, cell: Cell | None) -> bool:
+        if cell is None:
+            return False
+        column, row = cell
+        return 0 <= row < len(self._site.rows) and 0 <= column < len(self._site.rows[row])
+
     def _take_event(self, event: OrderEvent) -> None:
+        event = _short_event(event)
         self._kpis.take_event(event)
+        self._intake.take_event(event, self._read_s)
         if event.line_id:
             lines = self._lines.get(event.order_id, {})
-            lines[event.line_id] = event
+            if len(lines) < _SHOWN_LINES:
+                lines[event.line_id] = event
             _keep(self._lines, event.order_id, lines, _KEPT_REQUESTS)
         elif event.is_end(was_received=self._was_received(event.order_id)):
             self._take_end(event)
@@ -257,7 +311,7 @@ class View:
 
     def _was_received(self, name: str) -> bool:
         ended = self._ended.get(name)
-        was_taken = ended is not None and ended.status != OrderStatus.REJECTED
+        was_taken = ended is not None and ended.row.status != OrderStatus.REJECTED
         return was_taken or name in self._received or name in self._orders
 
     def _take_end(self, end: OrderEvent) -> None:
@@ -265,7 +319,7 @@ class View:
         order, request = self._orders.get(name), self._requests.get(name)
         lines, received_s = self._lines.get(name, {}), self._received.get(name)
         row = ended_row(end, order, request, lines, received_s)
-        _keep(self._ended, name, row, _KEPT_ENDS)
+        _keep(self._ended, name, _Ended(row, msgspec.Raw(msgspec.json.encode(row))), _KEPT_ENDS)
 
     def _take_failure(self, event: FailureEvent) -> None:
         self._kpis.take_failure(event)
@@ -313,7 +367,16 @@ class View:
             'open': rows,
             'openCount': len(self._open.orders),
             # The end may be read before the last snapshot from when it was open.
-            'ended': [row for row in reversed(self._ended.values()) if row.id not in still],
+            'ended': list(
+                _within(
+                    _SHOWN_ENDED_BYTES,
+                    (
+                        end.encoded
+                        for name, end in reversed(self._ended.items())
+                        if name not in still
+                    ),
+                )
+            ),
         }
 
     def _failures_section(self) -> list[Any]:
@@ -328,7 +391,11 @@ class View:
             'checked': self._validator.checked,
             'violations': self._validator.violations[-_SHOWN_VIOLATIONS:],
             'broken': len(self._validator.violations),
-            'acknowledged': self._acknowledged,
+            'unseen': [
+                violation
+                for violation in self._validator.violations
+                if _violation_name(violation) not in self._acknowledged
+            ][-_SHOWN_VIOLATIONS:],
         }
 
     def _health_section(self) -> dict[str, Any]:
@@ -341,7 +408,53 @@ class View:
             'ages': ages,
             'rate': self._rate,
             'unreadable': self._unreadable,
+            'standstill': self._intake.standstill(self._open, self._now_s),
         }
+
+
+_ViolationName = tuple[int, str, str]
+
+
+def _violation_name(violation: Violation) -> _ViolationName:
+    return violation.step, violation.rule, violation.description
+
+
+def _short_request(request: OrderRequest) -> OrderRequest:
+    """What anybody may send to Kafka is kept and shown no longer than the desk takes it."""
+    lines = (
+        Line(shortened(line.line_id), shortened(line.product), _small(line.quantity))
+        for line in request.lines[:_SHOWN_LINES]
+    )
+    return msgspec.structs.replace(
+        request,
+        order_id=shortened(request.order_id),
+        station=shortened(request.station),
+        lines=tuple(lines),
+        priority=_small(request.priority),
+    )
+
+
+def _small(number: int) -> int:
+    return max(-_SHOWN_NUMBER, min(number, _SHOWN_NUMBER))
+
+
+def _short_event(event: OrderEvent) -> OrderEvent:
+    return msgspec.structs.replace(
+        event,
+        order_id=shortened(event.order_id),
+        line_id=shortened(event.line_id),
+        reason=shortened(event.reason, _SHOWN_SENTENCE),
+        robot=shortened(event.robot),
+    )
+
+
+def _within(most_bytes: int, rows: Iterable[msgspec.Raw]) -> Iterator[msgspec.Raw]:
+    """The first rows, as many as fit."""
+    for row in rows:
+        most_bytes -= len(memoryview(row))
+        if most_bytes < 0:
+            return
+        yield row
 
 
 def _keep(kept: OrderedDict[Any, Any], key: Any, value: Any, most: int) -> None:

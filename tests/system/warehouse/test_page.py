@@ -3,6 +3,8 @@
 import shutil
 import time
 from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
 from typing import Any, Final
 
 import httpx
@@ -23,6 +25,7 @@ from warehouse.messages import (
     OpenOrders,
     OperatorCommand,
     Order,
+    OrderEvent,
     OrderLine,
     OrderRequest,
     OrderStatus,
@@ -130,8 +133,8 @@ def create_topics(bench: Bench) -> None:
         made.result(20)
 
 
-def serve(bench: Bench) -> Process:
-    options = ['--bootstrap-servers', bench.bootstrap_servers, '--port', '0']
+def serve(bench: Bench, *more: str) -> Process:
+    options = ['--bootstrap-servers', bench.bootstrap_servers, '--port', '0', *more]
     server = bench._start('-m', 'warehouse.page', *options)
     server.wait_for('shown at')
     return server
@@ -209,11 +212,19 @@ def test_a_failure_is_told_with_its_cause_and_answer(stage: Stage) -> None:
     tell('FailureDiagnosed', robot=ROBOT, code='COMM_LOST', cause='communications')
     tell('ResponseOrdered', robot=ROBOT, response='reassign')
     card = stage.page.locator('#failures .card')
-    for words in ('Comm lost', ROBOT, 'no state for 5.2 s', 'communications', 'reassign'):
+    for words in ('Comm lost', ROBOT, 'no state for 5.2 s', 'Cause: communications', 'reassign'):
         expect(card).to_contain_text(words)
     tell('FailureResolved', robot=ROBOT, outcome='repaired')
     expect(card).to_contain_text('repaired')
     expect(stage.page.locator('#failures-count')).to_have_text('0 open, 1 in all')
+
+
+def test_a_failure_that_is_open_stands_above_those_that_are_over(stage: Stage) -> None:
+    for name in ('f2', 'f3'):
+        stage.put('warehouse.failures', FailureEvent(name, 'FailureDetected', 1.0, robot=name))
+    stage.put('warehouse.failures', FailureEvent('f3', 'FailureResolved', 2.0))
+    names = stage.page.locator('#failures .card .link')
+    expect(names).to_have_text(['f2', 'f3', ROBOT])
 
 
 def test_text_of_kafka_is_never_html(stage: Stage) -> None:
@@ -236,6 +247,110 @@ def test_a_broken_rule_is_a_red_banner_until_a_person_has_seen_it(stage: Stage) 
     expect(banner).to_contain_text('two robots on cell 3,3')
     stage.page.click('#acknowledge')
     expect(banner).to_have_count(0)
+    stage.put('warehouse.validator', ValidatorReport(8, 1))  # it was started again
+    eventually(lambda: stage.look('window.warehouse.view.validator.broken') == 0, 60)
+    stage.put('warehouse.validator', ValidatorReport(9, 2, (Violation(9, 'edge', 'a swap'),)))
+    expect(banner).to_contain_text('a swap')
+
+
+def test_a_stop_is_one_banner_and_the_focus_stays_with_its_buttons(stage: Stage) -> None:
+    page, banner = stage.page, stage.page.locator('.banner.bad')
+    stage.put('warehouse.fleet', FleetReport(stage.step, halted='rule broken in step 9: a swap'))
+    expect(banner).to_have_count(1)
+    expect(banner).to_contain_text('All robots stand')
+    expect(banner.locator('button')).to_have_text(['Acknowledge', 'Acknowledge and resume'])
+    assert page.locator('#resume').count() == 1
+    before = stage.bench.end_offset('warehouse.commands')
+    page.click('#acknowledge-resume')
+    eventually(lambda: stage.bench.end_offset('warehouse.commands') == before + 2, 60)
+    expect(banner).to_contain_text('All robots stand: rule broken')
+    expect(page.locator('#resume')).to_be_focused()
+    stage.put('warehouse.fleet', FleetReport(stage.step))
+    expect(banner).to_have_count(0)
+    expect(page.locator('#pause')).to_be_focused()
+
+
+def test_a_rate_may_be_a_fraction_but_not_empty(stage: Stage) -> None:
+    page = stage.page
+    page.fill('#per-minute', '0.5')
+    page.press('#per-minute', 'Enter')
+    expect(page.locator('#toast')).to_have_text('Random orders: 0.5 a minute.')
+    page.fill('#per-minute', '')
+    page.press('#per-minute', 'Enter')
+    assert page.evaluate("document.querySelector('#per-minute:invalid') !== null")
+    page.fill('#per-minute', '0')
+    page.press('#per-minute', 'Enter')
+    expect(page.locator('#toast')).to_have_text('No more random orders.')
+
+
+def test_orders_that_nobody_answers_are_warned_of_until_they_are(stage: Stage) -> None:
+    request = OrderRequest('asked', station='packing-1')
+    stage.put('warehouse.orders', request)
+    warning = stage.page.locator('.banner.warn', has_text='the intake of orders stands still')
+    expect(warning).to_contain_text('had no answer since')
+    answer_all(stage)
+    expect(warning).to_have_count(0)
+
+
+def answer_all(stage: Stage) -> None:
+    """As the desk does."""
+    for value in stage.values('warehouse.orders', stage.bench.end_offset('warehouse.orders')):
+        order = decode(value, OrderRequest)
+        event = OrderEvent(order.order_id, 0, OrderStatus.REJECTED, time.time(), reason='no desk')
+        stage.put('warehouse.order-events', event)
+
+
+def test_an_order_due_in_the_year_one_does_not_end_the_page(stage: Stage) -> None:
+    due = datetime(1, 1, 1)  # noqa: DTZ001 (that is the point: it has no zone)
+    stage.put('warehouse.orders', OrderRequest('year-one', due_time=due))
+    answer_all(stage)
+    stage.page.click('#orders-ended')
+    expect(stage.page.locator('#orders .row-name', has_text='year-one')).to_be_visible()
+    stage.page.click('#orders-open')
+
+
+def test_an_order_is_not_called_on_time_before_anybody_can_say(stage: Stage) -> None:
+    now_s = time.time()
+    lines = (OrderLine('L1', 'tea'),)
+    unknown = Order('unknown', 0, 'packing-1', lines, now_s, due_s=now_s + 600)
+    known = Order('known', 0, 'packing-1', lines, now_s, due_s=now_s + 601, eta_s=now_s + 300)
+    late = Order('late', 0, 'packing-1', lines, now_s, due_s=now_s - 90)
+    stage.put('warehouse.open-orders', OpenOrders((unknown, known, late)))
+
+    def said(name: str) -> str:
+        button = stage.page.get_by_role('button', name=name, exact=True)
+        row = stage.page.locator('#orders tr.row').filter(has=button)
+        return row.locator('td').last.text_content() or ''
+
+    eventually(lambda: stage.page.locator('#orders tr.row').count() == 3, 60)
+    assert said('late').startswith('+')
+    assert (said('unknown'), said('known')) == ('–', 'on time')  # noqa: RUF001 (as on the page)
+
+
+@pytest.mark.parametrize('width', [1440, 390])
+def test_no_column_is_pushed_out_of_its_panel(stage: Stage, width: int) -> None:
+    name = 'a-very-long-name-' * 10
+    order = Order(name, 0, name, (OrderLine('L1', 'tea'),), time.time(), due_s=time.time() + 9000)
+    stage.put('warehouse.open-orders', OpenOrders((order,)))
+    stage.page.set_viewport_size({'width': width, 'height': 900})
+    expect(stage.page.locator('#orders .row-name').first).to_have_attribute('title', name)
+    too_wide = (
+        "['orders', 'robots'].map((id) => document.getElementById(id))"
+        '.filter((table) => table.scrollWidth > table.parentElement.clientWidth)'
+        '.map((table) => table.id)'
+    )
+    found = stage.look(too_wide)
+    stage.page.set_viewport_size({'width': 1440, 'height': 900})
+    assert found == []
+
+
+def test_a_page_touches_its_alive_file(stage: Stage, tmp_path: Path) -> None:
+    alive = tmp_path / 'page.alive'
+    with serve(stage.bench, '--alive', str(alive)) as server:
+        eventually(alive.exists, 60)
+        alive.unlink()
+        eventually(alive.exists, 60)
+        assert server.end() == 0, server.output()
 
 
 @pytest.mark.parametrize('path', ['api/orders', 'api/commands', 'api/rate'])

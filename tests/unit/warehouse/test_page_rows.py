@@ -168,6 +168,19 @@ def test_an_order_that_ended_before_the_page_was_there_is_known_by_its_request()
     )  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ('due', 'due_s'),
+    [
+        (datetime(2026, 1, 1), datetime(2026, 1, 1, tzinfo=UTC).timestamp()),  # noqa: DTZ001
+        (datetime(1, 1, 1), -62_135_596_800.0),  # noqa: DTZ001
+        (datetime(9999, 12, 31, tzinfo=UTC), 253_402_214_400.0),
+    ],
+)
+def test_a_due_time_without_a_zone_is_utc_however_far_away(due: datetime, due_s: float) -> None:
+    request = OrderRequest('o', 0, 'packing-2', due_time=due)
+    assert ended_row(END, None, request, {}).due_s == due_s
+
+
 def test_an_end_of_which_nothing_else_is_known_is_shown_all_the_same() -> None:
     assert ended_row(END, None, None, {}).status == 'PARTIAL'
 

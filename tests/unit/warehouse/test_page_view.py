@@ -1,24 +1,30 @@
 """What the page shows, after any records in any order."""
 
+import contextlib
 import json
 from typing import Any
 
+import msgspec
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warehouse.codec import encode
+from warehouse.domain.orders import shortened
 from warehouse.domain.site import Site
 from warehouse.messages import (
     ErrorLevel,
     FailureEvent,
     FleetReport,
     FleetState,
+    Line,
     Message,
     OpenOrders,
     OperatorCommand,
     Order,
     OrderEvent,
     OrderLine,
+    OrderRequest,
     OrderStatus,
     Plans,
     Position,
@@ -151,14 +157,46 @@ def test_what_a_person_has_put_on_the_floor_is_shown_before_a_robot_finds_it() -
     assert look(view)['floor']['placed'] == []
 
 
+@pytest.mark.parametrize('cell', [(4, 0), (0, 1), (-1, 0), (0, -1)])
+def test_a_cell_that_is_not_on_the_map_is_not_shown(cell: tuple[int, int]) -> None:
+    view = View(SITE)
+    put(view, 'warehouse.robots', FleetState(1))
+    put(view, 'warehouse.commands', OperatorCommand('c1', 'blockCell', cell=cell))
+    assert look(view)['floor']['placed'] == []
+
+
 def test_a_violation_is_news_until_it_is_acknowledged_and_again_when_there_is_another() -> None:
     view = View(SITE)
-    one = Violation(5, 'vertex', 'two robots on 1,0')
-    put(view, 'warehouse.validator', ValidatorReport(5, 5, (one,)))
-    assert look(view)['validator'].items() >= {'broken': 1, 'acknowledged': 0}.items()
+    assert unseen(view, 5) == [5]
     put(view, 'warehouse.commands', OperatorCommand('c1', 'acknowledge'))
-    put(view, 'warehouse.validator', ValidatorReport(6, 6, (one, one)))
-    assert look(view)['validator'].items() >= {'broken': 2, 'acknowledged': 1}.items()
+    assert unseen(view, 5) == []
+    assert unseen(view, 5, 6) == [6]
+
+
+def unseen(view: View, *steps: int) -> list[int]:
+    """The steps of the violations that nobody has acknowledged, after a report of these."""
+    broken = tuple(Violation(step, 'vertex', 'two robots on 1,0') for step in steps)
+    put(view, 'warehouse.validator', ValidatorReport(steps[-1] if steps else 0, 5, broken))
+    return [violation['step'] for violation in look(view)['validator']['unseen']]
+
+
+def test_a_violation_is_news_though_the_list_begins_anew_or_is_full() -> None:
+    view = View(SITE)
+    unseen(view, 1, 2, 3)
+    put(view, 'warehouse.commands', OperatorCommand('c1', 'acknowledge'))
+    assert unseen(view) == []  # the validator was started again
+    assert unseen(view, 9) == [9]
+    unseen(view, *range(100))
+    put(view, 'warehouse.commands', OperatorCommand('c2', 'acknowledge'))
+    assert unseen(view, *range(1, 101)) == [100]
+
+
+def test_an_acknowledgement_from_before_the_page_hides_nothing() -> None:
+    view = View(SITE)
+    assert unseen(view, 5) == [5]
+    command = encode(OperatorCommand('c1', 'acknowledge')).encode()
+    view.take('warehouse.commands', command, NOW_S, NOW_S - 60)
+    assert unseen(view, 5) == [5]
 
 
 def test_what_cannot_be_read_is_counted_and_changes_nothing() -> None:
@@ -193,6 +231,54 @@ def test_what_is_kept_of_a_long_history_has_a_bound() -> None:
     assert len(shown['orders']['ended']) <= 200
     assert len(shown['failures']) <= 300
     assert len(view.newer({})) < 200_000
+
+
+def test_a_huge_order_that_was_refused_is_shown_in_short() -> None:
+    view, much = View(SITE), 'x' * 900_000
+    lines = tuple(Line(f'{number}{much[:9000]}', much[:9000], 2**70) for number in range(50))
+    for number in range(200):
+        name = f'{number}{much}' if number % 50 == 0 else f'{number}'
+        put(view, 'warehouse.orders', OrderRequest(name, 0, 'moon', lines, priority=2**70))
+        end = OrderEvent(name, 0, OrderStatus.REJECTED, NOW_S, reason=much[:9000])
+        put(view, 'warehouse.order-events', end)
+    for number in range(300):
+        done = OrderStatus.DELIVERED
+        put(view, 'warehouse.order-events', OrderEvent('199', 0, done, NOW_S, f'{number}'))
+    ended = look(view)['orders']['ended']
+    assert ended[0]['id'] == '199'
+    assert len(view.newer({})) < 300_000
+    put(view, 'warehouse.order-events', OrderEvent(much, 0, OrderStatus.REJECTED, NOW_S))
+    assert look(view)['orders']['ended'][0]['id'] == f'{much[:199]}…'
+
+
+def test_a_request_and_its_cut_event_are_of_the_same_order() -> None:
+    view, name = View(SITE), 'x' * 900
+    put(view, 'warehouse.orders', OrderRequest(name, 0, 'packing-1', (Line('L1', 'tea'),)))
+    cut = OrderEvent(shortened(name), 0, OrderStatus.REJECTED, NOW_S)
+    put(view, 'warehouse.order-events', cut)
+    [ended] = look(view)['orders']['ended']
+    assert (ended['station'], ended['lines'][0]['product']) == ('packing-1', 'tea')
+
+
+def test_a_section_that_cannot_be_shown_does_not_keep_the_others_back() -> None:
+    view, seen = View(SITE), dict[str, int]()
+    bad = msgspec.structs.replace(robot(1), last_node_id='nowhere')
+    put(view, 'warehouse.plans', Plans(1))
+    with contextlib.suppress(ValueError):  # the feed leaves such a record out
+        put(view, 'warehouse.robots', FleetState(1, (bad,)))
+    view._change('floor')
+    assert look(view, seen).keys() == {'plans'}
+    put(view, 'warehouse.robots', FleetState(2, (robot(1),)))
+    assert look(view, seen).keys() == {'floor'}
+
+
+def test_orders_that_nobody_answers_are_a_matter_of_health() -> None:
+    view = View(SITE)
+    put(view, 'warehouse.orders', OrderRequest('o'))
+    view.tick(NOW_S + 5, kafka_away='', rate=0)
+    assert look(view)['health']['standstill'] is None
+    view.tick(NOW_S + 11, kafka_away='', rate=0)
+    assert look(view)['health']['standstill'] == {'count': 1, 'sinceS': NOW_S}
 
 
 LIFE = (

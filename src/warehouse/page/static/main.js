@@ -7,7 +7,7 @@ import { FloorMap } from './map.js';
 import { setUpOrderForm } from './order_form.js';
 import { drawFailures, drawOrders, drawRobots } from './panels.js';
 import { getSite, listen, post } from './server.js';
-import { SHARES, codeWord, span } from './words.js';
+import { SHARES, clock, codeWord, plural, span } from './words.js';
 
 const OLD_S = 3;
 const SECTIONS_EVERY_MS = 250; // tables need not follow each step
@@ -68,14 +68,26 @@ function schedule() {
 }
 
 function draw() {
-  drawLive();
-  drawBanners();
+  keepFocus(() => {
+    drawLive();
+    drawBanners();
+  });
   drawRate();
   drawKpis(view.kpis, view.validator);
   drawOrders(view.orders, shownOrders, nowS());
   drawRobots(view.floor.robots, selected?.robot, (robot) => select({ robot }));
   drawFailures(view.failures, (robot) => select({ robot }));
   drawDetail();
+}
+
+// A button that was pressed and is gone leaves its place to the one that undoes it.
+function keepFocus(change) {
+  const before = document.activeElement;
+  change();
+  if (!before || before === document.body) return;
+  if (before.isConnected && !before.hidden) return;
+  const next = [$('pause'), $('resume')].find((button) => !button.hidden);
+  next.focus();
 }
 
 function drawDetail() {
@@ -118,20 +130,44 @@ function drawLive() {
   show($('resume'), Boolean(halted));
 }
 
-function drawBanners() {
-  const banners = [];
-  if (view.validator && view.validator.broken > view.validator.acknowledged) {
-    const last = view.validator.violations.at(-1);
-    banners.push({ id: 'violation', tone: 'bad', text: `A rule of the floor was broken at step ${last.step}: ${last.description}`, action: ['Acknowledge', 'acknowledge'] });
-  }
+// Orders that nobody takes: said only while Kafka itself answers.
+function standstill() {
+  const still = view.health?.standstill;
+  if (!still || !connected || view.health.kafkaAway) return '';
+  return `${plural(still.count, 'order')} ${still.count === 1 ? 'has' : 'have'} had no answer since ${clock(still.sinceS)}: the intake of orders stands still. Look into the log of the bridge (route “orders”) and that of Orders.`;
+}
+
+const ACKNOWLEDGE = { id: 'acknowledge', word: 'Acknowledge', commands: ['acknowledge'] };
+// The Monitor lets nobody drive on before the violation was acknowledged.
+const GO_ON = { id: 'acknowledge-resume', word: 'Acknowledge and resume', commands: ['acknowledge', 'resume'] };
+const RESUME = { id: 'banner-resume', word: 'Resume', commands: ['resume'] };
+
+function stopBanner() {
+  const last = view.validator?.unseen?.at(-1);
   const halted = view.floor.halted;
-  if (halted) banners.push({ id: 'halted', tone: 'bad', text: `All robots stand: ${halted}`, action: ['Resume', 'resume'] });
-  const problem = trouble();
-  if (problem) banners.push({ id: 'old', tone: 'warn', text: problem });
-  keyed($('banners'), banners, (banner) => banner.id,
-    (banner) => h('div', { class: `banner ${banner.tone}` }, h('p'),
-      ...(banner.action ? [h('button', { type: 'button', id: banner.action[1], onclick: () => order({ command: banner.action[1] }) }, banner.action[0])] : [])),
-    (node, banner) => setText(node.firstChild, banner.text));
+  if (last) {
+    const text = `A rule of the floor was broken at step ${last.step}: ${last.description}.${halted ? ' All robots stand.' : ''}`;
+    return { id: `violation ${Boolean(halted)}`, tone: 'bad', text, actions: halted ? [ACKNOWLEDGE, GO_ON] : [ACKNOWLEDGE] };
+  }
+  return halted ? { id: 'halted', tone: 'bad', text: `All robots stand: ${halted}`, actions: [RESUME] } : null;
+}
+
+function drawBanners() {
+  const [problem, still, stop] = [trouble(), standstill(), stopBanner()];
+  const banners = [
+    ...(stop ? [stop] : []),
+    ...(problem ? [{ id: 'old', tone: 'warn', text: problem }] : []),
+    ...(still ? [{ id: 'intake', tone: 'warn', text: still }] : []),
+  ];
+  keyed($('banners'), banners, (banner) => banner.id, makeBanner, (node, banner) => setText(node.firstChild, banner.text));
+}
+
+function makeBanner({ tone, actions = [] }) {
+  const press = async (commands) => {
+    for (const command of commands) await order({ command });
+  };
+  const buttons = actions.map(({ id, word, commands }) => h('button', { type: 'button', id, onclick: () => press(commands) }, word));
+  return h('div', { class: `banner ${tone}` }, h('p'), h('div', { class: 'actions' }, ...buttons));
 }
 
 function drawRate() {

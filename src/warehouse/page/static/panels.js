@@ -1,7 +1,7 @@
 // The tables of orders and robots, and the timeline of failures.
 
 import { $, h, keyed, setAttr, setText, show } from './dom.js';
-import { clock, codeWord, eventWord, orderState, robotState, shortSpan, span } from './words.js';
+import { causeWord, clock, codeWord, eventWord, orderState, robotState, shortSpan, span } from './words.js';
 
 // Orders
 
@@ -35,7 +35,7 @@ function makeOrder(row) {
   const first = h('tr', { class: 'row' },
     h('td', {}, button, h('span', { class: 'sub' })), h('td', {}, h('span', { class: 'chip' })),
     h('td', {}, bar, h('span', { class: 'sub' })), h('td', { class: 'number' }), h('td', { class: 'number' }), h('td', { class: 'number' }));
-  const second = h('tr', { class: 'more', id, hidden: true }, h('td', { colSpan: 6 }, h('p', { class: 'reason' }), h('ul', { class: 'lines' })));
+  const second = h('tr', { class: 'more', id, hidden: true }, h('td', { colSpan: 6 }, h('p', { class: 'full' }, row.id), h('p', { class: 'reason' }), h('ul', { class: 'lines' })));
   const body = h('tbody', {}, first, second);
   first.addEventListener('click', () => {
     if (!opened.delete(row.id)) opened.add(row.id);
@@ -55,6 +55,7 @@ function updateOrder(body, row, nowS) {
   const [first, second] = body.children;
   const [name, status, lines, due, eta, late] = first.children;
   setText(name.firstChild, row.id);
+  setAttr(name.firstChild, 'title', row.id);
   setText(name.lastChild, [row.station, row.priority ? `priority ${row.priority}` : ''].filter(Boolean).join(', '));
   const [word, tone] = orderState(row.status);
   setChip(status.firstChild, word, tone);
@@ -79,11 +80,13 @@ const etaOf = (row, nowS) => (row.etaS != null && row.etaS - nowS < 86400 ? row.
 
 function foreseen(row, nowS) {
   if (row.dueS == null) return null;
-  return Math.max(nowS, etaOf(row, nowS) ?? nowS) - row.dueS;
+  const eta = etaOf(row, nowS);
+  if (eta == null && nowS <= row.dueS) return null; // nobody can say yet
+  return Math.max(nowS, eta ?? nowS) - row.dueS;
 }
 
 function updateLines(cell, row) {
-  const [reason, list] = cell.children;
+  const [, reason, list] = cell.children;
   setText(reason, row.reason ?? '');
   show(reason, Boolean(row.reason));
   keyed(list, row.lines ?? [], (line) => line.id,
@@ -120,7 +123,7 @@ function makeRobot(row, onSelect) {
     h('td', {}, h('button', { type: 'button', class: 'row-name' }, row.id), h('span', { class: 'sub' }, row.type)),
     h('td', {}, h('span', { class: 'state' }, h('i'), h('span'))),
     h('td', {}, h('span', { class: 'battery' }, h('span')), h('span', { class: 'sub' })),
-    h('td'), h('td', {}, h('span'), h('span', { class: 'sub' })));
+    h('td'), h('td', {}, h('p', {}, h('span'), h('span', { class: 'sub' }))));
   node.addEventListener('click', () => onSelect(row.id));
   return node;
 }
@@ -135,9 +138,10 @@ function updateRobot(node, row, selected) {
   battery.firstChild.classList.toggle('low', row.battery < 25);
   setText(battery.lastChild, `${Math.round(row.battery)} %`);
   setText(load, row.load ? `${row.loadKg ?? 0} kg` : '–');
-  setText(failure.firstChild, row.failure ? codeWord(row.failure) : '');
-  failure.firstChild.className = row.failure ? 'failure' : '';
-  setText(failure.lastChild, row.answer ?? '');
+  const [what, answer] = failure.firstChild.children;
+  setText(what, row.failure ? codeWord(row.failure) : '');
+  what.className = row.failure ? 'failure' : '';
+  setText(answer, row.answer ?? '');
   setAttr(failure, 'title', row.answer ?? '');
 }
 
@@ -147,7 +151,8 @@ export function drawFailures(failures, onSelect) {
   const list = $('failures');
   const open = failures.filter((failure) => failure.endedS == null).length;
   setText($('failures-count'), failures.length ? `${open} open, ${failures.length} in all` : '');
-  keyed(list, failures, (failure) => failure.id, (failure) => makeFailure(failure, onSelect), updateFailure);
+  const rows = [...failures].sort((a, b) => (a.endedS != null) - (b.endedS != null));
+  keyed(list, rows, (failure) => failure.id, (failure) => makeFailure(failure, onSelect), updateFailure);
   emptyNote(list, failures.length, 'Nothing has failed. Select a robot on the map to try it.');
 }
 
@@ -172,7 +177,7 @@ function updateFailure(node, failure) {
   setText(when.lastChild, over ? `over in ${shortSpan(failure.endedS - failure.sinceS)}` : 'open');
   setText(title.firstChild, codeWord(failure.code || 'not judged yet'));
   setChip(title.lastChild, over ? 'Over' : (failure.level || 'Open').toLowerCase(), over ? 'good' : tone(failure.level));
-  setText(cause, failure.cause ?? '');
+  setText(cause, failure.cause ? `Cause: ${causeWord(failure.cause)}` : '');
   show(cause, Boolean(failure.cause));
   const said = (failure.steps ?? []).filter((step) => step.event !== 'FailureDiagnosed');
   keyed(steps, said.map((step, index) => ({ ...step, index })), (step) => step.index,

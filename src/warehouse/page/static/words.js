@@ -49,6 +49,21 @@ const EVENTS = {
   FailureResolved: 'Over',
 };
 
+const CAUSES = {
+  communications: 'communications',
+  control: 'the robot’s control system',
+  design: 'the design of the robot or the floor',
+  effector: 'motor, wheels or gripper',
+  external: 'something outside the robot',
+  human: 'a person',
+  power: 'power supply or battery',
+  sensor: 'a sensor',
+  software: 'software',
+  unknown: 'not known',
+};
+
+export const causeWord = (name) => CAUSES[name] ?? name;
+
 export const eventWord = (name) => EVENTS[name] ?? name;
 
 export const orderState = (name) => ORDER_STATES[name] ?? [name || 'Unknown', 'calm'];
@@ -78,7 +93,10 @@ const clockFormat = new Intl.DateTimeFormat('en-GB', {
   hour: '2-digit', minute: '2-digit', second: '2-digit',
 });
 
-export const clock = (seconds) => clockFormat.format(new Date(seconds * 1000));
+export function clock(seconds) {
+  const time = new Date(seconds * 1000);
+  return Number.isNaN(time.getTime()) ? '–' : clockFormat.format(time); // anybody may send one
+}
 
 export function number(value, digits = 0) {
   return value === null || value === undefined ? '–' : value.toFixed(digits);
