@@ -369,13 +369,23 @@ class Fleet:
         if 'OFF_PLAN' in robot.faults:
             column, row = robot.cell
             taken = set(released.values())
+            unseen = [
+                cell
+                for other in self._robots.values()
+                if other.deaf and not other.removed
+                for cell in other.cells
+            ]
             for cell in (
                 (column, row + 1),
                 (column + 1, row),
                 (column, row - 1),
                 (column - 1, row),
             ):
-                if self._floor.is_open(cell) and cell not in self._held and cell not in taken:
+                if not self._floor.is_open(cell) or cell in self._held or cell in taken:
+                    continue
+                # One that is silent was last seen where it is, or a cell before: nobody else
+                # knows that it has left that.
+                if not any(is_next(cell, other) for other in unseen):
                     self._end_fault(robot, 'OFF_PLAN')
                     return cell
         return target

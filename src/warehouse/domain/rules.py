@@ -163,6 +163,11 @@ def _near(cells: Iterable[Cell], others: Iterable[Cell], most: int) -> bool:
     return any(_distance(one, other) <= most for one in cells for other in others)
 
 
+def _is_quick(track: _Track, step: int) -> bool:
+    """Whether a robot had no time for three cells, the shortest way around to one next to it."""
+    return step - track.stood < 3 * track.limits.steps_per_cell
+
+
 def _is_back(robot: str, changes: list[_Change]) -> bool:
     return any(change.seen.robot == robot for change in changes)
 
@@ -196,9 +201,12 @@ class Referee:
         self._jobs: dict[str, Job] = {}
         self._former: dict[str, tuple[int, Job]] = {}  # by task: until when it counts, too
         self._delivered = 0
+        self._dropped: dict[str, int] = {}  # by load: the step in which it was seen delivered
+        self._undone: set[str] = set()  # were delivered, by a floor that has started again since
         self._grips: dict[str, list[_Grip]] = {}
         self._pallets: frozenset[Cell] = frozenset()
         self._silent: set[str] = set()
+        self._lying: set[str] = set()  # loads on the floor
         self._step: int | None = None
         self._found: list[Violation] = []
 
@@ -219,6 +227,8 @@ class Referee:
         """Drop a job that is over."""
         self._jobs.pop(task_id, None)
         self._former.pop(task_id, None)
+        self._dropped.pop(task_id, None)
+        self._undone.discard(task_id)
 
     def excuse(self, task_id: str) -> None:
         """Ask nothing about where a load comes from: it was on its way before the first frame."""
@@ -234,9 +244,13 @@ class Referee:
     def was_delivered(self, task_id: str) -> bool | None:
         """Whether a load is at its delivery; None: nobody can know."""
         place = self._places.get(task_id)
-        if place is _UNKNOWN:
-            return None
-        return place is _DELIVERED
+        if place is _DELIVERED:
+            return True
+        return None if place is _UNKNOWN or task_id in self._undone else False
+
+    def dropped_step(self, task_id: str) -> int | None:
+        """The step in which a robot that was heard said that it delivered a load; None: none."""
+        return self._dropped.get(task_id)
 
     def check(self, frame: Frame) -> tuple[Violation, ...]:
         """Judge the step that ended in this frame; also what became known since the last one."""
@@ -257,6 +271,7 @@ class Referee:
     def _begin(self, frame: Frame) -> None:
         present = {seen.robot for seen in frame.robots}
         self._silent = self._tracks.keys() - present
+        self._dropped.clear()
         for load, place in self._places.items():
             if place.kind == 'robot' and place.robot not in self._silent:
                 self._places[load] = _UNKNOWN
@@ -277,6 +292,7 @@ class Referee:
                     self._say(frame.step, 'doubled', text, seen.robot, place.robot)
                 if place is _DELIVERED:
                     self._delivered -= 1
+                    self._undone.add(load)
                 self._places[load] = _Place('robot', seen.robot)
 
     def _follow(self, frame: Frame) -> None:
@@ -307,6 +323,7 @@ class Referee:
         track = self._tracks[seen.robot] = _Track(seen, step, self._limits(seen))
         for cell in seen.cells:
             self._judge_ground(seen, cell, step)
+        self._judge_way(seen, step)
         return track
 
     def _move(self, changes: list[_Change], step: int) -> None:
@@ -329,6 +346,7 @@ class Referee:
         if len(frame.robots) == len(self._tracks):
             return
         self._silent = self._tracks.keys() - {seen.robot for seen in frame.robots}
+        self._note_out_of_sight()
         for robot in self._silent & frame.removed:
             track = self._tracks[robot]
             if not track.removed:
@@ -336,6 +354,20 @@ class Referee:
                 for cell in track.seen.cells:
                     if self._held.get(cell) == robot:
                         del self._held[cell]
+
+    def _note_out_of_sight(self) -> None:
+        """A load on the floor near a silent robot may be on that, and then anywhere."""
+        for load in tuple(self._lying):
+            place = self._places.get(load, _UNKNOWN)
+            if place.kind != 'floor':
+                self._lying.discard(load)
+            elif self._is_unseen(place.cells):
+                self._lying.discard(load)
+                self._places[load] = _UNKNOWN
+
+    def _is_unseen(self, cells: tuple[Cell, ...]) -> bool:
+        """Whether a silent robot can reach a load there: it may have driven on to a cell."""
+        return any(_near(cells, self._tracks[robot].seen.cells, 2) for robot in self._silent)
 
     def _hold(self, seen: Seen, cell: Cell, step: int) -> None:
         other = self._held.get(cell)
@@ -349,13 +381,16 @@ class Referee:
         if cell not in self._free:
             self._say(step, 'wall', f'{seen.robot} is on {cell}, where a wall is', seen.robot)
 
+    def _judge_way(self, seen: Seen, step: int) -> None:
+        if len(seen.cells) == 2 and _distance(*seen.cells) != 1:
+            self._say(step, 'teleport', f'{seen.robot} drives {seen.cells}', seen.robot)
+
     def _judge_move(self, track: _Track, seen: Seen, step: int) -> None:
         before = track.seen
         for cell in seen.cells:
             if cell not in before.cells:
                 self._judge_ground(seen, cell, step)
-        if len(seen.cells) == 2 and _distance(*seen.cells) != 1:
-            self._say(step, 'teleport', f'{seen.robot} drives {seen.cells}', seen.robot)
+        self._judge_way(seen, step)
         start, end = before.cells[0], seen.cells[0]
         home = self.rules.homes.get(seen.robot)
         if start == end or (track.removed and home in (None, end)):
@@ -377,7 +412,7 @@ class Referee:
         track.flat = empty
 
     def _judge_entries(self, change: _Change, changes: list[_Change], frame: Frame) -> None:
-        track, before, seen = change
+        _, before, seen = change
         assert before is not None
         for cell in seen.cells:
             if cell in before.cells:
@@ -391,24 +426,37 @@ class Referee:
             if other in self._silent and not _is_back(other, changes):
                 text = f'{seen.robot} entered {cell}, where the silent {other} was last seen'
                 self._say(frame.step, 'silent', text, seen.robot, other)
-            elif frame.step == track.step + 1:
+            else:
                 self._judge_following(change, other, changes, frame.step)
 
     def _judge_following(
         self, change: _Change, other: str, changes: list[_Change], step: int
     ) -> None:
-        _, before, seen = change
+        follower, before, seen = change
         assert before is not None
         for track, its_before, its_now in changes:
-            if its_now.robot != other or its_before is None or step != track.step + 1:
+            if its_now.robot != other or its_before is None:
                 continue
-            if before.cells[0] in its_now.cells and its_before.cells != its_now.cells:
+            if step != track.step + 1 or step != follower.step + 1:
+                self._judge_unseen_swap(change, _Change(track, its_before, its_now), step)
+            elif before.cells[0] in its_now.cells and its_before.cells != its_now.cells:
                 if seen.robot < other:
                     text = f'at {before.cells[0]} and {its_before.cells[0]}'
                     self._say(step, 'swap', text, seen.robot, other)
             elif any(len(one.cells) > 1 for one in (before, seen, its_before, its_now)):
                 text = f'{seen.robot} entered {seen.cells[-1]} before {other} had left it'
                 self._say(step, 'held', text, seen.robot, other)
+
+    def _judge_unseen_swap(self, one: _Change, other: _Change, step: int) -> None:
+        """Two of which one was silent and that changed places, in less time than a way around."""
+        tracks = one.track, other.track
+        if any(track.removed or not _is_quick(track, step) for track in tracks):
+            return
+        came, went = (change.before.cells[0] for change in (one, other) if change.before)
+        is_swap = came in other.seen.cells and went in one.seen.cells
+        if is_swap and one.seen.robot < other.seen.robot:
+            text = f'at {came} and {went}, out of sight'
+            self._say(step, 'swap', text, one.seen.robot, other.seen.robot)
 
     # Loads
 
@@ -430,6 +478,7 @@ class Referee:
             given = any(load == other for other, _ in lost)
             seen = change.seen._replace(cells=_stood(change))
             self._judge_gain(seen, load, frame, given=given)
+            self._lying.discard(load)
             self._places[load] = _Place('robot', seen.robot)
         for load, change in lost:
             place = self._places.get(load, _UNKNOWN)
@@ -447,6 +496,7 @@ class Referee:
                 self._judge_stock(job, grip)
         elif place is _DELIVERED:
             self._delivered -= 1
+            self._dropped.pop(load, None)
             self._say(
                 frame.step,
                 'repeated',
@@ -471,14 +521,22 @@ class Referee:
             self._say(step, 'doubled', f'{load} is on two robots', seen.robot, giver)
             return
         there = self._tracks[giver].seen.cells
-        # A robot that is silent may have driven on to the next cell.
-        if not _near(seen.cells, there, 2 if silent else 1):
+        if not self._is_in_reach(seen, there, is_silent=silent):
             text = f'{seen.robot} at {seen.cells[0]} took {load} from {giver} at {there[0]}'
             self._say(step, 'source', text, seen.robot, giver)
         job = self._jobs.get(load)
         if job is not None and not job.stranded:
             text = f'{seen.robot} took {load}, which {giver} has not given up'
             self._say(step, 'taken', text, seen.robot, giver)
+
+    def _is_in_reach(self, taker: Seen, there: tuple[Cell, ...], *, is_silent: bool) -> bool:
+        """Whether a load can come from a robot to another, perhaps by way of silent ones."""
+        # A robot that is silent may have driven on to the next cell.
+        most = 1 + is_silent + (taker.robot in self._silent)
+        if _near(taker.cells, there, most):
+            return True
+        between = (self._tracks[robot].seen.cells for robot in self._silent if is_silent)
+        return any(_near(taker.cells, cells, 2) and _near(cells, there, 2) for cells in between)
 
     def _judge_stock(self, job: Job, grip: _Grip) -> None:
         jobs = self._ordered(job, grip.step)
@@ -528,11 +586,15 @@ class Referee:
             )
             self._deliver(load)
         elif seen.faulty and load not in seen.dropped:
-            self._places[load] = _Place('floor', cells=before.cells)
+            self._lay(load, before.cells)
+        elif load not in seen.dropped and self._may_be_taken(job, cells, frame):
+            self._places[load] = _UNKNOWN
         elif job is not None and job.delivery in cells and len(cells) == 1:
             self._deliver(load)
+            if load in seen.dropped:
+                self._dropped[load] = frame.step
         else:
-            self._places[load] = _Place('floor', cells=before.cells)
+            self._lay(load, before.cells)
             self._say_not_delivered(load, seen.robot, cells, frame.step)
 
     def _judge_loss_unseen(self, load: str, change: _Change, step: int) -> None:
@@ -545,7 +607,22 @@ class Referee:
         if load in seen.dropped and near:
             self._deliver(load)
         else:
-            self._places[load] = _Place('floor', cells=before.cells + seen.cells)
+            self._lay(load, before.cells + seen.cells)
+
+    def _may_be_taken(self, job: Job | None, cells: tuple[Cell, ...], frame: Frame) -> bool:
+        """Whether a robot that fell silent just now or before may have taken a load."""
+        if job is None or not job.stranded or len(frame.robots) == len(self._tracks):
+            return False
+        heard = {seen.robot for seen in frame.robots}
+        return any(
+            _near(cells, track.seen.cells, 2)
+            for robot, track in self._tracks.items()
+            if robot not in heard
+        )
+
+    def _lay(self, load: str, cells: tuple[Cell, ...]) -> None:
+        self._places[load] = _Place('floor', cells=cells)
+        self._lying.add(load)
 
     def _judge_delivery(self, job: Job, grip: _Grip) -> None:
         if grip.cells != (job.delivery,):

@@ -11,10 +11,17 @@ from typing import Final, Generic, NamedTuple, TypeVar
 
 from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.validator import Validator
-from warehouse.messages import FleetReport, FleetState, OpenOrders, Tasks, ValidatorReport
+from warehouse.messages import (
+    FleetReport,
+    FleetState,
+    OpenOrders,
+    Tasks,
+    ValidatorReport,
+    Violation,
+)
 from warehouse.nodes.node import Module
 
-__all__ = ['Before', 'start']
+__all__ = ['Before', 'new_ones', 'start']
 
 _QUIET_S: Final = 1.0
 _PATIENCE_S: Final = 2.0  # for the tasks and the report of a step: their module may be away
@@ -69,6 +76,12 @@ class _Came(NamedTuple):
     def step(self) -> int:
         """The step whose tasks and report must be there first."""
         return self.message.step if isinstance(self.message, FleetState) else -1
+
+
+def new_ones(found: ValidatorReport, said: ValidatorReport) -> list[Violation]:
+    """The violations of a report that the one before did not have."""
+    old = set(said.violations)
+    return [violation for violation in found.violations if violation not in old]
 
 
 class _Validator:
@@ -137,7 +150,7 @@ class _Validator:
         found = self._validator.check(state, self._module.now_s())
         is_news = found.violations != self._said.violations
         if is_news or time.monotonic() >= self._say_at_s:
-            for violation in found.violations if is_news else ():
+            for violation in new_ones(found, self._said):
                 self._module.log.error(
                     'step %d: %s: %s', violation.step, violation.rule, violation.description
                 )

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
 from warehouse.domain.rules import Frame, Job, Limits, Referee, Rules, Seen
 from warehouse.domain.site import Product, RobotPlace, Site
-from warehouse.domain.validator import TraceError, Validator, validate_trace
+from warehouse.domain.validator import GRACE, QUIET, TraceError, Validator, validate_trace
 from warehouse.messages import (
     ActionState,
     ActionStatus,
@@ -139,6 +139,26 @@ def test_driving_into_a_robot_that_stands_is_found() -> None:
 def test_a_swap_is_found() -> None:
     before = (robot('a', (0, 0)), robot('b', (1, 0)))
     assert judged(before, (robot('a', (1, 0)), robot('b', (0, 0)))) == ['swap']
+
+
+def test_a_swap_of_which_one_half_was_not_seen_is_found() -> None:
+    a, b = robot('a', (0, 0)), robot('b', (1, 0))
+    swapped = (robot('a', (1, 0)), robot('b', (0, 0)))
+    assert judged((a, b), (a,), swapped) == ['swap']
+    assert judged((a, b), (b,), swapped) == ['swap']
+    assert judged((a, b), (), swapped) == ['swap']
+
+
+def test_a_silent_robot_may_have_gone_around_another() -> None:
+    a, b = robot('a', (2, 0)), robot('b', (3, 0))
+    swapped = (robot('a', (3, 0)), robot('b', (2, 0)))
+    assert judged((a, b), (), (), swapped) == []
+
+
+def test_a_silent_robot_that_was_carried_off_comes_back_beside_where_it_was() -> None:
+    a, b = robot('a', (5, 0)), robot('b', (4, 0))
+    swapped = (robot('a', (4, 0)), robot('b', HOMES['b']))
+    assert judged((a, b), (a,), swapped, removed=frozenset({'b'})) == []
 
 
 def test_a_train_and_a_circle_may_move_together() -> None:
@@ -313,6 +333,42 @@ def test_a_load_that_a_robot_has_picked_before_it_was_silent_is_taken_from_it() 
     assert carried((AT_STOCK, far), (far,), (far._replace(loads=('1/tea',)),), job=job) == [
         'source'
     ]
+
+
+def test_a_load_may_be_taken_by_a_robot_that_falls_silent() -> None:
+    job = TEA._replace(stranded=True)
+    taker, later = robot('b', (1, 2)), robot('c', (3, 2))
+    lost = [(AT_STOCK, taker), (WITH_TEA, taker, later), (WITH_TEA, later), (AT_STOCK, later)]
+    assert carried(*lost, job=job) == []
+    assert carried(*lost) == ['drop']
+    # Then nobody knows where it is, until somebody has it.
+    assert carried(*lost, (AT_STOCK, later._replace(loads=('1/tea',))), job=job) == []
+    assert carried(*lost, (AT_STOCK, taker._replace(loads=('1/tea',))), job=job) == []
+
+
+def test_a_load_that_nobody_could_have_taken_unseen_is_lost() -> None:
+    job = TEA._replace(stranded=True)
+    far = robot('b', (4, 2))
+    assert carried((AT_STOCK, far), (WITH_TEA, far), (WITH_TEA,), (AT_STOCK,), job=job) == ['drop']
+
+
+def test_a_load_on_the_floor_may_be_taken_by_a_robot_that_is_silent() -> None:
+    job = TEA._replace(stranded=True)
+    near, last = robot('b', (1, 2)), robot('c', (3, 2))
+    fallen = robot('a', (0, 2), faulty=True)
+    lies = [(AT_STOCK, near, last), (WITH_TEA, near, last), (fallen, near, last)]
+    taken = last._replace(loads=('1/tea',))
+    assert carried(*lies, (fallen, last), (fallen, taken), job=job) == []
+    assert carried(*lies, (fallen, near, taken), job=job) == ['source']
+
+
+def test_a_load_may_go_from_a_silent_robot_to_another_by_way_of_a_third() -> None:
+    job = TEA._replace(stranded=True)
+    between, last = robot('b', (1, 2)), robot('c', (3, 2))
+    before = [(AT_STOCK, between, last), (WITH_TEA, between, last)]
+    taken = last._replace(loads=('1/tea',))
+    assert carried(*before, (last,), (taken,), job=job) == []
+    assert carried(*before, (between, last), (between, taken), job=job) == ['source']
 
 
 def test_a_load_that_is_delivered_twice_is_found() -> None:
@@ -706,9 +762,9 @@ def test_a_delivery_that_is_only_claimed_is_found() -> None:
     validator.know(Tasks(1, (task(),)))
     validator.check(FleetState(1, (state('a', (0, 2)),)), 1.0)
     validator.know(Tasks(2, (task(status=TaskStatus.DELIVERED),)))
-    assert (
-        validator.check(FleetState(2, (state('a', (0, 2)),)), 2.0).violations[0].rule == 'claimed'
-    )
+    for step in range(2, 2 + GRACE):
+        report = validator.check(FleetState(step, (state('a', (0, 2)),)), 2.0)
+    assert [violation.rule for violation in report.violations] == ['claimed']
 
 
 def test_a_delivery_that_a_floor_which_starts_again_undoes_was_not_only_claimed() -> None:
@@ -839,6 +895,9 @@ def test_a_load_given_and_the_next_taken_in_one_row_is_fine() -> None:
         (trace({'r1': (0, 0, None)}), 'undone'),
         (trace(SIDE_BY_SIDE, {'a': (1, 0, None), 'b': (0, 0, None)}), 'swap'),
         (trace(SIDE_BY_SIDE, {'a': (1, 0, None), 'b': (1, 0, None)}), 'collision'),
+        (trace({'r1': (0, 5, None)}), 'wall'),
+        (['{"step": 0, "robots": [{"id": "a", "x": 0, "y": 0, "to": [2, 0]}]}'], 'teleport'),
+        (trace(SIDE_BY_SIDE, {'a': SIDE_BY_SIDE['a']}), 'vanished'),
     ],
 )  # fmt: skip
 def test_each_wrong_in_a_trace_is_found(lines: list[str], rule: str) -> None:
@@ -848,6 +907,31 @@ def test_each_wrong_in_a_trace_is_found(lines: list[str], rule: str) -> None:
 def test_a_step_that_is_missing_in_a_trace_is_found() -> None:
     lines = [GOOD[0], *GOOD[2:]]
     assert 'missing' in {violation.rule for violation in validate_trace(MAP, TASKS, lines)}
+
+
+def test_what_is_wrong_in_the_first_step_is_said_once() -> None:
+    lines = trace({'a': (0, 0, None), 'b': (0, 0, None), 'c': (9, 9, None)})
+    found = validate_trace(MAP, None, lines)
+    assert sorted((one.step, one.rule) for one in found) == [(0, 'collision'), (0, 'wall')]
+
+
+@pytest.mark.parametrize(
+    'more',
+    [
+        {'removed': ['b']},
+        {'failures': [{'robot': 'b', 'event': 'FailureDetected'}]},
+    ],
+)
+def test_a_robot_that_failed_or_was_taken_away_need_not_be_there(more: dict[str, Any]) -> None:
+    first, last = trace(SIDE_BY_SIDE, {'a': SIDE_BY_SIDE['a']})
+    assert validate_trace(MAP, None, [first, json.dumps(json.loads(last) | more)]) == ()
+
+
+def test_a_floor_that_tells_of_failures_needs_time_to_see_that_a_robot_is_silent() -> None:
+    first, *rest = trace(SIDE_BY_SIDE, *[{'a': SIDE_BY_SIDE['a']}] * (QUIET + 1))
+    told = json.dumps(json.loads(first) | {'events': [{'order_id': '1'}]})
+    assert validate_trace(MAP, None, [told, *rest[:-1]]) == ()
+    assert [one.rule for one in validate_trace(MAP, None, [told, *rest])] == ['vanished']
 
 
 def test_the_load_of_a_crashed_robot_may_be_taken_over_from_beside_it() -> None:
@@ -879,6 +963,8 @@ def test_moves_alone_are_judged_where_the_tasks_are_not_known() -> None:
         (['{"step": 1'], 'line 1'),
         (['{"step": "x", "robots": []}'], 'line 1'),
         ([GOOD[1], GOOD[0]], 'step 0 comes after step 1'),
+        ([], 'no step'),
+        (['', ' '], 'no step'),
     ],
 )
 def test_a_trace_that_cannot_be_read_is_an_error_that_says_where(
