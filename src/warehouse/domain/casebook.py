@@ -300,15 +300,7 @@ class Casebook:
         """What a step does to a robot at once; returns the outcome if it is a special one."""
         name = failure.robot
         if step in _TAKES_TASKS:
-            if step == 'release' and watch.carrying:
-                failure.active.remove(step)
-                return 'keeps the load that it has'
-            failure.tasks = self._tasks_of(name)
-            if not failure.tasks:
-                if step == 'release':
-                    failure.active.remove(step)
-                return 'it has no task'
-            return f'its tasks go to others: {", ".join(failure.tasks)}'
+            return self._take_tasks(failure, watch, step)
         if step == 'retry':
             self.act(name, 'retry')
         elif step == 'cancel':
@@ -321,6 +313,19 @@ class Casebook:
         elif step == 'other_charger' and watch.state.cell in self._chargers:
             self.memory.charger_until[watch.state.last_node_id] = now_s + response.obstacle_s
         return ''
+
+    def _take_tasks(self, failure: Failure, watch: Watch, step: str) -> str:
+        if step == 'release' and watch.carrying:
+            failure.active.remove(step)
+            return 'keeps the load that it has'
+        failure.tasks = self._tasks_of(failure.robot)
+        if not failure.tasks:
+            if step == 'release':
+                failure.active.remove(step)
+            return 'it has no task'
+        if step == 'reassign':
+            self.act(failure.robot, 'cancelOrder')  # or it would go on with them once it is mended
+        return f'its tasks go to others: {", ".join(failure.tasks)}'
 
     def _block_ahead(self, watch: Watch, response: Response, now_s: float) -> str:
         cell = node_cell(watch.ahead) if watch.ahead else None

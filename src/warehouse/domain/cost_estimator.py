@@ -233,7 +233,7 @@ def _wear(robots: Sequence[RobotReport], types: Sequence[RobotType], way: Table)
 def _spare(types: Sequence[RobotType], tasks: Sequence[Task]) -> Table:
     """What the tasks are dearer by for robots that are stronger than the load needs."""
     weights = np.array([task.weight_kg for task in tasks])
-    used: Table = weights / _column([kind.max_load_kg for kind in types])
+    used = weights / _column([kind.max_load_kg for kind in types])
     return SPARE_S * np.maximum(0.0, 1.0 - used)
 
 
@@ -241,8 +241,12 @@ def _urgency(waiting: Sequence[Task], tasks: Sequence[Task], now_s: float) -> Ta
     """Seconds by which each waiting task is the cheaper."""
     lines = Counter(task.order_id for task in tasks)
     begun = Counter(task.order_id for task in tasks if task.status in _BEGUN)
-    grouped = [GROUPED_S * begun[task.order_id] / lines[task.order_id] for task in waiting]
-    return np.array([_urgency_of(task, now_s) for task in waiting]) + np.array(grouped)
+    return np.array(
+        [
+            _urgency_of(task, now_s) + GROUPED_S * begun[task.order_id] / lines[task.order_id]
+            for task in waiting
+        ]
+    )
 
 
 def _urgency_of(task: Task, now_s: float) -> float:

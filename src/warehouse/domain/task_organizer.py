@@ -61,6 +61,7 @@ class _Entry:
         maybe: It is not sure that the load was picked at all.
         withdrawn_step: When it was no longer wanted, or None.
         changing_step: When another product or quantity was wanted, or None.
+        picked: The last attempt that a robot says it has picked it in, or -1.
         missed_step: Since when its robot does not show the load (or shows one that has ended).
         changed_step: When its pick-up or who may take it changed; older costs do not count.
     """
@@ -72,6 +73,7 @@ class _Entry:
         'gave_up',
         'maybe',
         'missed_step',
+        'picked',
         'task',
         'tries',
         'unfit',
@@ -90,6 +92,7 @@ class _Entry:
         self.withdrawn_step: int | None = None
         self.changing_step: int | None = None
         self.missed_step: int | None = None
+        self.picked = -1
         self.changed_step = 0
 
     @property
@@ -292,6 +295,8 @@ class TaskOrganizer:
             self._deliver(entry, state.serial_number)
         elif action.action_status is ActionStatus.FAILED and told.attempt >= entry.task.attempt:
             self._note_failure(entry, told, state, action.result_description)
+        elif action.action_status is ActionStatus.FINISHED:
+            entry.picked = max(entry.picked, told.attempt)
 
     def _deliver(self, entry: _Entry, robot: str) -> None:
         entry.set(
@@ -551,6 +556,9 @@ class TaskOrganizer:
             elif task_id in picking:
                 entry.set(status=TaskStatus.PICKING, robot=picking[task_id], reason='')
             else:
+                if entry.picked >= task.attempt:
+                    # The load was lost before it was seen; no robot does an action twice.
+                    entry.set(attempt=entry.picked + 1)
                 self._settle_waiting(entry, assigned.get(task_id, ''), reason, profiles)
 
     def _settle_waiting(

@@ -72,9 +72,7 @@ def test_a_robot_that_often_fails_costs_more() -> None:
     assert often > well
 
 
-def test_the_same_task_costs_more_with_less_charge_and_more_with_strength_that_it_does_not_need() -> (
-    None
-):
+def test_a_task_costs_more_with_less_charge_and_with_strength_that_it_does_not_need() -> None:
     (full,), (low,) = estimate(
         tasks(task('O/1')), report(state('r1', HOME), state('r2', HOME, charge=11.2))
     ).costs

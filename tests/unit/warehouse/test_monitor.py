@@ -556,6 +556,13 @@ def test_the_time_to_the_robot_that_takes_over_can_be_seen_from_events(
     assert reassigned.time_s - detected.time_s == 4 * SITE.step_s
 
 
+def test_a_robot_that_loses_its_tasks_is_told_not_to_go_on_with_them(watched: Watched) -> None:
+    watched.monitor.know(Tasks(1, (_task(status=TaskStatus.PICKING),)))
+    watched.say('motionFault')
+    watched.wait()
+    assert watched.told() == ['cancelOrder']
+
+
 def test_a_task_that_no_robot_can_do_is_told_and_ends_when_it_can(watched: Watched) -> None:
     blocked = _task(robot='', status=TaskStatus.BLOCKED, reason='the stock cell is blocked')
     watched.monitor.know(Tasks(1, (blocked,)))

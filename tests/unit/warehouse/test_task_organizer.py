@@ -546,7 +546,18 @@ def test_a_pick_that_was_undone_by_a_restart_of_the_robots_is_to_be_done_again()
     hall = carried()
     hall.robot('r')
     task = hall.now(10)
-    assert (task.status, task.stranded, task.attempt) == (TaskStatus.OPEN, False, 0)
+    assert (task.status, task.stranded, task.attempt) == (TaskStatus.OPEN, False, 1)
+
+
+def test_a_load_that_was_lost_before_it_was_seen_is_picked_under_another_number() -> None:
+    hall = carried()
+    hall.gave_up = {'r'}
+    hall.robot('r', cell=(4, 0))
+    assert hall.now().stranded
+    hall.gave_up = set()
+    hall.robot('r', ('a/1#1:pick', FINISHED, ''), cell=(4, 0))  # and it has slid off again
+    task = hall.now(2)
+    assert (task.status, task.stranded, task.attempt) == (TaskStatus.OPEN, True, 2)
 
 
 def test_a_load_whose_order_has_ended_is_brought_to_a_station() -> None:
