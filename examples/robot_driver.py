@@ -19,6 +19,7 @@ from std_msgs.msg import String
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 ENDED_KEPT = 10
 AFTER_A_RESTART = 10  # steps that are left out: nobody may take a new state for an old one
+SETTLE_S = 0.7
 BATTERY_PER_CELL, BATTERY_PER_STEP = 0.05, 0.4  # percent
 
 
@@ -44,19 +45,24 @@ class RobotDriver(Node):
         self.states = self.create_publisher(String, '/robots/state', LATCHED)
         self.create_subscription(String, '/robots/orders', self.hear_orders, 10)
         self.create_subscription(String, '/robots/instant_actions', self.hear_actions, 10)
-        self.create_subscription(String, '/monitor/fleet', self.begin, LATCHED)
+        self.create_subscription(String, '/monitor/fleet', self.hear_fleet, LATCHED)
+        self.report: dict[str, Any] = {}
         self.timer: Any = None
 
-    def begin(self, message: String) -> None:
+    def hear_fleet(self, message: String) -> None:
+        """Begin soon, with the newest: a latched writer sends all that it keeps, oldest first."""
+        self.report = json.loads(message.data)
+        if self.timer is None:
+            self.timer = self.create_timer(SETTLE_S, self.begin)
+
+    def begin(self) -> None:
         """Go on with the count of steps that the Monitor remembers, and with the load."""
-        if self.timer is not None:
-            return
-        report = json.loads(message.data)
-        for robot in report.get('robots', ()):
+        for robot in self.report.get('robots', ()):
             if robot['serialNumber'] == self.state['serialNumber']:
                 # A real robot asks its own sensors where it is and what it carries.
                 self.state = {'actionStates': [], 'loads': [], **robot['state']}
-                self.step = report['step'] + AFTER_A_RESTART
+                self.step = self.report['step'] + AFTER_A_RESTART
+        self.timer.cancel()
         self.timer = self.create_timer(self.step_s, self.take_a_step)
 
     def hear_orders(self, message: String) -> None:

@@ -1,5 +1,13 @@
 """`python -m warehouse`."""
 
-from warehouse.cli import main
+import signal
 
+# Who presses Ctrl-C while all is imported wants an end, and no traceback of the imports.
+before = signal.signal(signal.SIGINT, signal.SIG_DFL)
+if before is signal.SIG_IGN:  # by a shell, in the background
+    signal.signal(signal.SIGINT, before)
+
+from warehouse.cli import main  # noqa: E402 (for that)
+
+signal.signal(signal.SIGINT, before)
 main()

@@ -1,6 +1,7 @@
 """The processes of the warehouse: started, started again when they die, stopped in order."""
 
 import signal
+import socket
 import subprocess
 import time
 from collections.abc import Sequence
@@ -21,6 +22,7 @@ _CRASHES: Final = 5  # so many in a row are a crash loop
 _AGAIN_S: Final = 60.0  # after which one in a crash loop is tried again
 _BEFORE_ALIVE: Final = 3  # times the time that it may be silent, until it is alive at first
 _TAIL_LINES: Final = 6
+_MOST_WORDS: Final = 4096
 
 
 class Program(NamedTuple):
@@ -31,12 +33,15 @@ class Program(NamedTuple):
         command: The program and its arguments.
         ready: What its log says once it does its work.
         alive: A file that it touches as long as it works, every two seconds or so.
+        tells_as_service: It tells that it works as a service tells systemd (sd_notify), and the
+            file is touched for it.
     """
 
     name: str
     command: Sequence[str]
     ready: str
     alive: Path | None = None
+    tells_as_service: bool = False
 
 
 class Child:
@@ -59,6 +64,7 @@ class Child:
         self._start_at_s = 0.0
         self._crashes = 0
         self._log_from = 0
+        self._told: socket.socket | None = None
         self._hung_s = hung_s
         self._again_s = again_s
 
@@ -95,11 +101,12 @@ class Child:
         self._started_s = time.monotonic()
         if self.program.alive is not None:
             self.program.alive.unlink(missing_ok=True)  # that of the one before
-        self._process = start_owned(self.program.command, self.log)
+        self._process = start_owned((*self._environ(), *self.program.command), self.log)
 
     def look(self) -> str:
         """Start it when that is due; returns what there is to say, or nothing."""
         if self.runs:
+            self.hear()
             return self._end_if_hung()
         if self._process is not None:
             return self._note_death(self._process.wait())
@@ -107,6 +114,15 @@ class Child:
             return ''
         self.start()
         return f'{self.program.name} is started again, as process {self.pid}'
+
+    def hear(self) -> None:
+        """Touch the file of a process that has told that it works."""
+        if self._told is None or self.program.alive is None:
+            return
+        with suppress(BlockingIOError):
+            while words := self._told.recv(_MOST_WORDS):
+                if b'WATCHDOG=1' in words.splitlines():
+                    self.program.alive.touch()
 
     def ask_to_end(self) -> None:
         """Send SIGTERM."""
@@ -119,6 +135,7 @@ class Child:
         assert self._process is not None, 'it has been started'
         self._process.kill()
         self._process.wait()
+        self._hear_no_more()
 
     def abort(self) -> None:
         """SIGABRT shows in the log where it hangs; SIGKILL ends it even where that is stopped."""
@@ -137,12 +154,29 @@ class Child:
         except subprocess.TimeoutExpired:
             self.abort()
             return False
+        self._hear_no_more()
         return True
 
     def story(self) -> str:
         """The last lines of its log."""
         lines = self.log.read_text(encoding='utf-8', errors='replace').splitlines()
         return '\n'.join(f'    {line}' for line in lines[-_TAIL_LINES:])
+
+    def _environ(self) -> Sequence[str]:
+        """A command that adds what a service needs in order to tell that it works."""
+        if not self.program.tells_as_service:
+            return ()
+        self._hear_no_more()
+        # One for each start: what a process that was killed has told says nothing of the next.
+        self._told = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        self._told.bind('')  # the kernel finds a name
+        name = self._told.getsockname()[1:].decode()
+        return ('env', f'NOTIFY_SOCKET=@{name}', f'WATCHDOG_USEC={int(self._hung_s * 1e6)}')
+
+    def _hear_no_more(self) -> None:
+        if self._told is not None:
+            self._told.close()
+            self._told = None
 
     def _end_if_hung(self) -> str:
         alive = self.program.alive

@@ -28,6 +28,9 @@ _DATA = Path(__file__).parent / 'data'
 _LOCAL = 'localhost:9092'
 _HIGHEST_DOMAIN = 232
 _HIGHEST_PORT = 65_535
+_MOST_ROBOTS = 1_000
+_LONGEST_STEP_S = 3_600
+_MOST_FAILURES = 36_000
 
 SiteFile = Annotated[
     Path | None, typer.Option('--site', help='Site file.  [default: that of the package]')
@@ -39,7 +42,12 @@ Profiles = Annotated[
     typer.Option(help='File of the execution profiles.', show_default='that of the package'),
 ]
 Failures = Annotated[
-    float, typer.Option(min=0, help='Faults that the simulated robots show by chance.')
+    float,
+    typer.Option(
+        min=0,
+        max=_MOST_FAILURES,
+        help='Faults that the simulated robots show by chance.',
+    ),
 ]
 Faults = Annotated[
     list[str] | None,
@@ -58,10 +66,20 @@ def run(
     *,
     site: SiteFile = None,
     robots: Annotated[
-        int | None, typer.Option(min=1, help='Robots: so many, on a site that is made for them.')
+        int | None,
+        typer.Option(
+            min=1,
+            max=_MOST_ROBOTS,
+            help='So many: on a site that is made by rules, or the first ones of --site.',
+        ),
     ] = None,
     step_s: Annotated[
-        float | None, typer.Option(min=0.02, help='Seconds of a step of the robots.')
+        float | None,
+        typer.Option(
+            min=0.02,
+            max=_LONGEST_STEP_S,
+            help='Seconds of a step of the robots.',
+        ),
     ] = None,
     bootstrap_servers: Annotated[
         str | None, typer.Option(help='A real Kafka.  [default: a broker inside the warehouse]')
@@ -71,7 +89,8 @@ def run(
         typer.Option(min=0, max=_HIGHEST_DOMAIN, help='ROS domain.  [default: ROS_DOMAIN_ID]'),
     ] = None,
     orders_per_minute: Annotated[
-        float, typer.Option(min=0, max=600, help='Random orders that are sent.')
+        float,
+        typer.Option(min=0, max=600, help='Random orders that are sent.'),
     ] = 0.0,
     host: Annotated[str, typer.Option(help='Where the page listens.')] = '127.0.0.1',
     port: Annotated[
@@ -236,7 +255,9 @@ def benchmark_chain(
         typer.Option(help='A Kafka for this alone.  [default: a broker inside the warehouse]'),
     ] = None,
     robots: Annotated[int, typer.Option(min=1, help='Of the site.')] = 50,
-    step_s: Annotated[float, typer.Option(min=0.02, help='Seconds of a step.')] = 0.5,
+    step_s: Annotated[
+        float, typer.Option(min=0.02, max=_LONGEST_STEP_S, help='Seconds of a step.')
+    ] = 0.5,
     orders: Annotated[int, typer.Option(min=1, help='Sent one after the other, first.')] = 30,
     pause_s: Annotated[float, typer.Option(min=0, help='Between these.')] = 0.5,
     json: Annotated[Path | None, typer.Option(help='Write the result there, too.')] = None,

@@ -8,6 +8,7 @@ from warehouse.domain.profile_files import ProfileError
 from warehouse.domain.site import SiteError
 from warehouse.domain.validator import TraceError
 from warehouse.kafka import AwayError
+from warehouse.run import StartError
 from warehouse.send import RequestError
 
 __all__ = ['MISTAKES']
@@ -19,5 +20,6 @@ MISTAKES: Final = (
     ProfileError,
     RequestError,
     SiteError,
+    StartError,
     TraceError,
 )

@@ -1,14 +1,17 @@
 """`warehouse run`: broker, bridge, modules and page, each a process, until Ctrl-C."""
 
+import fcntl
 import os
 import shutil
 import signal
+import socket
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from math import inf
 from pathlib import Path
 from random import Random
 from typing import Final, NamedTuple
@@ -17,27 +20,41 @@ import msgspec
 
 from ros2_kafka_bridge.testing.embedded_broker import EmbeddedBroker
 from warehouse.children import Child, Program
+from warehouse.domain.execution_profiles import read_execution_profiles
 from warehouse.domain.faults import read_fault
-from warehouse.domain.site import (
-    DEFAULT_SITE,
-    Site,
-    SiteError,
-    make_site,
-    read_site,
-    site_yaml,
-)
+from warehouse.domain.robot_failure_profile import read_failure_profile
+from warehouse.domain.site import Site, check_robot_types, choose_site, site_yaml
 from warehouse.kafka import AwayError, ask_for_topics, create_topics
 from warehouse.nodes import MODULES
+from warehouse.topics import TOPICS
 
-__all__ = ['Options', 'programs_of', 'run', 'site_of', 'write_site']
+__all__ = [
+    'Options',
+    'StartError',
+    'check',
+    'claim_domain',
+    'missing_of',
+    'programs_of',
+    'run',
+    'site_of',
+    'write_site',
+]
 
 _DATA: Final = Path(__file__).parent / 'data'
 _BRIDGE: Final = _DATA / 'bridge.yaml'
 _LOOK_S: Final = 0.1
 _START_S: Final = 120.0
+_TELL_S: Final = 10.0
 _END_S: Final = 30.0
 _FAILED: Final = 1
 _CANNOT_START: Final = 2
+# Not that of TMPDIR, which may be another one for each user: all warehouses look at one place.
+_LOCKS: Final = Path('/tmp')  # noqa: S108 (a name that others know is what it is for)
+_PID_BYTES: Final = 16
+
+
+class StartError(Exception):
+    """What this machine has no room for: says what is in the way, and what to do."""
 
 
 class Options(NamedTuple):
@@ -88,14 +105,16 @@ def run(options: Options) -> int:
     Raises:
         SiteError: The site cannot be.
         FaultError: A fault cannot be.
+        ProfileError: A profile cannot be.
+        StartError: The port or the ROS domain is taken.
     """
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
     site = site_of(options)
-    for text in options.faults:
-        read_fault(text, site.robots)
     with ExitStack() as stack:
+        stack.enter_context(claim_domain(_domain(options)))
+        check(options, site)
         place = stack.enter_context(_place(options.logs))
         site_file = write_site(site, place)
         try:
@@ -118,21 +137,94 @@ def site_of(options: Options) -> Site:
     Raises:
         SiteError: The site cannot be.
     """
-    if options.robots is not None and options.site is None:
-        site = make_site(options.robots, options.seed)
-    else:
-        site = read_site(options.site or DEFAULT_SITE)
-        if options.robots is not None:
-            if options.robots > len(site.robots):
-                raise SiteError(
-                    f'{options.site}: has {len(site.robots)} robots, not {options.robots}: '
-                    'list more, or ask for fewer'
-                )
-            names = list(site.robots)[: options.robots]
-            site = msgspec.structs.replace(site, robots={n: site.robots[n] for n in names})
+    site = choose_site(options.site, options.robots, options.seed)
     if options.step_s is not None:
         site = msgspec.structs.replace(site, step_s=options.step_s)
     return site
+
+
+def check(options: Options, site: Site) -> None:
+    """Find what cannot go well before anything is started.
+
+    Raises:
+        FaultError: A fault cannot be.
+        SiteError: A robot is of a type that nobody knows.
+        ProfileError: A profile cannot be read.
+        StartError: The page cannot listen there.
+    """
+    for text in options.faults:
+        read_fault(text, site.robots)
+    if 'execution_profiles' not in options.without:
+        types = read_execution_profiles(options.profiles).robot_types
+        check_robot_types(site, list(types), options.site)
+    if 'robot_failure_profile' not in options.without:
+        read_failure_profile(options.failure_profile)
+    if options.port:
+        _check_address(options.host, options.port)
+
+
+def _check_address(host: str, port: int) -> None:
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        with socket.socket(family, socket.SOCK_STREAM) as tried:
+            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the page does
+            tried.bind((host, port))
+            tried.listen()
+    except socket.gaierror as error:
+        raise StartError(
+            f'--host {host}: {error.strerror}: name an address of this machine'
+        ) from None
+    except OSError as error:
+        raise StartError(
+            f'the page cannot listen on {host}, port {port}: {error.strerror}: '
+            'choose another --port (0: no page) or --host'
+        ) from None
+
+
+def _domain(options: Options) -> int:
+    if options.domain is not None:
+        return options.domain
+    text = os.environ.get('ROS_DOMAIN_ID') or '0'
+    if not text.isdecimal():
+        raise StartError(f'ROS_DOMAIN_ID is {text!r}: a number is needed, or --domain')
+    return int(text)
+
+
+@contextmanager
+def claim_domain(domain: int) -> Iterator[None]:
+    """Keep other warehouses of this machine out of a ROS domain meanwhile.
+
+    Two in one domain hear each other's orders and states, and send each other's robots about. The
+    lock ends with this process, however that ends: what it starts does not inherit it.
+
+    Raises:
+        StartError: Another warehouse is there.
+    """
+    lock = _open_for_all(_LOCKS / f'warehouse-ros-domain-{domain}.lock')
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            pid = os.pread(lock, _PID_BYTES, 0).decode(errors='replace').strip() or 'unknown'
+            raise StartError(
+                f'another warehouse (process {pid}) is in ROS domain {domain}: choose another '
+                'with --domain, or end that one'
+            ) from None
+        os.pwrite(lock, str(os.getpid()).encode().ljust(_PID_BYTES), 0)
+        yield
+    finally:
+        os.close(lock)
+
+
+def _open_for_all(path: Path) -> int:
+    """Open a file that every user of this machine may lock; make it if it is not there."""
+    flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
+    with suppress(FileNotFoundError):
+        # Without O_CREAT: in /tmp the kernel refuses that for the file of another user.
+        return os.open(path, flags)
+    lock = os.open(path, flags | os.O_CREAT, 0o666)
+    os.fchmod(lock, 0o666)  # whatever the umask
+    return lock
 
 
 def write_site(site: Site, place: Path) -> Path:
@@ -185,8 +277,13 @@ class _Warehouse:
                 _say(news)
 
     def _wait_until_up(self, options: Options) -> bool:
-        deadline_s = time.monotonic() + _START_S
+        began_s = time.monotonic()
+        # What is left out comes when its user starts it: nobody knows when.
+        deadline_s = began_s + _START_S if not options.without else inf
+        tell_s = began_s + _TELL_S if options.without else inf
         while not self._stop.is_set():
+            for child in self._children:
+                child.hear()
             waits = [child for child in self._children if not child.is_ready]
             if not waits:
                 where = f' http://{options.host}:{options.port}' if options.port else ''
@@ -198,6 +295,9 @@ class _Warehouse:
                     how = 'has ended' if not child.runs else 'does not come up'
                     _say(f'{child.program.name} {how}:\n{child.story()}')
                 return False
+            if time.monotonic() > tell_s:
+                tell_s = inf
+                _say(missing_of(options.without, [child.program.name for child in waits]))
             self._stop.wait(_LOOK_S)
         return True
 
@@ -214,6 +314,21 @@ class _Warehouse:
                 _say(f'{child.program.name} was killed:\n{child.story()}')
 
 
+def missing_of(without: Sequence[str], waits: Sequence[str]) -> str:
+    """What the nodes that the user runs are still to say, for those that wait."""
+    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+    topics = [
+        topic.name
+        for topic in TOPICS
+        if set(without) & set(topic.publishers) and set(waits) & set(topic.subscribers)
+    ]
+    what = f' that publishes {", ".join(topics)}' if topics else ''
+    return (
+        f'waits for {", ".join(without)} (you run it): a node in ROS domain {domain}{what}; '
+        f'until then {", ".join(waits)} cannot begin'
+    )
+
+
 _FIRST: Final = frozenset(('page', 'bridge'))
 _OBEYING: Final = frozenset(('robots', 'monitor'))
 
@@ -221,6 +336,7 @@ _OBEYING: Final = frozenset(('robots', 'monitor'))
 def programs_of(options: Options, site_file: Path, servers: str) -> list[Program]:
     """Page and bridge first: they drain what the modules have said, while these still run."""
     python = (sys.executable, '-m')
+    place = site_file.parent
     programs = []
     if options.port:
         page = ('warehouse.page', '--bootstrap-servers', servers, '--site', str(site_file))
@@ -228,10 +344,11 @@ def programs_of(options: Options, site_file: Path, servers: str) -> list[Program
         # The page sends the random orders then, because a person can change their rate there.
         rate = ('--orders-per-minute', str(options.orders_per_minute))
         names = [f'--allow-host={name}' for name in options.allow_hosts]
-        programs.append(Program('page', (*python, *page, *where, *rate, *names), 'http://'))
-    programs.append(
-        Program('bridge', (*python, 'ros2_kafka_bridge', 'run', str(_BRIDGE)), ' runs ')
-    )
+        command = (*python, *page, *where, *rate, *names)
+        programs.append(_program('page', command, 'http://', place))
+    bridge = (*python, 'ros2_kafka_bridge', 'run', str(_BRIDGE))
+    alive = place / 'bridge.alive'
+    programs.append(Program('bridge', bridge, ' runs ', alive, tells_as_service=True))
     shared = (
         '--site', str(site_file), '--bootstrap-servers', servers, '--seed', str(options.seed),
         '--profiles', str(options.profiles), '--failure-profile', str(options.failure_profile),
@@ -239,16 +356,16 @@ def programs_of(options: Options, site_file: Path, servers: str) -> list[Program
         *(f'--fail={text}' for text in options.faults),
     )  # fmt: skip
     programs += [
-        _module(name, (*python, 'warehouse', 'module', name, *shared), site_file.parent)
+        _program(name, (*python, 'warehouse', 'module', name, *shared), ': works', place)
         for name in MODULES
         if name not in options.without
     ]
     return programs
 
 
-def _module(name: str, command: Sequence[str], place: Path) -> Program:
+def _program(name: str, command: Sequence[str], ready: str, place: Path) -> Program:
     alive = place / f'{name}.alive'
-    return Program(name, (*command, '--alive', str(alive)), ': works', alive)
+    return Program(name, (*command, '--alive', str(alive)), ready, alive)
 
 
 def _set_environ(options: Options, servers: str) -> None:

@@ -15,7 +15,7 @@ from warehouse.domain.faults import FaultPlan, read_fault
 from warehouse.domain.kpis import KpiView
 from warehouse.domain.robot_failure_profile import read_failure_profile
 from warehouse.domain.simulation import OrderPlan, Result, Simulation
-from warehouse.domain.site import make_site, read_site
+from warehouse.domain.site import check_robot_types, choose_site
 
 __all__ = ['Wish', 'run', 'world']
 
@@ -63,11 +63,9 @@ def run(wish: Wish, steps: int, trace: Path | None = None, json: Path | None = N
 def world(wish: Wish) -> Simulation:
     """The simulation that was wished."""
     try:
-        if wish.robots:
-            site = make_site(wish.robots, wish.seed)
-        else:
-            site = read_site(wish.site) if wish.site else read_site()
+        site = choose_site(wish.site, wish.robots or None, wish.seed)
         profiles = read_execution_profiles()
+        check_robot_types(site, list(profiles.robot_types), wish.site)
         failure_profile = read_failure_profile()
         schedule = tuple(read_fault(text, site.robots) for text in wish.faults)
     except ValueError as error:

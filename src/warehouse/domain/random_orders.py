@@ -43,7 +43,8 @@ def random_order(
         kg = most_kg[name]
         if random.random() >= HEAVY:
             kg = min(kg, MOST_KG)
-        most = max(1, min(MOST_PIECES, int(kg / product.weight_kg)))
+        # Compared before it is rounded: of what weighs nearly nothing, infinitely many fit.
+        most = max(1, int(min(MOST_PIECES, kg / product.weight_kg)))
         lines.append(Line(f'L{number}', name, random.randint(1, most)))
     return OrderRequest(
         order_id=order_id,

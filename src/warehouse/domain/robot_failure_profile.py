@@ -15,6 +15,7 @@ A condition is a value, a list of which one must fit, a pattern with `*`, or a c
 """
 
 from fnmatch import fnmatchcase
+from math import isfinite
 from operator import ge, gt, le, lt
 from pathlib import Path
 from typing import Final
@@ -22,9 +23,10 @@ from typing import Final
 import msgspec
 
 from warehouse.domain.profile_files import ProfileFile, near_miss
-from warehouse.messages import ErrorLevel, Message
+from warehouse.messages import ActionStatus, ErrorLevel, Message
 
 __all__ = [
+    'KINDS',
     'SIGNS',
     'UNKNOWN',
     'Evidence',
@@ -58,6 +60,34 @@ SIGNS: Final = {
     'not_charging': ('steps',),
     'task_blocked': ('reason', 'carried'),
     'fleet_silent': ('silent_s',),
+}
+
+# What each fact is: text of anybody's, true or false, a number, or one of these words.
+KINDS: Final[dict[str, type | tuple[str, ...]]] = {
+    'absent_s': float,
+    'action_type': str,
+    'band': ('low', 'critical', 'empty'),
+    'carried': bool,
+    'carrying': bool,
+    'cells': float,
+    'description': str,
+    'emergency_stop': ('MANUAL', 'REMOTE', 'NONE'),
+    'error_level': tuple(ErrorLevel),
+    'error_type': str,
+    'factor': float,
+    'field_violation': bool,
+    'max_load_kg': float,
+    'mode': str,
+    'needed': float,
+    'reason': str,
+    'result': str,
+    'seconds': float,
+    'silent_s': float,
+    'state_of_charge': float,
+    'status': tuple(ActionStatus),
+    'steps': float,
+    'times': float,
+    'weight_kg': float,
 }
 
 _COMPARE: Final = {'>=': ge, '<=': le, '>': gt, '<': lt}
@@ -184,20 +214,41 @@ def _check_row(file: ProfileFile, number: int, row: FailureRow) -> None:
         text = f"no sign '{row.sign}'; {near_miss(row.sign, list(SIGNS))}"
         file.wrong(text, 'rows', number, 'sign')
         return
+    if not row.code.strip():
+        file.wrong('must name the failure', 'rows', number, 'code')
     for name, condition in row.when.items():
         if name not in facts:
             text = f'{row.sign} has no such fact; {near_miss(name, list(facts))}'
             file.wrong(text, 'rows', number, 'when', name)
+            continue
         for one in condition if isinstance(condition, tuple) else (condition,):
-            if isinstance(one, str) and one[:1] in '<>' and not _is_comparison(one):
-                text = f"must be like '>= 3', is '{one}'"
+            if text := _never_holds(one, KINDS[name]):
                 file.wrong(text, 'rows', number, 'when', name)
+
+
+def _never_holds(condition: Fact, kind: type | tuple[str, ...]) -> str:
+    """Why a condition fits no fact of this kind, or nothing."""
+    if kind is bool:
+        right, what = isinstance(condition, bool), 'true or false'
+    elif kind is float:
+        is_number = isinstance(condition, (int, float)) and not isinstance(condition, bool)
+        right = is_number or (isinstance(condition, str) and _is_comparison(condition))
+        what = "a number, or like '>= 3'"
+    else:
+        right, what = isinstance(condition, str), 'text; put it in quotes'
+    if not right:
+        said = str(condition).lower() if isinstance(condition, bool) else repr(condition)
+        return f'must be {what}, is {said}'
+    if not isinstance(kind, tuple) or not isinstance(condition, str):
+        return ''
+    if any(fnmatchcase(word.lower(), condition.lower()) for word in kind):
+        return ''
+    return f"is never '{condition}'; {near_miss(condition, list(kind))}"
 
 
 def _is_comparison(text: str) -> bool:
     sign, _, number = text.strip().partition(' ')
     try:
-        float(number)
+        return sign in _COMPARE and isfinite(float(number))
     except ValueError:
         return False
-    return sign in _COMPARE

@@ -15,6 +15,7 @@ A site file in YAML names a map file in the format of the MAPD benchmark, which 
       carrier-1: {type: carrier, home: [0, 0]}
 """
 
+from collections.abc import Sequence
 from math import ceil, sqrt
 from pathlib import Path
 from random import Random
@@ -23,6 +24,7 @@ from typing import Any, Final
 import msgspec
 
 from warehouse.domain.maps import MapError, read_map
+from warehouse.domain.profile_files import near_miss
 from warehouse.domain.yaml_file import FileError, YamlFile, read_yaml
 from warehouse.messages import Cell, Message
 
@@ -33,12 +35,17 @@ __all__ = [
     'RobotPlace',
     'Site',
     'SiteError',
+    'check_robot_types',
+    'choose_site',
     'make_site',
     'read_site',
     'site_yaml',
 ]
 
 DEFAULT_SITE: Final = Path(__file__).parent.parent / 'data' / 'site.yaml'
+
+_SHORTEST_S: Final = 0.001  # of a step
+_LONGEST_S: Final = 3600.0
 
 WALL: Final = '@'  # or a shelf
 
@@ -121,6 +128,44 @@ def read_site(path: Path = DEFAULT_SITE) -> Site:
     return site
 
 
+def choose_site(path: Path | None, robots: int | None, seed: int = 0) -> Site:
+    """The site of a file, with its first robots only if so many are asked for; or one made so.
+
+    Args:
+        path: None for a site that is made for the robots, or that of the package.
+        robots: How many; None for all of the site.
+        seed: Of the made site.
+
+    Raises:
+        SiteError: The site cannot be, or has fewer robots.
+    """
+    if robots is None:
+        return read_site(path or DEFAULT_SITE)
+    if path is None:
+        return make_site(robots, seed)
+    site = read_site(path)
+    if robots > len(site.robots):
+        raise SiteError(
+            f'{path}: has {len(site.robots)} robots, not {robots}: list more, or ask for fewer'
+        )
+    names = list(site.robots)[:robots]
+    return msgspec.structs.replace(site, robots={name: site.robots[name] for name in names})
+
+
+def check_robot_types(site: Site, types: Sequence[str], path: Path | None = None) -> None:
+    """Check that the execution profiles know the type of each robot.
+
+    Raises:
+        SiteError: They do not.
+    """
+    for name, robot in site.robots.items():
+        if robot.robot_type not in types:
+            raise SiteError(
+                f'{path or site.name}: robots.{name}.type: the execution profiles have no type '
+                f"'{robot.robot_type}'; {near_miss(robot.robot_type, list(types))}"
+            )
+
+
 def _site(file: YamlFile) -> Site:
     head = file.value(_SiteFile)
     map_path = file.path.parent / head.map
@@ -150,20 +195,27 @@ def _check(file: YamlFile, site: Site) -> None:
     for name in ('stations', 'products', 'robots'):
         if not getattr(site, name):
             raise file.error('must hold at least one', name)
-    for name in ('cell_m', 'step_s'):
-        if getattr(site, name) <= 0:
-            raise file.error('must be more than 0', name)
+    _check_measures(file, site)
     for name, product in site.products.items():
         if not product.cells:
             raise file.error('must name at least one cell', 'products', name, 'cells')
-        if product.weight_kg <= 0:
-            raise file.error('must be more than 0', 'products', name, 'weight_kg')
     homes: dict[Cell, str] = {}
     for name, robot in site.robots.items():
         other = homes.setdefault(robot.home, name)
         if other != name:
             raise file.error(f'{other} starts there, too', 'robots', name, 'home')
     _check_places(file, site)
+
+
+def _check_measures(file: YamlFile, site: Site) -> None:
+    for name in ('cell_m', 'step_s'):
+        if getattr(site, name) <= 0:
+            raise file.error('must be more than 0', name)
+    if not _SHORTEST_S <= site.step_s <= _LONGEST_S:
+        raise file.error(f'must be from {_SHORTEST_S:g} to {_LONGEST_S:g} (seconds)', 'step_s')
+    for name, product in site.products.items():
+        if product.weight_kg <= 0:
+            raise file.error('must be more than 0', 'products', name, 'weight_kg')
 
 
 def _check_places(file: YamlFile, site: Site) -> None:

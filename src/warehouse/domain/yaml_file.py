@@ -2,8 +2,9 @@
 
 import re
 from difflib import get_close_matches
+from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import msgspec
 from ruamel.yaml import YAML
@@ -14,6 +15,9 @@ __all__ = ['FileError', 'YamlFile', 'read_yaml']
 
 _WHERE = re.compile(r' - at `\$(?P<path>.*)`$')
 _STEP = re.compile(r'\.([^.\[\]]+)|\[(\d+)\]')
+_TEXT: Final = 'tag:yaml.org,2002:str'
+_MERGE: Final = 'tag:yaml.org,2002:merge'
+_MOST: Final = 10**15  # a whole number up to which nothing is rounded on its way
 _UNKNOWN = re.compile(r'unknown field `(?P<field>.*?)`')
 
 
@@ -85,18 +89,23 @@ def read_yaml(path: Path) -> YamlFile:
     """The values of a YAML 1.2 file.
 
     Raises:
-        FileError: It cannot be read, is not YAML, or holds a name twice.
+        FileError: It cannot be read, is not YAML, holds a name twice or one that is no text, a
+            number without end, or an anchor that holds itself.
     """
     yaml = YAML(typ='safe', pure=True)
     lines: dict[tuple[str | int, ...], int] = {}
     try:
         text = path.read_text(encoding='utf-8')
         root = yaml.compose(text)
+        if root is not None:
+            _check_nodes(path, root, ())
         data = None if root is None else yaml.constructor.construct_document(root)
     except OSError as error:
         raise FileError(f'{path}: cannot be read: {error.strerror}') from None
     except UnicodeDecodeError:
         raise FileError(f'{path}: is not text in UTF-8') from None
+    except RecursionError:
+        raise FileError(f'{path}: is nested too deeply') from None
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
@@ -105,7 +114,42 @@ def read_yaml(path: Path) -> YamlFile:
         raise FileError(f'{path}: not YAML: {error}') from None
     if root is not None:
         _note_lines(root, (), lines)
-    return YamlFile(path, data, lines)
+    file = YamlFile(path, data, lines)
+    _check_numbers(file, data, ())
+    return file
+
+
+def _check_nodes(path: Path, node: Node, above: tuple[Node, ...]) -> None:
+    """Refuse what YAML can say, and no file of ours means."""
+    where = f'{path}, line {node.start_mark.line + 1}'
+    if any(node is other for other in above):
+        raise FileError(f'{where}: the anchor holds itself: write out what is meant')
+    if isinstance(node, MappingNode):
+        for key, value in node.value:
+            if key.tag not in (_TEXT, _MERGE):
+                name = key.value if isinstance(key.value, str) else 'this'
+                raise FileError(
+                    f'{path}, line {key.start_mark.line + 1}: {name}: a name must be text: '
+                    f"put it in quotes ('{name}')"
+                )
+            _check_nodes(path, value, (*above, node))
+    elif isinstance(node, SequenceNode):
+        for value in node.value:
+            _check_nodes(path, value, (*above, node))
+
+
+def _check_numbers(file: YamlFile, value: Any, place: tuple[str | int, ...]) -> None:
+    """No comparison says that NaN is wrong."""
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            _check_numbers(file, inner, (*place, name))
+    elif isinstance(value, list):
+        for number, inner in enumerate(value):
+            _check_numbers(file, inner, (*place, number))
+    elif isinstance(value, float) and not isfinite(value):
+        raise file.error(f'must be a finite number, is {value}', *place)
+    elif isinstance(value, int) and abs(value) > _MOST:
+        raise file.error('is too large a number', *place)
 
 
 def _note_lines(

@@ -1,5 +1,7 @@
 """Processes that are kept running."""
 
+import os
+import signal
 import sys
 import time
 from pathlib import Path
@@ -96,6 +98,33 @@ def test_a_process_that_hangs_before_it_is_alive_is_ended_and_started_again(
     child.start()
     first = child.pid
     said: list[str] = []
+    eventually(lambda: _look(child, said) or (child.runs and child.pid != first), 20)
+    assert any('part has been silent for' in news for news in said)
+    child.kill()
+
+
+SERVICE = """
+import os, socket, time
+end = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+address = '\\0' + os.environ['NOTIFY_SOCKET'][1:]
+assert 0 < int(os.environ['WATCHDOG_USEC']) <= 1_000_000
+while True:
+    end.sendto(b'WATCHDOG=1', address)
+    time.sleep(0.1)
+"""
+
+
+def test_a_service_that_tells_no_longer_that_it_works_is_started_again(tmp_path: Path) -> None:
+    command = (sys.executable, '-S', '-c', SERVICE)
+    program = Program('part', command, 'works', tmp_path / 'alive', tells_as_service=True)
+    child = Child(program, tmp_path, hung_s=1.0)
+    child.start()
+    first = child.pid
+    said: list[str] = []
+    until_s = time.monotonic() + 4.0
+    eventually(lambda: _look(child, said) or time.monotonic() > until_s, 20)
+    assert child.pid == first, said
+    os.kill(first, signal.SIGSTOP)
     eventually(lambda: _look(child, said) or (child.runs and child.pid != first), 20)
     assert any('part has been silent for' in news for news in said)
     child.kill()

@@ -34,13 +34,7 @@ def test_the_driver_of_a_robot_serves_in_the_place_of_the_simulated_fleet(
     own_bench: Bench, tmp_path: Path
 ) -> None:
     with Warehouse(own_bench, '--without=robots', robots=1) as warehouse:
-        site = warehouse.site
-        [robot] = site.robots.values()
-        own_command = [
-            sys.executable, str(EXAMPLES / 'robot_driver.py'),
-            f'--serial-number={robot.serial_number}', f'--type={robot.robot_type}',
-            f'--home={robot.home[0]},{robot.home[1]}', '--step-s=0.1',
-        ]  # fmt: skip
+        own_command = _driver(warehouse)
         with Process(own_command, tmp_path / 'own.log', own_bench.environ) as own:
             warehouse.wait_until_up()
             # The second shows that the first has come, and that none waits for simulated robots.
@@ -49,14 +43,49 @@ def test_the_driver_of_a_robot_serves_in_the_place_of_the_simulated_fleet(
             log = warehouse.logs / 'monitor.log'
             eventually(lambda: 'acknowledge' in log.read_text(), 60, warehouse.story)
             assert 'too late, is not done: pause' in log.read_text()
-            light = [name for name, product in site.products.items() if product.size == 'small']
-            station = next(iter(site.stations))
-            requests = [
-                OrderRequest(f'O-{number}', 0, station, (Line('1', light[number]),))
-                for number in range(2)
-            ]
+            requests = [_light_order(warehouse, number) for number in range(2)]
             warehouse.send(requests)
             warehouse.wait_for_ends(requests)
             assert set(warehouse.ends().values()) == {OrderStatus.DELIVERED}
             warehouse.assert_each_line_was_delivered_once(requests)
             assert own.running, own.output()
+
+
+def test_the_driver_of_a_robot_that_is_killed_on_the_move_goes_on_where_it_was(
+    own_bench: Bench, tmp_path: Path
+) -> None:
+    with Warehouse(own_bench, '--without=robots', robots=1) as warehouse:
+        command = _driver(warehouse)
+        requests = [_light_order(warehouse, number) for number in range(3)]
+        with Process(command, tmp_path / 'own.log', own_bench.environ) as own:
+            warehouse.wait_until_up()
+            warehouse.send(requests)
+            eventually(lambda: OrderStatus.CARRYING in _statuses(warehouse), 120, warehouse.story)
+            # So far on that ten reports ago it was where nobody can have come from.
+            after = own_bench.end_offset('warehouse.robots') + 10
+            eventually(lambda: own_bench.end_offset('warehouse.robots') >= after, 60)
+            own.kill()
+        with Process(command, tmp_path / 'own.log', own_bench.environ) as own:
+            warehouse.wait_for_ends(requests)
+            assert set(warehouse.ends().values()) == {OrderStatus.DELIVERED}
+            warehouse.assert_each_line_was_delivered_once(requests)
+            assert own.running, own.output()
+
+
+def _driver(warehouse: Warehouse) -> list[str]:
+    [robot] = warehouse.site.robots.values()
+    return [
+        sys.executable, str(EXAMPLES / 'robot_driver.py'),
+        f'--serial-number={robot.serial_number}', f'--type={robot.robot_type}',
+        f'--home={robot.home[0]},{robot.home[1]}', '--step-s=0.1',
+    ]  # fmt: skip
+
+
+def _light_order(warehouse: Warehouse, number: int) -> OrderRequest:
+    light = [name for name, product in warehouse.site.products.items() if product.size == 'small']
+    station = next(iter(warehouse.site.stations))
+    return OrderRequest(f'O-{number}', 0, station, (Line('1', light[number]),))
+
+
+def _statuses(warehouse: Warehouse) -> set[OrderStatus]:
+    return {event.status for event in warehouse.events()}

@@ -1,11 +1,15 @@
 """How the parts of the warehouse are put together."""
 
+import os
+import signal
 import subprocess
 import sys
+import time
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from harness import eventually
 from ruamel.yaml import YAML
 
 import warehouse
@@ -131,6 +135,12 @@ def test_a_line_that_is_no_order_is_named(tmp_path: Path) -> None:
         (['run', '--port=99999'], 'less than or equal to 65535'),
         (['run', '--logs=/proc/foo'], 'warehouse: /proc/foo: '),
         (['run', f'--site={DEFAULT_SITE}', '--robots=13'], 'site.yaml: has 12 robots, not 13'),
+        (['run', '--profiles=nowhere.yaml'], 'nowhere.yaml: cannot be read'),
+        (['run', '--host=no such host'], '--host no such host: '),
+        (['run', '--step-s=nan'], 'Input should be less than'),
+        (['simulate', '--orders-per-hour=inf', '--steps=5'], 'Input should be less than'),
+        (['simulate', '--failures-per-hour=nan', '--steps=5'], 'Input should be less than'),
+        (['simulate', '--robots=3', '--site=missing.yaml'], 'missing.yaml: cannot be read'),
         (['run', '--fail=carrier-1'], 'write a fault as ROBOT:CODE@STEP'),
         (['simulate', '--fail=nobody:STALLED@5'], 'no robot nobody'),
         (['simulate', '--steps=1', '--trace=nowhere/t.jsonl'], 'nowhere/t.jsonl: No such file'),
@@ -142,6 +152,7 @@ def test_a_line_that_is_no_order_is_named(tmp_path: Path) -> None:
         (['command', 'blockCell', '--cell', '900', '0', f'--site={DEFAULT_SITE}'], 'no cell 900'),
     ],
 )
+@pytest.mark.usefixtures('ros_domain')
 def test_a_mistake_of_the_user_is_said_without_a_traceback(
     arguments: list[str], said: str
 ) -> None:
@@ -154,3 +165,42 @@ def test_a_mistake_of_the_user_is_said_without_a_traceback(
     assert done.returncode == 2
     assert said in done.stderr
     assert 'Traceback' not in done.stderr
+
+
+def test_a_domain_that_is_no_number_is_said() -> None:
+    done = subprocess.run(
+        [sys.executable, '-m', 'warehouse', 'run', '--port=0'],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, 'ROS_DOMAIN_ID': 'lab'},
+    )
+    assert done.returncode == 2
+    assert "ROS_DOMAIN_ID is 'lab': a number is needed" in done.stderr
+
+
+def test_the_type_of_a_robot_that_nobody_knows_is_said_by_the_simulation(tmp_path: Path) -> None:
+    own = write_site(make_site(3), tmp_path)
+    own.write_text(own.read_text().replace('type: hauler', 'type: hauller'))
+    done = subprocess.run(
+        [sys.executable, '-m', 'warehouse', 'simulate', f'--site={own}', '--steps=1'],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert f'{own}: robots.hauler-03.type: ' in done.stderr
+    assert 'Traceback' not in done.stderr
+
+
+@pytest.mark.parametrize('wait_s', [0.03, 0.1, 0.2])
+def test_ctrl_c_in_the_middle_of_the_start_is_quiet(wait_s: float) -> None:
+    with subprocess.Popen(
+        [sys.executable, '-m', 'warehouse', 'simulate'], stderr=subprocess.PIPE, text=True
+    ) as process:
+        # From its first line of Python on: before, Python itself says what it was about to do.
+        eventually(lambda: 'site-packages' in Path(f'/proc/{process.pid}/maps').read_text(), 10)
+        time.sleep(wait_s)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    assert 'Traceback' not in said

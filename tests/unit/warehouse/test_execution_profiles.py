@@ -161,3 +161,39 @@ def test_a_file_that_is_not_there_is_told(tmp_path: Path) -> None:
 
 def test_a_file_that_is_not_yaml_is_told_with_its_line(tmp_path: Path) -> None:
     assert _problems(tmp_path, 'robot_types:\n  a: [1\n')[0].startswith('line 3: not YAML: ')
+
+
+def test_a_number_without_end_is_refused(tmp_path: Path) -> None:
+    assert _problems(tmp_path, ONE_TYPE.replace('30', '.nan')) == [
+        'line 3: robot_types.carrier.max_load_kg: must be a finite number, is nan'
+    ]
+    assert _problems(tmp_path, ONE_TYPE + '  STALLED: {wait_s: .inf}\n') == [
+        'line 5: responses.STALLED.wait_s: must be a finite number, is inf'
+    ]
+
+
+def test_a_name_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    text = 'robot_types:\n  1: {max_load_kg: 30}\n'
+
+    assert _problems(tmp_path, text) == ["line 2: 1: a name must be text: put it in quotes ('1')"]
+
+
+def test_names_in_quotes_and_merged_mappings_are_taken(tmp_path: Path) -> None:
+    path = tmp_path / 'profiles.yaml'
+    path.write_text(
+        "robot_types:\n  '1': &one {max_load_kg: 30}\n  two: {<<: *one, steps_per_cell: 2}\n"
+    )
+
+    types = read_execution_profiles(path).robot_types
+    assert (types['1'].max_load_kg, types['two'].max_load_kg) == (30, 30)
+
+
+@pytest.mark.parametrize('text', ['x: &a [*a]\n', 'x: &a {y: [*a]}\n'])
+def test_an_anchor_that_holds_itself_is_refused(tmp_path: Path, text: str) -> None:
+    assert _problems(tmp_path, text) == [
+        'line 1: the anchor holds itself: write out what is meant'
+    ]
+
+
+def test_a_file_that_is_nested_without_end_is_refused(tmp_path: Path) -> None:
+    assert 'nested too deeply' in _problems(tmp_path, '[' * 5000)[0]

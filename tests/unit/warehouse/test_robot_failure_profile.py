@@ -8,6 +8,7 @@ from warehouse.codec import decode, encode
 from warehouse.domain.faults import CODES, symptom
 from warehouse.domain.profile_files import ProfileError
 from warehouse.domain.robot_failure_profile import (
+    KINDS,
     SIGNS,
     Evidence,
     FailureRow,
@@ -144,12 +145,54 @@ def test_each_row_of_the_shipped_table_tells_a_person_what_to_do() -> None:
         ),
         (
             "{sign: slow, code: A, when: {factor: '>3'}}",
-            "rows[0].when.factor: must be like '>= 3', is '>3'",
+            "rows[0].when.factor: must be a number, or like '>= 3', is '>3'",
         ),
+        (
+            '{sign: slow, code: A, when: {factor: banana}}',
+            "rows[0].when.factor: must be a number, or like '>= 3', is 'banana'",
+        ),
+        (
+            '{sign: battery, code: A, when: {band: emty}}',
+            "rows[0].when.band: is never 'emty'; did you mean empty?",
+        ),
+        (
+            '{sign: action, code: A, when: {status: [FAILED, BROKEN]}}',
+            "rows[0].when.status: is never 'BROKEN'; there are WAITING,",
+        ),
+        (
+            '{sign: error, code: A, when: {error_type: 404}}',
+            'rows[0].when.error_type: must be text; put it in quotes, is 404',
+        ),
+        (
+            "{sign: slow, code: A, when: {carrying: 'yes'}}",
+            "rows[0].when.carrying: must be true or false, is 'yes'",
+        ),
+        ("{sign: slow, code: ''}", 'rows[0].code: must name the failure'),
     ],
 )
 def test_a_mistake_in_a_row_is_told_with_its_line(tmp_path: Path, row: str, said: str) -> None:
-    assert f'line 2: {said}' in _problems(tmp_path, f'rows:\n  - {row}\n')
+    problems = _problems(tmp_path, f'rows:\n  - {row}\n')
+    assert any(problem.startswith(f'line 2: {said}') for problem in problems)
+
+
+def test_a_pattern_that_a_word_fits_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / 'failures.yaml'
+    path.write_text("rows:\n  - {sign: battery, code: A, when: {band: 'Crit*'}}\n")
+    assert (
+        diagnose(Evidence('battery', '', {'band': 'critical'}), read_failure_profile(path)).code
+        == 'A'
+    )
+
+
+def test_every_fact_that_can_be_seen_has_a_kind() -> None:
+    named = {name for facts in SIGNS.values() for name in facts}
+    assert named == set(KINDS)
+
+
+@pytest.mark.parametrize('number', ['.nan', '.inf', '1e999'])
+def test_a_limit_without_end_is_refused(tmp_path: Path, number: str) -> None:
+    [problem] = _problems(tmp_path, f'limits:\n  silent_s: {number}\n')
+    assert problem.startswith('line 2: limits.silent_s: must be a finite number, is ')
 
 
 def test_a_level_that_does_not_exist_is_told(tmp_path: Path) -> None:

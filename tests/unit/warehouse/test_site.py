@@ -1,11 +1,28 @@
 """A site is read from a file or made by rules, and no place of it can be cut off by one robot."""
 
+import re
 from pathlib import Path
+from random import Random
 
+import msgspec
 import pytest
 
-from warehouse.domain.site import Site, SiteError, make_site, read_site, site_yaml
+from warehouse.codec import decode
+from warehouse.domain.execution_profiles import read_execution_profiles
+from warehouse.domain.orders import OrderDesk
+from warehouse.domain.random_orders import random_order
+from warehouse.domain.site import (
+    Site,
+    SiteError,
+    check_robot_types,
+    choose_site,
+    make_site,
+    read_site,
+    site_yaml,
+)
+from warehouse.messages import OrderRequest, OrderStatus
 
+DOCS = Path(__file__).parents[3] / 'docs' / 'warehouse.md'
 STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
@@ -84,6 +101,9 @@ def written(directory: Path, site: Site, old: str = '', new: str = '') -> Path:
         ('step_s: 0.5', 'steps: 0.5', 'line 5: steps: unknown field; did you mean step_s?'),
         ('step_s: 0.5', 'step_s: fast', 'line 5: step_s: expected float, got str'),
         ('step_s: 0.5', 'step_s: 0', 'line 5: step_s: must be more than 0'),
+        ('step_s: 0.5', 'step_s: .nan', 'line 5: step_s: must be a finite number, is nan'),
+        ('step_s: 0.5', 'step_s: 1e300', 'line 5: step_s: must be from 0.001 to 3600 (seconds)'),
+        ('cell_m: 1.0', 'cell_m: .inf', 'line 4: cell_m: must be a finite number, is inf'),
         ('packing-1: [23, 2]', 'packing-1: [4, 2]', 'line 7: stations.packing-1: 4, 2 (column'),
         ('packing-1: [23, 2]', 'packing-1: [24, 2]', 'line 7: stations.packing-1: 24, 2 (column'),
         ('packing-1: [23, 2]', 'packing-1: [2]', 'stations.packing-1: expected array of length 2'),
@@ -134,3 +154,39 @@ def test_a_wrong_map_says_the_line(tmp_path: Path, text: str, said: str) -> None
 def test_a_site_that_is_not_there_is_said(tmp_path: Path) -> None:
     with pytest.raises(SiteError, match='cannot be read: No such file'):
         read_site(tmp_path / 'nowhere.yaml')
+
+
+def test_a_type_that_no_profile_has_is_told_with_its_robot() -> None:
+    site = make_site(4)
+    with pytest.raises(
+        SiteError, match=r"own.yaml: robots.hauler-03.type: .*'hauler'; there are c"
+    ):
+        check_robot_types(site, ['carrier'], Path('own.yaml'))
+    check_robot_types(site, ['carrier', 'hauler'])
+
+
+def test_fewer_robots_of_a_site_are_the_first_ones(tmp_path: Path) -> None:
+    own = written(tmp_path, make_site(5))
+    assert list(choose_site(own, 2).robots) == ['carrier-01', 'carrier-02']
+    with pytest.raises(SiteError, match='has 5 robots, not 6'):
+        choose_site(own, 6)
+    with pytest.raises(SiteError, match='cannot be read'):
+        choose_site(tmp_path / 'missing.yaml', 3)
+
+
+def test_of_a_product_that_weighs_nearly_nothing_orders_are_made() -> None:
+    site = make_site(2)
+    products = {
+        name: msgspec.structs.replace(product, weight_kg=1e-320)
+        for name, product in site.products.items()
+    }
+    site = msgspec.structs.replace(site, products=products)
+    order = random_order(site, Random(0), 'O', 0.0, read_execution_profiles())  # noqa: S311
+    assert all(1 <= line.quantity <= 5 for line in order.lines)
+
+
+def test_the_order_in_the_docs_is_taken_on_the_site_of_the_package() -> None:
+    found = re.search(r'\{"orderId": .*?\]\}', DOCS.read_text(encoding='utf-8'), re.DOTALL)
+    assert found is not None
+    events = OrderDesk(read_site()).receive(decode(found[0], OrderRequest), 0.0)
+    assert [event.status for event in events] == [OrderStatus.RECEIVED]
