@@ -223,7 +223,7 @@ def test_a_broken_rule_or_a_task_that_was_left_is_an_exit_status_of_1(
     def leaves_one(*args: object) -> Outcome:
         del args
         instance = generate(10, 10, seed=0)
-        return Outcome(instance, (), {}, {}, (7,), (1.0,), ())
+        return Outcome(instance, (), {}, {}, (7,), (1.0,), ('{"step": 0, "robots": []}',))
 
     monkeypatch.setattr('warehouse.benchmark.runner.run', leaves_one)
     result = CliRunner().invoke(app, ['--robots', '10', '--frequency', '10'])
