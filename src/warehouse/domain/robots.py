@@ -251,11 +251,17 @@ class Fleet:
 
     def _rejoin(self) -> None:
         """Puts removed robots to their homes again, mended, when those are free."""
+        if not self._rejoining:
+            return
+        # Others still see there who has just been removed.
+        gone = [robot for robot in self._robots.values() if self._is_just_gone(robot)]
+        left = {cell for robot in gone for cell in robot.cells}
         for name in list(self._rejoining):
             robot = self._robots[name]
-            if self._step - self._removed_steps.get(name, -_AWAY_STEPS) < _AWAY_STEPS:
+            if self._is_just_gone(robot):
                 continue
-            if robot.home in self._held or not self._floor.is_open(robot.home):
+            home = robot.home
+            if home in left or home in self._held or not self._floor.is_open(home):
                 continue
             del self._rejoining[name]
             robot.removed = robot.paused = robot.charging = False
@@ -265,6 +271,10 @@ class Fleet:
             robot.restart()
             self._held[robot.home] = robot
             self._note_change()
+
+    def _is_just_gone(self, robot: SimulatedRobot) -> bool:
+        step = self._removed_steps.get(robot.serial_number, -_AWAY_STEPS)
+        return robot.removed and self._step - step < _AWAY_STEPS
 
     def _put_pallets(self) -> None:
         for cell in [cell for cell in self._floor.waiting if cell not in self._held]:

@@ -591,6 +591,20 @@ def test_a_removed_robot_leaves_its_load_and_comes_back_to_its_home() -> None:
     assert not floor.robot('r0').loads
 
 
+def test_a_robot_comes_back_to_its_home_when_all_know_that_another_was_removed_there() -> None:
+    floor = Floor(('quick', (0, 0)), ('quick', (4, 0)))
+    floor.go(r0=(1, 0))
+    floor.command('removeRobot', 'r0')
+    floor.step(10)
+    for cell in ((3, 0), (2, 0), (1, 0), (0, 0)):
+        floor.go(r1=cell)
+    floor.command('rejoinRobot', 'r0')
+    floor.command('removeRobot', 'r1')
+    assert floor.step(3).states == (), 'others still see r1 there'
+    floor.step(2)
+    assert floor.cells() == {'r0': (0, 0)}
+
+
 def test_a_command_is_obeyed_once() -> None:
     floor = Floor(('quick', (0, 0)))
     command = OperatorCommand('once', 'failRobot', 'r0', 'MOTION_FAULT')
