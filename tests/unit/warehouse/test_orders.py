@@ -134,6 +134,7 @@ def test_a_request_that_names_no_order_is_rejected_and_nothing_is_kept_of_it(
     (event,) = desk.receive(asked, 1.0)
     assert event.status is OrderStatus.REJECTED
     assert reason in event.reason
+    assert desk.receive(asked, 1.0) == (event,), 'it is answered anew: nothing is kept of it'
     again = OrderDesk(SITE)
     assert again.restore([asked], [event], past=[asked]) == ()
     assert again.open().orders == ()
