@@ -27,11 +27,12 @@ from warehouse.messages import (
     TaskStatus,
 )
 
-__all__ = ['OrderDesk', 'event_name', 'shortened']
+__all__ = ['BLOCKED_TIMES', 'MAX_OPEN', 'OrderDesk', 'event_name', 'shortened']
 
 _ENDED_KEPT: Final = 100_000  # ended and refused orders whose repeats are still known as such
 _MOST_LINES: Final = 100
-_BLOCKED_TIMES: Final = 5  # as many orders as usual, at most, while some wait for a person
+MAX_OPEN: Final = 200  # orders at a time
+BLOCKED_TIMES: Final = 5  # as many orders as usual, at most, while some wait for a person
 _ETA_NEWS_S: Final = 5.0  # a smaller change of an ETA is no news
 _PRIORITIES: Final = range(10)
 _UPDATES: Final = range(2**32)  # uint32 in VDA 5050
@@ -100,7 +101,7 @@ class OrderDesk:
             as many.
     """
 
-    def __init__(self, site: Site, max_open: int = 200) -> None:
+    def __init__(self, site: Site, max_open: int = MAX_OPEN) -> None:
         self._site = site
         self._max_open = max_open
         self._records: dict[str, _Record] = {}
@@ -118,8 +119,7 @@ class OrderDesk:
         """Whether no more orders should be taken now."""
         count = len(self._open)
         return (
-            count - len(self._blocked) >= self._max_open
-            or count >= self._max_open * _BLOCKED_TIMES
+            count - len(self._blocked) >= self._max_open or count >= self._max_open * BLOCKED_TIMES
         )
 
     def open(self) -> OpenOrders:

@@ -3,15 +3,16 @@
 from collections import OrderedDict
 from typing import Final, NamedTuple
 
+from warehouse.domain.orders import BLOCKED_TIMES, MAX_OPEN
 from warehouse.messages import Message, OpenOrders, OrderEvent, OrderRequest, OrderStatus
 
 __all__ = ['Intake', 'Standstill']
 
 _PATIENCE_S: Final = 10.0
-# With 200 the desk is full and lets orders wait in Kafka; those that wait for a person do not
-# count. The snapshot is a moment old: a few less are many, too.
-_MANY_OPEN: Final = 180
-_MOST_OPEN: Final = 900  # those that wait for a person, too
+# A desk that is full lets orders wait in Kafka; those that wait for a person do not count. The
+# snapshot is a moment old: a few less are many, too.
+_MANY_OPEN: Final = MAX_OPEN * 9 // 10
+_MOST_OPEN: Final = _MANY_OPEN * BLOCKED_TIMES  # those that wait for a person, too
 _KEPT_WAITING: Final = 2000
 _KEPT_ANSWERED: Final = 20_000
 
