@@ -20,7 +20,7 @@ from benchmarks.faults.checker import (
 from benchmarks.faults.faults import FAULTS, NOTHING
 from benchmarks.faults.plan import Step
 from benchmarks.faults.streams import Stream
-from benchmarks.faults.world import Setting, World, running
+from benchmarks.faults.world import HAND_OVER_NS, PUBLISHER_HISTORY, Setting, World, running
 
 SETTLE_S: Final = 120.0
 AROUND: Final = 'none'
@@ -88,6 +88,9 @@ def _inject(world: World, plan: Sequence[Step], tell: Tell) -> list[Window]:
         windows.append(window)
         if window.late:
             tell(f'    but for {", ".join(window.late)}: the run ends here')
+            for name in window.late:
+                for words in world.says(name):
+                    tell(f'        {words}')
             break
     return windows
 
@@ -118,11 +121,11 @@ def _judge(
     found = compare(ends)
     verdicts = []
     since_ns = 0
-    handed_ns = world.hand_overs_ns() if stream.is_from_kafka else []
+    handed_ns = world.hand_overs_ns(stream)
     for window in windows:
         allowance = _allowance(stream, window)
-        if any(since_ns < time_ns <= window.end_ns for time_ns in handed_ns):
-            allowance = allowance._replace(duplicated=True)
+        if any(since_ns - HAND_OVER_NS < at_ns <= window.end_ns for at_ns in handed_ns):
+            allowance = _handed_over(stream, allowance)
         verdicts.append(judge(stream.name, ends, found, window, since_ns, allowance))
         since_ns = window.end_ns
     wrong = []
@@ -140,6 +143,14 @@ def _allowance(stream: Stream, window: Window) -> Allowance:
     if window.fault == AROUND:
         return NOTHING
     return FAULTS[window.fault].allows(stream, window.hold_s)
+
+
+def _handed_over(stream: Stream, allowance: Allowance) -> Allowance:
+    """Both bridges read for a while; what one holds may come behind what the other has read."""
+    if stream.is_from_kafka:
+        return allowance._replace(duplicated=True)
+    late = PUBLISHER_HISTORY + stream.in_bridge
+    return allowance._replace(duplicated=True, out_of_order=late)
 
 
 def _rows(setting: Setting, verdicts: Sequence[Verdict]) -> list[Row]:

@@ -26,8 +26,12 @@ START_S: Final = 90.0
 SPOOLS: Final = 'spools'
 DRAIN_S: Final = 30.0
 _LOOK_S: Final = 0.05
-_PUBLISHER_HISTORY: Final = 5000
-_HANDED: Final = re.compile(r'\S+ \S+ (INFO|WARNING) +\S+: (lost|hands over) ').match
+PUBLISHER_HISTORY: Final = 5000
+_SAID: Final = r'\S+ \S+ (?:INFO|WARNING) +(\S+): '
+_LOST: Final = re.compile(f'{_SAID}(?:lost|hands over) ')
+_HANDED: Final = re.compile(f'{_SAID}(?:takes over|hands over): ')
+HAND_OVER_NS: Final = 15_000_000_000
+"""How long two bridges may read the same publisher, while one takes over from the other."""
 _TIME_CHARS: Final = len('2026-01-31 12:00:00,000')
 _PEER: Final = 'benchmarks.faults.peers'
 
@@ -181,13 +185,24 @@ class World:
         """Wait until what is sent from now on comes; returns streams that do not flow."""
         self.look()
         before = {name: progress.last_sent for name, progress in self.progress.items()}
-        deadline_s = time.monotonic() + timeout_s
+        marks: dict[str, list[int]] = {}
 
-        def sends(name: str) -> bool:
-            return self.progress[name].last_sent > before[name]
+        def flows(name: str) -> bool:
+            progress = self.progress[name]
+            if name not in marks and progress.last_sent > before[name]:
+                marks[name] = progress.marks()
+            return name in marks and progress.has_reached(marks[name])
 
-        silent = self._wait_for_each(list(before), sends, deadline_s)
-        return silent + self._arrive([name for name in before if name not in silent], deadline_s)
+        return self._wait_for_each(list(before), flows, time.monotonic() + timeout_s)
+
+    def says(self, stream: str) -> list[str]:
+        """What each bridge has said last of the route of a stream."""
+        found = []
+        for log in sorted((self.place / 'logs').glob('bridge*.log')):
+            lines = log.read_text().splitlines()
+            own = (line for line in reversed(lines) if f' {stream}: ' in line)
+            found.append(f'{log.stem}: {next(own, "nothing")}')
+        return found
 
     def _arrive(self, names: list[str], deadline_s: float) -> list[str]:
         """Wait until what was sent by now has come, or what was sent behind it."""
@@ -307,16 +322,22 @@ class World:
             stream.lines,
         ), records
 
-    def hand_overs_ns(self) -> list[int]:
-        """When bridges gave partitions away or lost them, by what they said.
+    def hand_overs_ns(self, stream: Stream) -> list[int]:
+        """When a stream went from one bridge to another, by what they said.
 
         That is Kafka's decision, and comes also where a machine is too busy to be heard of for
         the time of a session.
         """
-        found = []
-        for log in (self.place / 'logs').glob('bridge*.log'):
-            found += [_time_ns(line) for line in log.read_text().splitlines() if _HANDED(line)]
-        return sorted(found)
+        said = _LOST if stream.is_from_kafka else _HANDED
+        logs = (self.place / 'logs').glob('bridge*.log')
+        lines = (line for log in logs for line in log.read_text().splitlines())
+        found = [
+            _time_ns(line)
+            for line in lines
+            if (told := said.match(line)) and told[1] == stream.name
+        ]
+        # The first bridge to take a route has it from nobody.
+        return sorted(found)[0 if stream.is_from_kafka else 1 :]
 
     def _wait(self, what: str, condition: Callable[[], bool]) -> None:
         deadline_s = time.monotonic() + START_S
@@ -345,7 +366,7 @@ class World:
 
     def _publisher(self, stream: Stream) -> Part:
         assert stream.durability is not None
-        history = Endpoints({stream.ros_topic: _PUBLISHER_HISTORY}, {})
+        history = Endpoints({stream.ros_topic: PUBLISHER_HISTORY}, {})
         environ = self._ros() | self._profile(stream.name, history)
         command = [
             '-m', f'{_PEER}.ros_publisher', stream.ros_topic, str(self._sent(stream)),

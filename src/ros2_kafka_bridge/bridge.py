@@ -13,7 +13,7 @@ from ros2_kafka_bridge.config.settings import (
     RosToKafkaRoute,
     warnings,
 )
-from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.errors import BridgeError, SpoolInUseError
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.lane import Lane
 from ros2_kafka_bridge.logs import RouteLog, route_log
@@ -23,18 +23,18 @@ from ros2_kafka_bridge.pause import Pause
 from ros2_kafka_bridge.plural import count
 from ros2_kafka_bridge.ros.node import RosNode, middleware, open_node, worker_name
 from ros2_kafka_bridge.ros.probe import Abilities, limits, probe, probe_topic
-from ros2_kafka_bridge.ros.successor import Successor
 from ros2_kafka_bridge.status import totals
 from ros2_kafka_bridge.status_log import StatusLog
 from ros2_kafka_bridge.stop import Part, Stop
 from ros2_kafka_bridge.supervision.orders import Begun, Ended, Event, Failed, Loaded
-from ros2_kafka_bridge.term import OVERLAP_S, Meanwhile, Term
+from ros2_kafka_bridge.term import OVERLAP_S, Meanwhile, Successor, Term
 from ros2_kafka_bridge.tracing.routes import open_tracing
 from ros2_kafka_bridge.wiring import Route, Wiring, endpoints_of
 
 _CLOSING_S = 10.0
 _AT_ONCE_S = 2.0
 _BEGIN_S = 0.02
+_SPOOL_LOOK_S = 0.1
 
 
 Tell = Callable[[Event], None]
@@ -113,7 +113,7 @@ class Bridge:
             for lane in self._lanes:
                 lane.thread = threading.Thread(
                     target=self._keep_running,
-                    args=(lane, wiring, node, tell),
+                    args=(lane, wiring, tell),
                     name=lane.route.name,
                     daemon=True,
                 )
@@ -197,13 +197,13 @@ class Bridge:
 
     # Run
 
-    def _keep_running(self, lane: Lane, wiring: Wiring, node: RosNode, tell: Tell) -> None:
+    def _keep_running(self, lane: Lane, wiring: Wiring, tell: Tell) -> None:
         """Run one route until a stop; in a thread of its own."""
         try:
             if lane.lock is None or not isinstance(lane.route, RosToKafkaRoute):
                 self._run_on(lane, wiring, tell, lane.stop)
             else:
-                successor = Successor(node, lane.route.source.ros)
+                successor = wiring.successor(lane.route)
                 self._take_turns(lane, lane.lock, wiring, successor, tell)
         except BaseException:
             self._crashed = True
@@ -231,12 +231,29 @@ class Bridge:
         try:
             if lane.direction is None:
                 lane.use(wiring.make(lane.route, lane.log, stop, stack))
+            if lane.lock is not None and not self._has_spool(lane, wiring, stop):
+                return None
             lane.failure = ''
             if lane.direction is not None:
                 lane.direction.run(stop, lane.pause)
         except BridgeError as error:
             return error
         return None
+
+    def _has_spool(self, lane: Lane, wiring: Wiring, stop: Stop) -> bool:
+        """Wait until a bridge of this machine, whose turn is over, has put the spool away.
+
+        The ROS endpoint is open meanwhile: that one reads until it sees it. False at a stop.
+
+        Raises:
+            SpoolInUseError: It has had time enough, and may not know that its turn is over.
+        """
+        while (in_use := wiring.spool_in_use(lane.route)) is not None:
+            if stop.wait(_SPOOL_LOOK_S):
+                return False
+            lane.wait_for_spool(in_use)
+        lane.has_spool()
+        return True
 
     # One bridge at a time
 
@@ -270,7 +287,7 @@ class Bridge:
                 lock.open()
                 while not lock.held and not lane.stop.asked:
                     lane.wait_for_turn(lock)
-                    if lane.stands_by:
+                    if lane.owes_backlog:
                         self._deliver_backlog(lane, lock, wiring)
             except BridgeError as error:
                 lane.fail_meanwhile(error)
@@ -283,16 +300,23 @@ class Bridge:
         return False
 
     def _deliver_backlog(self, lane: Lane, lock: GroupLock, wiring: Wiring) -> None:
-        """Deliver what this bridge had on disk when another took the route over from it."""
-        if lane.has_delivered or not isinstance(lane.route, RosToKafkaRoute):
+        """Deliver what this bridge had on disk when another took the route over from it.
+
+        It stands by meanwhile, also where that fails.
+        """
+        if wiring.spool_in_use(lane.route) is not None:
+            lane.leave_backlog(None)
             return
-        if (direction := wiring.make_for_backlog(lane.route, lane.log)) is not None:
-            lane.use(direction)
-            try:
+        try:
+            if (direction := wiring.make_for_backlog(lane.route, lane.log)) is not None:
+                lane.use(direction)
                 direction.deliver_backlog(Meanwhile(lane.stop, lock))
-            finally:
-                lane.end_term()
-        lane.has_delivered = True
+        except BridgeError as error:
+            lane.leave_backlog(None if isinstance(error, SpoolInUseError) else error)
+        else:
+            lane.has_delivered()
+        finally:
+            lane.end_term()
 
     def _watch(self, tell: Tell) -> None:
         status = StatusLog(self.snapshots)

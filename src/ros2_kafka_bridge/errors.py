@@ -7,6 +7,7 @@ BridgeError
 │   ├── EncodeError          a message cannot be written in the route's format
 │   └── RecordTooLargeError  larger than a limit of the route or of the broker
 ├── RouteError               this route alone has failed: tried again with backoff
+│   └── SpoolInUseError      another process has its spool, and runs it where bridges take turns
 └── TransportError           broker or subscriber away: wait and try again
 
 A bug (AssertionError, TypeError, ...) is none of these and is never swallowed by a policy.
@@ -15,6 +16,8 @@ A bug (AssertionError, TypeError, ...) is none of these and is never swallowed b
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ros2_kafka_bridge.about import About
 
 
@@ -71,6 +74,21 @@ class RouteError(BridgeError):
         super().__init__(message)
         self.final = final
         self.about = about
+
+
+class SpoolInUseError(RouteError):
+    """Another process of this machine has the spool of the route open.
+
+    Args:
+        process: Its number, 0 where that is not known.
+        place: The file that it has locked.
+    """
+
+    def __init__(self, process: int, place: 'Path') -> None:
+        super().__init__(
+            f'another process uses this spool (pid {process or "unknown"}): {place}: '
+            'stop it, or give one of the bridges another name or spool.path'
+        )
 
 
 class TransportError(BridgeError):

@@ -1,10 +1,11 @@
 """One route in a running bridge: what runs it, how it fares, what it has counted."""
 
+import math
 import time
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from ros2_kafka_bridge.backoff import Backoff
-from ros2_kafka_bridge.errors import BridgeError, ConfigError, RouteError
+from ros2_kafka_bridge.errors import BridgeError, ConfigError, RouteError, SpoolInUseError
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.logs import route_log, summed
 from ros2_kafka_bridge.measuring import Troubles
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
     from ros2_kafka_bridge.about import About
 
 _LISTEN_S: Final = 0.1
+# For a bridge of this machine that ran the route before to put the spool away.
+_SPOOL_S: Final = 15.0
+_BACKLOG_S: Final = 2.0
 # A route that fails for so long goes to a bridge that may be able to run it. What it holds in
 # memory is given up for that, so it is given away only to a bridge that stands by.
 _FAILING_S: Final = 30.0
@@ -53,7 +57,11 @@ class Lane:
         self.log = route_log(route.name)
         self.failure = ''
         self.waits = ''  # for its turn
-        self.has_delivered = False  # what this bridge had on disk, while another runs the route
+        self.stands_by = False  # another bridge runs the route
+        self._backlog_at_s = 0.0  # when to look for what this bridge has on disk meanwhile
+        self._undelivered = ''  # why that is still there
+        self._in_use: SpoolInUseError | None = None  # what has failed last, if that was it
+        self._spool_since_s: float | None = None  # since when the spool is waited for
         self.final = False
         self.for_good = False  # final, and not for the end of a drain
         self.backoff = Backoff()
@@ -93,15 +101,12 @@ class Lane:
         """Note what runs the route from now on."""
         self._work = _Work(_without_spooled(self._work.before), direction)
 
-    @property
-    def stands_by(self) -> bool:
-        """Whether another bridge runs the route."""
-        return self.waits == _STANDS_BY
-
     def begin_term(self) -> None:
         """Forget what was waited for, and what kept this bridge from its turn."""
-        self.waits = ''
-        self.has_delivered = False
+        self.waits = self._undelivered = ''
+        self.stands_by = False
+        self._backlog_at_s = 0.0
+        self._spool_since_s = None
         self.final = self.for_good = False
         self._failing_since_s = None
 
@@ -134,6 +139,7 @@ class Lane:
         self.for_good = for_good and not self.stop.asked
         self.failure = self._failed = str(error)
         self._about = error.about if isinstance(error, RouteError) else None
+        self._in_use = error if isinstance(error, SpoolInUseError) else None
         self.final = self._draining or for_good
 
     def _note(self, error: BridgeError) -> None:
@@ -164,13 +170,15 @@ class Lane:
         if stop.over:
             return True
         tried_s = time.monotonic() - self._failing_since_s
-        if tried_s < _FAILING_S or self.stop.asked or not self.lock.is_wanted():
+        has_tried = tried_s >= _FAILING_S or self._in_use is not None
+        if not has_tried or self.stop.asked or not self.lock.is_wanted():
             return False
         held = 0 if self.direction is None else self.direction.snapshot.in_flight
         given_up = f', {count(held, "message")} given up' if held else ''
-        self.log.warning(
-            'has failed for %.0f s: left to a bridge that stands by%s', tried_s, given_up
-        )
+        why = f'has failed for {tried_s:.0f} s'
+        if self._in_use is not None:
+            why = 'another process keeps the spool'
+        self.log.warning('%s: left to a bridge that stands by%s', why, given_up)
         self.lock.close()
         return True
 
@@ -181,11 +189,58 @@ class Lane:
         lock.check()
         if lock.held:
             return
-        before, self.waits = self.waits, lock.away or (_STANDS_BY if joined else _JOINS)
-        if self.waits == _STANDS_BY != before:
+        before, self.stands_by = self.stands_by, joined and not lock.away
+        if self.stands_by and not before:
             self.log.info('%s', _STANDS_BY)
+        self.waits = lock.away or _JOINS
+        if self.stands_by:
+            self.waits = '; '.join(filter(None, [_STANDS_BY, self._undelivered]))
         if joined:
             self.failure = ''
+
+    def wait_for_spool(self, in_use: SpoolInUseError) -> None:
+        """Note that the spool of this term is with another process still.
+
+        Raises:
+            SpoolInUseError: It has been for long.
+        """
+        now_s = time.monotonic()
+        self.failure, self.waits = '', f'its turn has come, but {in_use}'
+        if self._spool_since_s is None:
+            self._spool_since_s = now_s
+            self.log.info('%s', self.waits)
+        if now_s - self._spool_since_s > _SPOOL_S:
+            raise in_use
+
+    def has_spool(self) -> None:
+        """Note that it is with no other process."""
+        self._spool_since_s, self.waits = None, ''
+
+    # What this bridge has on disk while another runs the route
+
+    @property
+    def owes_backlog(self) -> bool:
+        """Whether to look now for what it has on disk."""
+        return self.stands_by and time.monotonic() >= self._backlog_at_s
+
+    def has_delivered(self) -> None:
+        """Note that nothing is left there."""
+        self._backlog_at_s, self._undelivered = math.inf, ''
+
+    def leave_backlog(self, error: BridgeError | None) -> None:
+        """Note that it is looked for later.
+
+        Args:
+            error: What is in the way; None where another process has it, and delivers it.
+        """
+        wait_s = _BACKLOG_S
+        self._undelivered = ''
+        if error is not None:
+            self.fail_meanwhile(error)
+            self.say_failure()
+            self._undelivered = f'what this one has on disk is not delivered: {error}'
+            wait_s = self.backoff.wait_s
+        self._backlog_at_s = time.monotonic() + wait_s
 
     def snapshot(self) -> Snapshot:
         """The counters of the route, at one moment of its own."""

@@ -9,6 +9,7 @@ reader's cache fills, and DDS holds the publisher back. A route with a spool goe
 """
 
 import logging
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -338,9 +339,10 @@ class RosToKafka:
     # Failure, end
 
     def _drain(self, stop: Stop) -> None:
-        deadline_s = time.monotonic() + self._route.drain_s
-        empty = False
+        deadline_s, empty = math.inf, False
         while time.monotonic() < deadline_s and not stop.at_once:
+            if deadline_s == math.inf and (stop.is_end or self._spooling.exists):
+                deadline_s = time.monotonic() + self._route.drain_s
             self._spooling.begin_if_stuck(self._sink.away)
             empty = empty or self._take_last()
             if empty and not self._window:
@@ -349,6 +351,7 @@ class RosToKafka:
             self._confirm(_BUSY_S if self._window else 0.0)
             if empty and self._sink.away and self._spooling.keep():
                 break
+            self._tick()
         empty = empty or self._take_rest()
         self._close_sinks()
         self._spooling.put_away()

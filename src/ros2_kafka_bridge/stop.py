@@ -46,6 +46,11 @@ class Stop:
         """Whether to give up what is still in flight."""
         return self._now
 
+    @property
+    def is_end(self) -> bool:
+        """Whether the route ends here: its drain has a limit then (`drain_s`)."""
+        return self.asked
+
     def wait(self, timeout_s: float) -> bool:
         """Wait until a stop is asked for, at most `timeout_s`; tells whether it was."""
         deadline_s = time.monotonic() + timeout_s

@@ -16,7 +16,7 @@ process that was known within 15 ms (Fast DDS, one machine).
 """
 
 OVERLAP_S: Final = _COMING_S + KNOWN_S
-"""How long a stop waits at most for the bridge that goes on."""
+"""How long one that ends waits at most for the bridge that goes on."""
 
 _POLL_S: Final = 0.1
 _STEP_S: Final = 0.05
@@ -86,8 +86,9 @@ class Meanwhile(Stop):
 class Term(Stop):
     """The stop that a route looks at while it runs by a lock: it comes also when that is lost.
 
-    When the bridge stops, the lock goes to another first, and the route runs on until that one
-    reads, too: nothing is published to nobody. What both have taken is twice in Kafka.
+    When the bridge stops, the lock goes to another first. Then, and where Kafka has given it to
+    another, the route runs on until that one reads, too: nothing is published to nobody. What
+    both have taken is twice in Kafka.
 
     The lock is polled by whoever looks: a route needs no second thread for it.
 
@@ -102,7 +103,7 @@ class Term(Stop):
         self._stop = stop
         self._lock = lock
         self._successor = successor
-        self._look_at_s = 0.0
+        self._poll_at_s = self._look_at_s = 0.0  # the lock, and for the successor
         self._over = False
         self._left = False  # the lock is another's, because this bridge stops
         self._has_come = False  # the successor
@@ -111,7 +112,9 @@ class Term(Stop):
     @property
     def over(self) -> bool:
         """Whether the lock was lost; once it was, this term is over."""
-        if not self._left and self._is_due():
+        now_s = time.monotonic()
+        if not self._left and now_s >= self._poll_at_s:
+            self._poll_at_s = now_s + _POLL_S
             self._lock.poll(0.0)
             self._over = self._over or not self._lock.held
         return self._over
@@ -119,15 +122,20 @@ class Term(Stop):
     @property
     def asked(self) -> bool:
         """Whether to drain."""
-        if not self._stop.asked:
-            return self.over
-        return self._over or self._stop.at_once or not self._runs_on()
+        if not self.over and not self._stop.asked:
+            return False
+        return self._stop.at_once or not self._runs_on()
 
     @property
     def at_once(self) -> bool:
         """Whether to give up what is still in flight."""
         _ = self.over  # a drain looks here only, and has to be heard of meanwhile
         return self._stop.at_once
+
+    @property
+    def is_end(self) -> bool:
+        """Whether the bridge stops; where it only hands over, it can wait for what it holds."""
+        return self._stop.asked
 
     def wait(self, timeout_s: float) -> bool:
         """Wait until a drain is asked for, at most `timeout_s`; tells whether it was."""
@@ -137,26 +145,25 @@ class Term(Stop):
         return self.asked
 
     def _runs_on(self) -> bool:
-        """Whether a stopping bridge still reads, because no other does yet."""
+        """Whether a bridge at its end still reads, because no other does yet."""
+        now_s = time.monotonic()
         if self._runs_on_until_s is None:
-            self._runs_on_until_s = time.monotonic() + self._leave()
-        waits = self._left and not self._has_come
-        if waits and self._is_due() and self._successor.has_come():
-            self._has_come = True
-            self._runs_on_until_s = time.monotonic() + KNOWN_S
+            self._runs_on_until_s = now_s + self._leave()
+        elif not self._has_come and now_s >= self._look_at_s:
+            self._look_at_s = now_s + _POLL_S
+            if self._successor.has_come():
+                self._has_come = True
+                self._runs_on_until_s = now_s + KNOWN_S
         return time.monotonic() < self._runs_on_until_s
 
     def _leave(self) -> float:
         """Leave the lock to a bridge that stands by; returns for how long to run on for it."""
-        if not self._successor.is_needed() or not self._lock.is_wanted():
+        if not self._successor.is_needed():
+            return 0.0
+        if self._over:
+            return _COMING_S
+        if not self._lock.is_wanted():
             return 0.0
         self._lock.close()
         self._left = True
         return _COMING_S
-
-    def _is_due(self) -> bool:
-        now_s = time.monotonic()
-        if now_s < self._look_at_s:
-            return False
-        self._look_at_s = now_s + _POLL_S
-        return True

@@ -1,6 +1,7 @@
 """How a route is made of its settings: which ends, which format, which labels."""
 
 import logging
+import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -10,7 +11,7 @@ from typing import Any
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters, Letter
 from ros2_kafka_bridge.endpoints import Matches, Message
-from ros2_kafka_bridge.errors import ConfigError, RouteError
+from ros2_kafka_bridge.errors import ConfigError, RouteError, SpoolInUseError
 from ros2_kafka_bridge.formats import Encode
 from ros2_kafka_bridge.kafka.admin import ensure_topic, topic_limit_bytes
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
@@ -25,10 +26,12 @@ from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
 from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.subscription import RosSource, wait_for_type
+from ros2_kafka_bridge.ros.successor import Successor
 from ros2_kafka_bridge.ros.types import load_type
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.route_format import asks_registry, check_of, decode_of, encode_of
 from ros2_kafka_bridge.spool.backlog import Backlog
+from ros2_kafka_bridge.spool.lock import holder, lock_of
 from ros2_kafka_bridge.spool.store import Spool, file_of
 from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.tracing.routes import Tracing
@@ -90,12 +93,30 @@ class Wiring:
             return self._kafka_to_ros(route, log, stack)
         return self._ros_to_kafka(route, log, stop, stack)
 
-    def make_for_backlog(self, route: RosToKafkaRoute, log: Log) -> RosToKafka | None:
+    def successor(self, route: RosToKafkaRoute) -> Successor:
+        """Make what knows whether another bridge of this name reads the ROS topic of a route."""
+        topic, own = route.source.ros, self._abilities.own
+        return Successor(self._node, topic, self._config.name, own)
+
+    def spool_in_use(self, route: Route) -> SpoolInUseError | None:
+        """Tell which other process of this machine has the spool of a route; None where none."""
+        if isinstance(route, KafkaToRosRoute) or route.spool is None:
+            return None
+        file = lock_of(self._spool_of(route))
+        process = holder(file)
+        return SpoolInUseError(process, file) if process not in {0, os.getpid()} else None
+
+    def make_for_backlog(self, route: Route, log: Log) -> RosToKafka | None:
         """Make what delivers the spool of a route that another bridge runs; None without one.
 
         It takes nothing from ROS, where the other one reads.
+
+        Raises:
+            TransportError: Kafka is away, and has to be asked first.
         """
-        if route.spool is None or not self._spool_of(route).exists():
+        if isinstance(route, KafkaToRosRoute) or route.spool is None:
+            return None
+        if not self._spool_of(route).exists():
             return None
         return RosToKafka(
             route,

@@ -12,19 +12,21 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 from confluent_kafka import Producer
 from harness import (
     Bench,
     eventually,
+    headers,
     lines,
     to_kafka,
     to_ros,
     totals,
     wait_until_it_reads,
 )
-from numbers_to_kafka import LATCHED
+from numbers_to_kafka import LATCHED, how_many
 from spools import newest_on_disk
 from taking_turns import (
     HANDS,
@@ -43,6 +45,7 @@ from taking_turns import (
     wait_for_order,
 )
 
+from ros2_kafka_bridge.dedup import Deduplicator
 from ros2_kafka_bridge.spool.store import file_of
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
@@ -149,6 +152,59 @@ def test_guarantee_8_a_bridge_that_was_stopped_learns_that_another_runs_its_rout
         assert first.end() == 0
     assert_each_once_in_order(records, count)
     assert totals(first, 'to_kafka')['given up'] == 0
+
+
+def test_guarantee_8_a_bridge_that_lives_hands_over_without_a_loss_also_its_spool(
+    bench: Bench, topic_name: str, name: str
+) -> None:
+    """Two bridges of one machine; the first stands still for longer than its session.
+
+    What its readers have taken from VOLATILE publishers is nowhere else: it reads on until the
+    other one does, and sends what it holds, however long that takes (`drain_s` is for a stop).
+    """
+    spooled = f'{topic_name}.spooled'
+    for topic in (topic_name, spooled):
+        bench.create_topic(topic)
+    own: dict[str, Any] = {'exclusive': True, 'drain_s': 0.05}
+    spool = {'path': str(bench.place / 'spool'), 'mode': 'always'}
+    routes = [
+        to_kafka('/orders', topic_name, 'plain', **own),
+        to_kafka('/spooled', spooled, 'spooled', **own, spool=spool),
+    ]
+    config = bench.config(routes, name=name)
+    options = ('--until', str(bench.place / 'enough'), '--rate', str(RATE), '--readers', '1')
+    with ExitStack() as stack:
+        first = stack.enter_context(bench.bridge(config))
+        first.wait_for(TAKES, 60, count=2)
+        second = stack.enter_context(bench.bridge(config))
+        second.wait_for(STANDS_BY, 60, count=2)
+        streams = [
+            stack.enter_context(bench.publisher(t, *options)) for t in ('/orders', '/spooled')
+        ]
+        for topic in (topic_name, spooled):
+            wait_for_order(bench, topic, 300, first)
+        first.send(signal.SIGSTOP)
+        second.wait_for(TAKES, 60, count=2)
+        second.wait_for('spooled: its turn has come, but another process uses this spool', 60)
+        before = bench.end_offset(topic_name)
+        wait_for_order(bench, topic_name, before + 100, second)
+        first.send(signal.SIGCONT)
+        first.wait_for(HANDS, 60, count=2)
+        before = bench.end_offset(spooled)
+        wait_for_order(bench, spooled, before + 100, second)
+        (bench.place / 'enough').touch()
+        counts = [how_many(stream) for stream in streams]
+        found = [
+            wait_for_all(bench, topic, count, first, second)
+            for topic, count in zip((topic_name, spooled), counts, strict=True)
+        ]
+        assert second.end() == first.end() == 0
+    assert 'failed' not in first.output() + second.output()
+    assert_each_once_in_order(found[1], counts[1])
+    dedup = Deduplicator()
+    numbers = {int(headers(record)['ros.seq']) for record in dedup.without_repeats(found[0])}
+    assert numbers == set(range(1, counts[0] + 1)), 'what the first one held comes late'
+    assert totals(first, 'plain')['given up'] == 0
 
 
 def test_guarantee_8_after_a_restart_of_the_broker_exactly_one_bridge_runs_the_route(

@@ -39,7 +39,9 @@ def test_brokers_are_lost_only_where_a_client_knows_none_for_a_second(
         """Reports, 0.4 s apart, of so many brokers."""
         for brokers in reports:
             now_s[0] += 0.4
-            health.on_statistics(Statistics(None, knows_brokers=bool(brokers)))
+            health.on_statistics(
+                Statistics(None, knows_brokers=bool(brokers), is_connected=bool(brokers))
+            )
         return health.has_lost_brokers
 
     assert not lost(0, 0, 0, 1, 0, 0, 0)

@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from confluent_kafka import Consumer, TopicPartition
+from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
 from harness import Bench, eventually, headers, to_kafka, totals, values
 
 from ros2_kafka_bridge.dedup import without_repeats
@@ -96,6 +96,72 @@ def test_a_lock_whose_client_gives_up_has_another_and_is_held_by_one(locks: Lock
     assert (first.held, second.held) == (True, False)
     first.close()
     wait(lambda: second.held, second)
+
+
+def test_a_lock_that_is_told_nothing_has_another_client_and_its_place_back(
+    locks: Locks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where a client has lost its place, is connected, and does not get it back."""
+    monkeypatch.setattr('ros2_kafka_bridge.kafka.statistics._INTERVAL_MS', 100)
+    monkeypatch.setattr('ros2_kafka_bridge.kafka.lock._UNTOLD_S', 1.0)
+    first = locks()
+    wait(lambda: first.held, first)
+    second = locks()
+    wait(lambda: second.joined, first, second)
+    client, name = first._consumer, first._properties['group.instance.id']
+    first.joined = False
+
+    def is_replaced() -> bool:
+        assert first.held, 'it holds on meanwhile'
+        return first._consumer is not client
+
+    wait(is_replaced, first, second)
+    wait(lambda: first.joined, first, second)
+    until_s = time.monotonic() + 8  # more than a session
+    wait(lambda: time.monotonic() > until_s, first, second)
+    assert (first.held, second.held) == (True, False)
+    assert first._properties['group.instance.id'] == name, 'by which it has its place at once'
+
+
+def test_a_lock_whose_name_is_shut_out_twice_takes_another(locks: Locks) -> None:
+    first = locks()
+    wait(lambda: first.held, first)
+    names = {first._properties['group.instance.id']}
+    for _ in range(2):
+        client = first._consumer
+        with contextlib.closing(Consumer(first._properties)) as late:
+            late.subscribe([first.topic])
+
+            def is_replaced(late: Consumer = late, client: object = client) -> bool:
+                late.poll(0.05)
+                return first._consumer is not client
+
+            wait(is_replaced, first)
+        wait(lambda: first.joined, first)
+        names.add(first._properties['group.instance.id'])
+    assert len(names) == 2
+    wait(lambda: first.held, first)
+
+
+def test_a_lock_is_no_failure_of_its_route_where_a_client_cannot_be_made(
+    locks: Locks, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As while a certificate is replaced, with half of it there."""
+    first = locks()
+    wait(lambda: first.held, first)
+    client = first._consumer
+
+    def refuse(*_: object, **__: object) -> Consumer:
+        raise KafkaException(KafkaError(KafkaError._INVALID_ARG, 'no such certificate'))
+
+    with monkeypatch.context() as patched:
+        patched.setattr('ros2_kafka_bridge.kafka.lock.Consumer', refuse)
+        first._given_up = 'the group has shut out its client'
+        wait(lambda: 'cannot join them now' in caplog.text, first)
+        assert first.held
+        assert first._consumer is client
+    wait(lambda: first._consumer is not client and first.joined, first)
+    assert first.held
 
 
 def test_a_lock_needs_a_topic_of_one_partition_and_says_how_to_make_it(

@@ -342,6 +342,59 @@ def test_a_drain_that_runs_out_of_time_says_how_many_it_gave_up() -> None:
     assert house.direction.snapshot.in_flight == 2
 
 
+class HandOver(Stop):
+    """Another bridge goes on with the route, and this one lives."""
+
+    is_end = False
+
+
+def test_guarantee_1_a_hand_over_waits_for_kafka_as_long_as_the_bridge_lives(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What DDS has handed over is nowhere else: a slow Kafka is waited for, and not given up."""
+    house = House(drain_s=0.0, max_in_flight=2)
+    house.sink.close()
+    house.sink.answering = False
+    house.give(b'a', b'b', b'c', b'd', b'e')
+    stop, polls = HandOver(), 0
+    stop.ask()
+    poll = house.sink.poll
+
+    def answer_late(timeout_s: float) -> Reports[Any]:
+        nonlocal polls
+        polls += 1
+        house.sink.answering = polls > 20
+        return poll(timeout_s)
+
+    monkeypatch.setattr(house.sink, 'poll', answer_late)
+    house.direction.run(stop)
+    assert house.values() == [b'a', b'b', b'c', b'd', b'e']
+    assert house.direction.snapshot.in_flight == 0
+
+
+def test_a_hand_over_that_waits_for_kafka_ends_in_time_once_the_bridge_stops(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    house = House(drain_s=0.1)
+    house.sink.close()
+    house.sink.answering = False
+    house.give(b'a', b'b')
+    stop, polls = HandOver(), 0
+    stop.ask()
+    poll = house.sink.poll
+
+    def look(timeout_s: float) -> Reports[Any]:
+        nonlocal polls
+        polls += 1
+        monkeypatch.setattr(HandOver, 'is_end', polls > 20)
+        return poll(timeout_s)
+
+    monkeypatch.setattr(house.sink, 'poll', look)
+    with pytest.raises(RouteError, match='gave up 2 messages'):
+        house.direction.run(stop)
+    assert polls > 20
+
+
 def test_a_drain_that_owes_nothing_to_kafka_is_well_also_where_kafka_lets_nobody_in(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

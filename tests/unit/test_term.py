@@ -12,12 +12,13 @@ class MemoryLock:
     def __init__(self, *, wanted: bool = False) -> None:
         self.held = True
         self.lost = False  # which only a poll tells
+        self.left = False
         self.wanted = wanted
         self.polls = 0
 
     def poll(self, timeout_s: float) -> None:
         assert timeout_s == 0.0
-        assert self.held, 'nobody asks for a lock that was left'
+        assert not self.left, 'nobody asks for a lock that was left'
         self.polls += 1
         self.held = not self.lost
 
@@ -26,6 +27,7 @@ class MemoryLock:
 
     def close(self) -> None:
         self.held = False
+        self.left = True
 
 
 class Clock:
@@ -75,11 +77,58 @@ def test_a_term_stops_with_the_bridge() -> None:
 
 def test_a_term_is_over_once_its_lock_was_lost_also_if_it_comes_back() -> None:
     lock = MemoryLock()
-    term = Term(Stop(), lock, MemorySuccessor())
+    term = Term(Stop(), lock, MemorySuccessor(needed=False))
     lock.lost = True
     assert term.wait(60)
     lock.held, lock.lost = True, False
     assert (term.asked, term.over, term.at_once) == (True, True, False)
+
+
+@pytest.mark.usefixtures('clock')
+def test_guarantee_8_a_term_that_is_over_runs_on_until_the_successor_reads_and_is_known() -> None:
+    """As where Kafka gives the route to another, though this bridge lives and takes."""
+    lock, successor = MemoryLock(), MemorySuccessor()
+    term = Term(Stop(), lock, successor)
+    assert not term.wait(0.3)
+    lock.lost = True
+    assert not term.wait(0.3)
+    assert term.over
+    assert not term.asked, 'the other one has not subscribed yet'
+    polls = lock.polls
+    successor.come = True
+    assert not term.wait(3.0), 'not every publisher sends to it yet'
+    assert lock.polls > polls + 10, 'a client that nobody polls is put out of its group'
+    assert term.wait(1.0)
+
+
+def test_a_term_that_is_over_is_no_end_until_the_bridge_stops() -> None:
+    stop, lock = Stop(), MemoryLock()
+    term = Term(stop, lock, MemorySuccessor(needed=False))
+    lock.lost = True
+    assert term.wait(60)
+    assert not term.is_end
+    stop.ask()
+    assert term.is_end
+
+
+def test_a_term_that_is_over_waits_for_its_successor_for_a_while_only(clock: Clock) -> None:
+    lock = MemoryLock()
+    term = Term(Stop(), lock, MemorySuccessor())
+    lock.lost = True
+    assert term.wait(60)
+    assert clock.now_s < 1006
+
+
+def test_a_second_stop_ends_a_term_that_is_over_and_runs_on(clock: Clock) -> None:
+    stop, lock = Stop(), MemoryLock()
+    term = Term(stop, lock, MemorySuccessor())
+    lock.lost = True
+    assert not term.wait(0.3)
+    stop.ask()
+    assert not term.asked
+    stop.ask()
+    assert term.asked
+    assert clock.now_s < 1001
 
 
 def test_a_wait_in_a_term_ends_in_time_and_listens_meanwhile(clock: Clock) -> None:

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Self, cast
 
@@ -9,7 +10,7 @@ import pytest
 
 from ros2_kafka_bridge.bridge import Bridge
 from ros2_kafka_bridge.config.settings import Config
-from ros2_kafka_bridge.errors import BridgeError, RouteError
+from ros2_kafka_bridge.errors import BridgeError, RouteError, SpoolInUseError
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.metrics import Counters, Outcome, Snapshot, State
 from ros2_kafka_bridge.pause import Pause
@@ -19,7 +20,6 @@ from ros2_kafka_bridge.supervision.orders import Event
 from ros2_kafka_bridge.term import Term
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.ros.node import RosNode
     from ros2_kafka_bridge.ros.successor import Successor
     from ros2_kafka_bridge.wiring import Wiring
 
@@ -86,6 +86,16 @@ class Told:
         self.snapshot = snapshot
 
 
+class Nobody:
+    """A successor where none is needed."""
+
+    def is_needed(self) -> bool:
+        return False
+
+    def has_come(self) -> bool:
+        return False
+
+
 class House:
     """A bridge with one route, whose terms are these directions, one after the other."""
 
@@ -110,6 +120,7 @@ class House:
         self.lock = lock
         self.directions = list(directions)
         self.for_backlog: MemoryDirection | None = None
+        self.in_use: SpoolInUseError | None = None
         self.open = 0  # ROS endpoints
         self.told = 0
 
@@ -121,12 +132,17 @@ class House:
     def make_for_backlog(self, *_: Any) -> MemoryDirection | None:
         return self.for_backlog
 
+    def successor(self, _: Any) -> 'Nobody':
+        return Nobody()
+
+    def spool_in_use(self, _: Any) -> SpoolInUseError | None:
+        return self.in_use
+
     def _close(self) -> None:
         self.open -= 1
 
     def run(self) -> None:
-        node = cast('RosNode', None)  # asked only where another bridge stands by at a stop
-        self.bridge._keep_running(self.lane, cast('Wiring', self), node, self._tell)
+        self.bridge._keep_running(self.lane, cast('Wiring', self), self._tell)
         assert self.open == 0
         assert not self.bridge._crashed
 
@@ -144,8 +160,7 @@ class House:
 
 
 @pytest.fixture(autouse=True)
-def _alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.ros.successor.Successor.is_needed', lambda _: False)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.backoff._FIRST_S', 0.01)
 
 
@@ -445,3 +460,123 @@ def test_a_route_that_waits_for_its_type_says_that_it_is_paused() -> None:
     assert house.bridge.resume('orders')
     assert house.bridge.paused == frozenset()
     assert house.lane.snapshot().state is State.STARTING
+
+
+# Two bridges of one machine, and the spool that both use
+
+IN_USE = SpoolInUseError(4711, Path('/var/spool/pair.orders.spool.lock'))
+
+
+def test_a_bridge_that_stands_by_leaves_the_spool_to_the_process_that_uses_it(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It stays among those that want the route: leaving them would keep it from taking over."""
+    monkeypatch.setattr('ros2_kafka_bridge.lane._BACKLOG_S', 0.0)
+    lock = MemoryLock('theirs theirs theirs theirs ours')
+    house = House(lock)
+    house.directions.append(MemoryDirection(2, house.stop))
+    house.in_use = IN_USE
+    looked = 0
+
+    def look(_: MemoryLock) -> None:
+        nonlocal looked
+        looked += 1
+        assert lock.said == []
+        if len(lock.answers) == 1:
+            assert house.snapshot.reason == 'stands by: another bridge runs this route'
+            house.in_use = house.for_backlog = None
+
+    house.for_backlog = MemoryDirection(0, fail)
+    monkeypatch.setattr(MemoryLock, 'check', look)
+    house.run()
+    assert looked == 5
+    assert 'failed' not in caplog.text
+    assert house.snapshot.confirmed == 2
+
+
+def test_a_bridge_that_cannot_deliver_its_backlog_stands_by_and_says_why(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lock = MemoryLock('theirs theirs theirs theirs ours')
+    house = House(lock)
+    house.directions.append(MemoryDirection(2, house.stop))
+    house.for_backlog = MemoryDirection(0, fail)
+    reasons: set[str] = set()
+
+    def look(_: MemoryLock) -> None:
+        assert lock.said == [], 'it is still one of those that stand by'
+        reasons.add(house.snapshot.reason)
+
+    monkeypatch.setattr(MemoryLock, 'check', look)
+    house.run()
+    assert (
+        'stands by: another bridge runs this route; what this one has on disk is not delivered: '
+        'no permission'
+    ) in reasons
+    assert house.snapshot.confirmed == 2
+
+
+def test_guarantee_8_a_turn_waits_until_the_bridge_before_has_put_the_spool_away(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    lock = MemoryLock('ours')
+    house = House(lock)
+    house.directions.append(MemoryDirection(2, house.stop))
+    looks: list[int] = []
+
+    def in_use(_: Any) -> SpoolInUseError | None:
+        looks.append(house.open)
+        if len(looks) > 1:
+            assert house.snapshot.state is State.WAITING
+            assert 'its turn has come, but another process uses' in house.snapshot.reason
+            assert '(pid 4711): /var/spool/pair.orders.spool.lock' in house.snapshot.reason
+        return IN_USE if len(looks) < 4 else None
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(house, 'spool_in_use', in_use)
+        house.run()
+    assert looks == [1, 1, 1, 1], 'the ROS endpoint is open: the other one sees it'
+    assert house.snapshot.confirmed == 2
+    assert 'failed' not in caplog.text
+
+
+def test_guarantee_8_a_turn_without_the_spool_goes_back_to_a_bridge_that_stands_by(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who has the spool may still run the route, and be held back by an endpoint that is idle."""
+    monkeypatch.setattr('ros2_kafka_bridge.lane._SPOOL_S', 0.0)
+    lock = MemoryLock('ours')
+    lock.wanted = True
+    house = House(lock, MemoryDirection(0, fail))
+    house.in_use = IN_USE
+
+    def look(_: MemoryLock) -> None:
+        if lock.said:
+            assert house.open == 0
+            house.lane.stop.ask()
+
+    monkeypatch.setattr(MemoryLock, 'check', look)
+    house.run()
+    assert lock.said == ['closed', 'closed']
+    assert 'another process keeps the spool: left to a bridge that stands by' in caplog.text
+
+
+def test_a_turn_without_the_spool_is_kept_where_no_other_bridge_stands_by(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.lane._SPOOL_S', 0.0)
+    lock = MemoryLock('ours')
+    house = House(lock)
+    house.directions.append(MemoryDirection(2, house.stop))
+    looks: list[int] = []
+
+    def in_use(_: Any) -> SpoolInUseError | None:
+        looks.append(house.open)
+        return IN_USE if len(looks) < 6 else None
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(house, 'spool_in_use', in_use)
+        house.run()
+    assert set(looks) == {1}
+    assert lock.said == ['closed']
+    assert house.snapshot.confirmed == 2

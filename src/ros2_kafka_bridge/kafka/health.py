@@ -57,6 +57,7 @@ class ClientHealth:
         self._said = ''  # of being away, since the last contact
         self._without_since_s: float | None = None  # a report of no broker, and none of any since
         self.has_lost_brokers = False
+        self.is_connected = False  # to a broker, at the last report
         self.away = ''
 
     def on_open(self) -> None:
@@ -68,7 +69,7 @@ class ClientHealth:
     def on_new_client(self) -> None:
         """Note that another client has taken the place of one that was of no use any more."""
         self._without_since_s = None
-        self.has_lost_brokers = False
+        self.has_lost_brokers = self.is_connected = False
 
     def on_statistics(self, statistics: Statistics) -> None:
         """Take a report of the client (librdkafka's statistics callback).
@@ -79,6 +80,7 @@ class ClientHealth:
         cancels that itself (since 2.13, its issue 5301).
         """
         now_s = time.monotonic()
+        self.is_connected = statistics.is_connected
         if statistics.knows_brokers:
             self._without_since_s = None
         elif self._without_since_s is None:

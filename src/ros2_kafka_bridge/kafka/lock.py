@@ -16,10 +16,13 @@ Tried with two and three members, librdkafka 2.x and Apache Kafka 4 (session 6 s
   after 6 s, though none has lost it to another. Once Kafka answers, a member with a name
   (`group.instance.id`, made anew in every life) gets its old place within 0.2 s: the holder holds
   on. Without names, all would wait 6 s more for the members of before the outage to expire, and
-  then   any of them would get it.
+  then any of them would get it.
 - A request of before a break of the network that comes late, behind the ones of after it: Kafka
   takes it for another member of the same name, and the client gives up for good. A new one of that
-  name gets its place.
+  name gets its place; where that is shut out, too, one of another name waits for the session of
+  the old one to end.
+- A client that has lost its place and says nothing any more, though it is connected: seen where
+  all brokers were killed. Another takes its place as well.
 """
 
 import contextlib
@@ -45,13 +48,23 @@ from ros2_kafka_bridge.kafka.statistics import read, with_statistics
 from ros2_kafka_bridge.logs import client_log
 
 HEARTBEAT_MS: Final = 1000
+_NAME: Final = 'group.instance.id'
 _REQUEST_S: Final = 5.0
 _TOPIC_S: Final = 10.0  # until a topic just made is known
 _AGAIN_S: Final = 0.2
 _LEAVE_S: Final = 2.0
 _LOOK_EVERY_S: Final = 2.0
 _LOOK_S: Final = 0.2
+_CLOSE_S: Final = 2.0
 _NEW_CLIENT_EVERY_S: Final = 1.0
+# Connected, and not told who holds it: a session that ends (6 s) and an election fit in. The next
+# client waits twice as long: Kafka may be slow.
+_UNTOLD_S: Final = 10.0
+_MOST_UNTOLD_S: Final = 80.0
+# A name that was shut out again within so long is given up.
+_SHORT_LIFE_S: Final = 30.0
+_SHUT_OUT: Final = 'the group has shut out its client'
+_SILENT: Final = 'Kafka has not said for long who runs this route'
 
 
 def lock_topic(bridge: str) -> str:
@@ -91,7 +104,7 @@ class GroupLock:
         self._properties = with_statistics(
             consumer_properties(users, group=self.group, client_id=bridge)
         ) | {
-            'group.instance.id': uuid.uuid4().hex,
+            _NAME: uuid.uuid4().hex,
             'heartbeat.interval.ms': HEARTBEAT_MS,
         }
         self._common = common_properties(kafka, client_id=bridge)
@@ -100,8 +113,11 @@ class GroupLock:
         self._health = ClientHealth(f'topic {self.topic}', log, self._about)
         self._consumer: Consumer | None = None
         self._clients = 0  # made so far: what an old one still says does not count
-        self._given_up = False  # by the client
+        self._given_up = ''  # why its client is of no use any more
         self._new_client_at_s = 0.0
+        self._shut_out_s = -_SHORT_LIFE_S  # when it was last
+        self._untold_s = _UNTOLD_S
+        self._untold_since_s: float | None = None  # connected, and not told who holds it
         self._assigned = False
         self._look_at_s = 0.0
 
@@ -125,7 +141,6 @@ class GroupLock:
         """
         if self._consumer is not None:
             return
-        check_files(self._properties, f'topic {self.topic}')
         ensure_topic(self._common, self.topic)
         self._health.on_open()
         try:
@@ -143,23 +158,34 @@ class GroupLock:
 
         Who was the holder when Kafka went away stays the holder for itself, until Kafka says
         that another is: both can be at work for that time, but a message is never left to nobody.
-
-        Raises:
-            RouteError: The client cannot go on.
+        A client that is of no use any more is replaced: that is never a failure of the route.
         """
         if self._consumer is None:
             return
         try:
             message = self._consumer.poll(timeout_s)
-        except KafkaException as error:  # fatal for the client
-            raise self._translated(error) from error
-        if message is not None and (problem := message.error()) is not None:
-            self._on_error(self._clients, problem)
-        if self._health.has_lost_brokers and not self._given_up:
-            self._log.warning('%s', BROKERS_LOST)
-            self._given_up = True
+        except KafkaException as error:
+            self._on_error(self._clients, error.args[0])
+            self._given_up = self._given_up or _SHUT_OUT
+        else:
+            if message is not None and (problem := message.error()) is not None:
+                self._on_error(self._clients, problem)
+        if self._health.has_lost_brokers:
+            self._given_up = self._given_up or BROKERS_LOST
+        if self._is_untold():
+            self._given_up = self._given_up or _SILENT
         if self._given_up and time.monotonic() >= self._new_client_at_s:
             self._join_anew(self._consumer)
+
+    def _is_untold(self) -> bool:
+        """Whether Kafka has not said for long who holds it, though it could."""
+        if self.joined or not self._health.is_connected:
+            self._untold_since_s = None
+            return False
+        now_s = time.monotonic()
+        if self._untold_since_s is None:
+            self._untold_since_s = now_s
+        return now_s - self._untold_since_s > self._untold_s
 
     def check(self) -> None:
         """Look whether anything keeps this bridge from ever holding it.
@@ -199,20 +225,15 @@ class GroupLock:
         """Leave it to another."""
         consumer, self._consumer = self._consumer, None
         self.held = self.joined = self._assigned = False
-        if consumer is None:
-            return
-        # A member with a name stays in the group when it closes, but not when it unsubscribes.
-        with contextlib.suppress(KafkaException):  # fatal for the client, and known
-            consumer.unsubscribe()
-        deadline_s = time.monotonic() + _LEAVE_S
-        while consumer.assignment() and time.monotonic() < deadline_s:
-            with contextlib.suppress(KafkaException):
-                consumer.poll(0.01)
-        consumer.close()
+        self._given_up, self._untold_since_s = '', None
+        self._clients += 1
+        if consumer is not None:
+            _end(consumer, _CLOSE_S, leaves=True)
 
     def _new_client(self) -> Consumer:
+        check_files(self._properties, f'topic {self.topic}')
         self._clients += 1
-        self._given_up = False
+        self._given_up, self._untold_since_s = '', None
         own = {
             'error_cb': partial(self._on_error, self._clients),
             'stats_cb': partial(self._on_statistics, self._clients),
@@ -228,22 +249,33 @@ class GroupLock:
         )
 
     def _join_anew(self, old: Consumer) -> None:
-        """Put another client in the place of one that has given up, and would never tell anything.
+        """Put another client in the place of one that would never tell anything.
 
-        The holder holds on meanwhile, as it does while Kafka is away.
+        The holder holds on meanwhile, as it does while Kafka is away. Under the same name it has
+        its place back at once; a name that was shut out twice is given up.
         """
-        self._log.warning('gave up its place among the bridges of this route: joins them anew')
-        self._new_client_at_s = time.monotonic() + _NEW_CLIENT_EVERY_S
+        now_s, reason = time.monotonic(), self._given_up
+        self._log.warning('%s: joins the bridges of this route anew', reason)
+        self._new_client_at_s = now_s + _NEW_CLIENT_EVERY_S
+        has_new_name = False
+        if reason == _SILENT:
+            self._untold_s = min(_MOST_UNTOLD_S, 2 * self._untold_s)
+        elif reason != BROKERS_LOST:
+            has_new_name = now_s - self._shut_out_s < _SHORT_LIFE_S
+            self._shut_out_s = now_s
+        if has_new_name:
+            self._properties[_NAME] = uuid.uuid4().hex
         self.joined = self._assigned = False
         self._health.on_open()
         try:
             self._consumer = self._new_client()
             self._join(self._consumer)
-        except KafkaException as error:
-            raise self._translated(error) from error
-        finally:
-            # It may take long to end, and the lock is looked at in the middle of a route.
-            unattended.start('old lock', old.close)
+        except (KafkaException, BridgeError) as error:  # a file that is being replaced, perhaps
+            self._log.warning('cannot join them now: %s', error)
+            self._given_up = reason
+        if self._consumer is not old:
+            # Not waited for: the lock is looked at in the middle of a route.
+            _end(old, 0.0, leaves=has_new_name)
 
     def _check_topic(self, consumer: Consumer) -> None:
         deadline_s = time.monotonic() + _TOPIC_S
@@ -279,6 +311,7 @@ class GroupLock:
             return
         self._health.on_contact()
         self.joined = True
+        self._untold_s = _UNTOLD_S
         if partitions:
             # From an offset that nobody has to look up, and never read.
             consumer.incremental_assign(
@@ -295,12 +328,12 @@ class GroupLock:
 
     def _on_lost(self, consumer: Consumer, _: list[TopicPartition]) -> None:
         if consumer is self._consumer:
-            self._assigned = False
+            self._assigned = self.joined = False
 
     def _on_error(self, client: int, error: KafkaError) -> None:
         if client == self._clients:
-            is_fatal = error.fatal() or error.code() == KafkaError._FATAL  # noqa: SLF001 (public)
-            self._given_up = self._given_up or is_fatal
+            if error.fatal() or error.code() == KafkaError._FATAL:  # noqa: SLF001 (public)
+                self._given_up = self._given_up or f'{_SHUT_OUT} ({error.str()})'
             self._health.on_error(error)
 
     def _on_statistics(self, client: int, text: str) -> None:
@@ -309,3 +342,28 @@ class GroupLock:
 
     def _translated(self, error: KafkaException) -> BridgeError:
         return translate(error.args[0], f'topic {self.topic}', self._about)
+
+
+def _end(consumer: Consumer, within_s: float, *, leaves: bool) -> None:
+    """End a client; what takes longer is not waited for.
+
+    Args:
+        consumer: The client.
+        within_s: How long to wait for it.
+        leaves: Whether its place is to be free; else the next one of its name has it.
+    """
+
+    def end() -> None:
+        with contextlib.suppress(KafkaException):  # fatal for the client, and known
+            if leaves:
+                # One with a name stays in the group when it closes, but not when it unsubscribes.
+                consumer.unsubscribe()
+                deadline_s = time.monotonic() + _LEAVE_S
+                while consumer.assignment() and time.monotonic() < deadline_s:
+                    consumer.poll(0.01)
+        consumer.close()
+
+    try:
+        unattended.start('old lock', end).join(within_s)
+    except RuntimeError:  # this process may have no more threads
+        end()

@@ -8,6 +8,7 @@ import msgspec
 _INTERVAL: Final = 'statistics.interval.ms'
 _INTERVAL_MS: Final = 2000
 _S_PER_US: Final = 1e-6
+_CONNECTED: Final = 'UP'
 _BROKERS: Final = frozenset({'configured', 'learned'})  # others are librdkafka's own helpers
 
 
@@ -18,10 +19,12 @@ class Statistics(NamedTuple):
         round_trip_s: To the slowest broker that was asked, median and 99th percentile; None
             where none was.
         knows_brokers: Whether there is any broker that it can connect to.
+        is_connected: Whether it is to one.
     """
 
     round_trip_s: tuple[float, float] | None
     knows_brokers: bool
+    is_connected: bool
 
 
 class _Times(msgspec.Struct, frozen=True):
@@ -34,6 +37,7 @@ class _Times(msgspec.Struct, frozen=True):
 
 class _Broker(msgspec.Struct, frozen=True):
     source: str = ''
+    state: str = ''
     rtt: _Times = _Times()
 
 
@@ -54,7 +58,7 @@ def read(text: str) -> Statistics:
     try:
         brokers = _DECODER.decode(text).brokers.values()
     except msgspec.DecodeError:  # a client.id with a quote, which librdkafka does not escape
-        return Statistics(None, knows_brokers=True)
+        return Statistics(None, knows_brokers=True, is_connected=False)
     asked = [broker.rtt for broker in brokers if broker.rtt.cnt]
     round_trip_s = None
     if asked:
@@ -62,4 +66,8 @@ def read(text: str) -> Statistics:
             _S_PER_US * max(times.p50 for times in asked),
             _S_PER_US * max(times.p99 for times in asked),
         )
-    return Statistics(round_trip_s, any(broker.source in _BROKERS for broker in brokers))
+    return Statistics(
+        round_trip_s,
+        any(broker.source in _BROKERS for broker in brokers),
+        any(broker.state == _CONNECTED for broker in brokers),
+    )

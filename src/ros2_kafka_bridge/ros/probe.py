@@ -21,6 +21,7 @@ SAMPLES = 4
 _MESSAGE = b'\x00\x01\x00\x00' + bytes(8)
 _ANSWER_S = 5.0
 _PATIENCE_S = 0.03
+_PREFIX_BYTES = 12  # of a GUID: its participant; four more tell the endpoint (RTPS 2.5, 9.3.1)
 
 
 class Abilities(NamedTuple):
@@ -30,11 +31,13 @@ class Abilities(NamedTuple):
         bounded: A full history refuses, as the profile says; else confirmation waits for pauses.
         gid: A message tells its publisher.
         seq: A message tells its number at its publisher.
+        own: What the gids of all endpoints of this process begin with; empty where none is told.
     """
 
     bounded: bool
     gid: bool
     seq: bool
+    own: bytes
 
 
 def probe_topic() -> str:
@@ -83,6 +86,9 @@ def _try(publisher: Any, subscription: Any) -> Abilities:
         bounded=SAMPLES <= accepted <= 2 * SAMPLES,
         gid='publisher_gid' in info,
         seq=bool(info.get('publication_sequence_number')),
+        own=bytes(info['publisher_gid']['data'])[:_PREFIX_BYTES]
+        if 'publisher_gid' in info
+        else b'',
     )
 
 

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Final
 
-from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.errors import RouteError, SpoolInUseError
 from ros2_kafka_bridge.spool.ledger import LEDGER_BYTES, Ledger, newest
 
 _PID_BYTES: Final = 16
@@ -32,7 +32,8 @@ class Lock:
         """Lock.
 
         Raises:
-            RouteError: Another process has it, or the file cannot be written.
+            SpoolInUseError: Another process has it.
+            RouteError: The file cannot be written.
         """
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
         try:
@@ -62,10 +63,7 @@ class Lock:
                     time.sleep(0.02)
                     continue
                 pid = _pid(os.pread(self._file, _PID_BYTES, 0))
-                raise RouteError(
-                    f'another process uses this spool (pid {pid or "unknown"}): {self._path}: '
-                    'stop it, or give one of the bridges another name or spool.path'
-                ) from error
+                raise SpoolInUseError(pid, self._path) from error
             return
 
     def ledger(self) -> Ledger | None:
