@@ -1,5 +1,6 @@
 """The look whether a Kafka client reads what its partitions hold."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -64,3 +65,28 @@ def test_nothing_is_asked_where_nothing_is_read() -> None:
     broker = Broker({})
     look(Watch('t', fetch_s=0.5), broker, {})
     assert broker.asked == []
+
+
+def test_a_client_that_kafka_does_not_let_into_its_group_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As where the coordinator of the group has failed: Kafka is there, and nothing is read."""
+    now_s = 1000.0
+    monkeypatch.setattr(
+        'ros2_kafka_bridge.kafka.watch.time', SimpleNamespace(monotonic=lambda: now_s)
+    )
+    watch = Watch('t', fetch_s=0.5)
+    watch.begin()
+    assert watch.reason == ''
+    now_s += 10
+    assert 'does not let this bridge into its group' in watch.reason
+    watch.on_assign()
+    assert watch.reason == ''
+    now_s += 3600
+    assert watch.reason == '', 'a quiet topic is no reason'
+    watch.on_lost()
+    assert watch.reason == '', 'it may be back at once'
+    now_s += 10
+    assert 'does not let this bridge into its group' in watch.reason
+    watch.begin()
+    assert watch.reason == ''

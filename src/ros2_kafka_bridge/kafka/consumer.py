@@ -100,7 +100,7 @@ class KafkaSource:
     @property
     def away(self) -> str:
         """Why nothing can be read just now; empty when all is well."""
-        return self._health.away
+        return self._health.away or self._watch.reason
 
     def open(self, rebalance: Rebalance) -> None:
         """Join the group.
@@ -206,7 +206,7 @@ class KafkaSource:
         """
         self._positions.update(positions)
         news = self._news(positions)
-        if not news or self._is_committing or self.away:
+        if not news or self._is_committing or self._health.away:
             return
         try:
             self._commit_soon(news)
@@ -221,7 +221,7 @@ class KafkaSource:
         self._client.pause(self._client.assignment())
         while self._news(positions) and (now_s := time.monotonic()) < deadline_s:
             if now_s >= again_s and not self._is_committing:
-                if self.away:
+                if self._health.away:
                     self._ask_broker(min(_LAST_LOOK_S, deadline_s - now_s))
                 self.commit(positions)
                 again_s = now_s + _AGAIN_S
@@ -236,7 +236,7 @@ class KafkaSource:
         if not news:
             return
         try:
-            if self.away:  # librdkafka would wait for the broker without limit
+            if self._health.away:  # librdkafka would wait for the broker without limit
                 self._commit_soon(news)
             else:
                 self._client.commit(offsets=news, asynchronous=False)
@@ -245,7 +245,7 @@ class KafkaSource:
 
     def lag(self, positions: Mapping[int, int]) -> int:
         """How many records of the assigned partitions come behind `positions`."""
-        ask = self._held and not self.away
+        ask = self._held and not self._health.away
         return self._lag.count(self._client, positions, ask=ask)
 
     def close(self) -> None:
@@ -253,7 +253,7 @@ class KafkaSource:
         if self._consumer is not None:
             self._closing = True
             # Who leaves while it joins stays a member for Kafka: the next one would wait for it.
-            self._poll_while(lambda: not self._joined and not self.away)
+            self._poll_while(lambda: not self._joined and not self._health.away)
             # A member with a name stays in the group when it closes, but not when it unsubscribes.
             with contextlib.suppress(KafkaException):  # fatal for the client, and known
                 self._consumer.unsubscribe()
@@ -302,11 +302,11 @@ class KafkaSource:
         if self._is_shut_out or (first is None and self._health.has_lost_brokers):
             self._begin_anew(self._client)
             return ()
-        if self.away and first is None:
+        if self._health.away and first is None:
             self._look_for_broker()
         if first is None:
-            self._watch.look_whether_outside(self.away)
-            if not self._held and not self.away and self._watch.is_due():
+            self._watch.look_whether_outside(self._health.away)
+            if not self._held and not self._health.away and self._watch.is_due():
                 self._watch.look_whether_stuck(self._client, self._reached())
             return ()
         self._gone.clear()

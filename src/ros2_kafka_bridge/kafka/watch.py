@@ -9,6 +9,11 @@ from confluent_kafka import OFFSET_END, Consumer, KafkaException, TopicPartition
 from ros2_kafka_bridge.errors import RouteError
 
 _OUTSIDE_S: Final = 45.0
+_JOINING_S: Final = 8.0  # a session that ends, and an election: what lasts longer is said
+_NOT_LET_IN: Final = (
+    'Kafka is there and does not let this bridge into its group: the coordinator of the group, or '
+    'another member, holds it up'
+)
 _STUCK_LOOK_S = 10.0
 _ANSWER_S: Final = 0.5  # of the broker, behind a fetch
 
@@ -25,6 +30,7 @@ class Watch:
         self._topic = topic
         self._look_s = fetch_s + _ANSWER_S
         self._outside_since_s: float | None = None  # without a place in the group that it had
+        self._joins_since_s: float | None = None
         self._behind: dict[
             int, int
         ] = {}  # how far those were read that hold more, at the last look
@@ -33,8 +39,17 @@ class Watch:
     def begin(self) -> None:
         """Note that there is a new client."""
         self._outside_since_s = None
+        self._joins_since_s = time.monotonic()
         self._behind = {}
         self._stuck_look_at_s = time.monotonic() + _STUCK_LOOK_S
+
+    @property
+    def reason(self) -> str:
+        """Why nothing is read though Kafka is there; empty while there is no reason to say so."""
+        since_s = self._joins_since_s
+        if since_s is None or time.monotonic() - since_s < _JOINING_S:
+            return ''
+        return _NOT_LET_IN
 
     @property
     def is_outside(self) -> bool:
@@ -43,11 +58,11 @@ class Watch:
 
     def on_assign(self) -> None:
         """Note that the client is in its group."""
-        self._outside_since_s = None
+        self._outside_since_s = self._joins_since_s = None
 
     def on_lost(self) -> None:
         """Note that the client has lost its partitions."""
-        self._outside_since_s = time.monotonic()
+        self._outside_since_s = self._joins_since_s = time.monotonic()
 
     def look_whether_outside(self, away: str) -> None:
         """Give up a client that does not find back into its group.
