@@ -81,6 +81,16 @@ def _repeats_from_kafka(stream: Stream, _hold_s: float) -> Allowance:
     return REPEATS if stream.is_from_kafka else NOTHING
 
 
+def _brokers_die(_stream: Stream, _hold_s: float) -> Allowance:
+    """A hand-over, or a producer that begins a new epoch, may repeat what is in flight.
+
+    Brokers that come back one after the other refuse a batch (NOT_ENOUGH_REPLICAS) and look at
+    the one behind it a moment later, which is out of order then: librdkafka begins a new epoch,
+    and sends once more what the dead ones had written and not answered.
+    """
+    return REPEATS
+
+
 # Kafka
 
 
@@ -180,7 +190,7 @@ def _black_out(world: World, target: int) -> None:
 
 
 def _all_goes_dark(stream: Stream, hold_s: float) -> Allowance:
-    found = _bridge_dies(stream, hold_s)
+    found = _bridge_dies(stream, hold_s)._replace(duplicated=True)
     if stream.durability != 'volatile':
         return found
     if stream.spool is None:
@@ -360,7 +370,7 @@ FAULTS: Final[Mapping[str, Fault]] = MappingProxyType(
                 (1.0, 12.0),
                 _kill_brokers,
                 _start_brokers,
-                _repeats_from_kafka,
+                _brokers_die,
                 required_s=_BROKER_S,
                 seconds=25.0,
             ),
@@ -370,7 +380,7 @@ FAULTS: Final[Mapping[str, Fault]] = MappingProxyType(
                 (5.0, 12.0),
                 _kill_leader,
                 _start_leader,
-                _repeats_from_kafka,
+                _brokers_die,
                 required_s=_BROKER_S,
                 seconds=20.0,
                 needs='cluster',
@@ -505,7 +515,7 @@ FAULTS: Final[Mapping[str, Fault]] = MappingProxyType(
                 (3.0, 12.0),
                 _fill_disk,
                 _empty_disk,
-                _repeats_from_kafka,
+                _brokers_die,
                 required_s=_BROKER_S,
                 seconds=25.0,
                 needs='disk',
