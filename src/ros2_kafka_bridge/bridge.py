@@ -29,7 +29,7 @@ from ros2_kafka_bridge.stop import Part, Stop
 from ros2_kafka_bridge.supervision.orders import Begun, Ended, Event, Failed, Loaded
 from ros2_kafka_bridge.term import OVERLAP_S, Meanwhile, Successor, Term
 from ros2_kafka_bridge.tracing.routes import open_tracing
-from ros2_kafka_bridge.wiring import Route, Wiring, endpoints_of
+from ros2_kafka_bridge.wiring import Direction, Route, Wiring, endpoints_of
 
 _CLOSING_S = 10.0
 _AT_ONCE_S = 2.0
@@ -221,7 +221,7 @@ class Bridge:
                 lane.say_failure()
                 if lane.final or lane.is_given_away(stop):
                     break
-                stop.wait(lane.backoff.wait_s)
+                stop.wait(lane.again_s)
 
     def _run_once(
         self, lane: Lane, wiring: Wiring, stack: ExitStack, stop: Stop
@@ -231,29 +231,36 @@ class Bridge:
         try:
             if lane.direction is None:
                 lane.use(wiring.make(lane.route, lane.log, stop, stack))
-            if lane.lock is not None and not self._has_spool(lane, wiring, stop):
+            direction = lane.direction
+            if direction is None:
+                return None
+            if lane.lock is not None and not self._has_spool(lane, direction, wiring, stop):
                 return None
             lane.failure = ''
-            if lane.direction is not None:
-                lane.direction.run(stop, lane.pause)
+            direction.run(stop, lane.pause)
         except BridgeError as error:
             return error
         return None
 
-    def _has_spool(self, lane: Lane, wiring: Wiring, stop: Stop) -> bool:
+    def _has_spool(self, lane: Lane, direction: Direction, wiring: Wiring, stop: Stop) -> bool:
         """Wait until a bridge of this machine, whose turn is over, has put the spool away.
 
         The ROS endpoint is open meanwhile: that one reads until it sees it. False at a stop.
 
         Raises:
             SpoolInUseError: It has had time enough, and may not know that its turn is over.
+            RouteError: The spool cannot be used.
         """
-        while (in_use := wiring.spool_in_use(lane.route)) is not None:
+        while True:
+            try:
+                wiring.claim_spool(direction)
+            except SpoolInUseError as in_use:
+                lane.wait_for_spool(in_use)
+            else:
+                lane.has_spool()
+                return True
             if stop.wait(_SPOOL_LOOK_S):
                 return False
-            lane.wait_for_spool(in_use)
-        lane.has_spool()
-        return True
 
     # One bridge at a time
 
@@ -276,7 +283,7 @@ class Bridge:
                 term = Term(lane.stop, lock, successor)
                 self._run_on(lane, wiring, tell, term)
                 lane.end_term()
-                if term.over:
+                if term.over and not lock.held:
                     lane.log.warning('hands over: another bridge runs this route')
 
     def _stand_by(self, lane: Lane, lock: GroupLock, wiring: Wiring) -> bool:
@@ -304,7 +311,7 @@ class Bridge:
 
         It stands by meanwhile, also where that fails.
         """
-        if wiring.spool_in_use(lane.route) is not None:
+        if wiring.is_spool_in_use(lane.route):
             lane.leave_backlog(None)
             return
         try:
@@ -314,7 +321,7 @@ class Bridge:
         except BridgeError as error:
             lane.leave_backlog(None if isinstance(error, SpoolInUseError) else error)
         else:
-            lane.has_delivered()
+            lane.leave_or_end_backlog()
         finally:
             lane.end_term()
 

@@ -89,6 +89,7 @@ class SpoolInUseError(RouteError):
             f'another process uses this spool (pid {process or "unknown"}): {place}: '
             'stop it, or give one of the bridges another name or spool.path'
         )
+        self.short = f'process {process or "unknown"} still has the spool {place}'
 
 
 class TransportError(BridgeError):

@@ -13,7 +13,7 @@ from ros2_kafka_bridge.metrics import Counters, Snapshot, State
 from ros2_kafka_bridge.pause import Pause
 from ros2_kafka_bridge.plural import count
 from ros2_kafka_bridge.stop import Stop
-from ros2_kafka_bridge.term import Term
+from ros2_kafka_bridge.term import OVERLAP_S, Term
 from ros2_kafka_bridge.wiring import Direction, Route
 
 if TYPE_CHECKING:
@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     from ros2_kafka_bridge.about import About
 
 _LISTEN_S: Final = 0.1
-# For a bridge of this machine that ran the route before to put the spool away.
-_SPOOL_S: Final = 15.0
+# For a bridge of this machine that ran the route before to put the spool away, beyond its drain.
+_SPOOL_S: Final = 5.0
+# Until the route is left to it: who went on just now (SIGCONT) needs one of them.
+_SPOOL_WAITS: Final = 2
 _BACKLOG_S: Final = 2.0
 # A route that fails for so long goes to a bridge that may be able to run it. What it holds in
 # memory is given up for that, so it is given away only to a bridge that stands by.
@@ -62,6 +64,7 @@ class Lane:
         self._undelivered = ''  # why that is still there
         self._in_use: SpoolInUseError | None = None  # what has failed last, if that was it
         self._spool_since_s: float | None = None  # since when the spool is waited for
+        self._spool_waits = 0  # in vain, for a bridge that is there
         self.final = False
         self.for_good = False  # final, and not for the end of a drain
         self.backoff = Backoff()
@@ -106,7 +109,7 @@ class Lane:
         self.waits = self._undelivered = ''
         self.stands_by = False
         self._backlog_at_s = 0.0
-        self._spool_since_s = None
+        self._spool_since_s, self._spool_waits = None, 0
         self.final = self.for_good = False
         self._failing_since_s = None
 
@@ -154,13 +157,18 @@ class Lane:
         self.fail(error, self.stop)
         self.final = self.for_good = False
 
+    @property
+    def again_s(self) -> float:
+        """How long to wait before it is tried again; what waits for a spool looks itself."""
+        return self.backoff.wait_s if self._in_use is None else _LISTEN_S
+
     def say_failure(self) -> None:
         """Log why the last run has failed."""
         text = f'failed: {self.failure}'
         if self.final or self.stop.asked:
             self.log.error('%s', text, extra={'about': self._about})
         else:
-            again = f'; tried again in {self.backoff.wait_s:.0f} s'
+            again = f'; tried again in {self.again_s:.0f} s'
             self._errors.error(text, again, kind=text, about=self._about)
 
     def is_given_away(self, stop: Stop) -> bool:
@@ -170,14 +178,20 @@ class Lane:
         if stop.over:
             return True
         tried_s = time.monotonic() - self._failing_since_s
-        has_tried = tried_s >= _FAILING_S or self._in_use is not None
-        if not has_tried or self.stop.asked or not self.lock.is_wanted():
+        if self.stop.asked or (tried_s < _FAILING_S and self._in_use is None):
             return False
+        if not self.lock.is_wanted():
+            self._spool_waits = 0
+            return False
+        if self._in_use is not None:
+            self._spool_waits += 1
+            if self._spool_waits < _SPOOL_WAITS:
+                return False
         held = 0 if self.direction is None else self.direction.snapshot.in_flight
         given_up = f', {count(held, "message")} given up' if held else ''
         why = f'has failed for {tried_s:.0f} s'
         if self._in_use is not None:
-            why = 'another process keeps the spool'
+            why = f'{self._in_use.short}, so what the reader here holds may be lost'
         self.log.warning('%s: left to a bridge that stands by%s', why, given_up)
         self.lock.close()
         return True
@@ -205,16 +219,17 @@ class Lane:
             SpoolInUseError: It has been for long.
         """
         now_s = time.monotonic()
-        self.failure, self.waits = '', f'its turn has come, but {in_use}'
+        self.failure, self.waits = '', f'its turn has come, but {in_use.short}'
         if self._spool_since_s is None:
             self._spool_since_s = now_s
             self.log.info('%s', self.waits)
-        if now_s - self._spool_since_s > _SPOOL_S:
+        if now_s - self._spool_since_s > OVERLAP_S + self.route.drain_s + _SPOOL_S:
+            self._spool_since_s = None
             raise in_use
 
     def has_spool(self) -> None:
         """Note that it is with no other process."""
-        self._spool_since_s, self.waits = None, ''
+        self._spool_since_s, self._spool_waits, self.waits = None, 0, ''
 
     # What this bridge has on disk while another runs the route
 
@@ -223,9 +238,12 @@ class Lane:
         """Whether to look now for what it has on disk."""
         return self.stands_by and time.monotonic() >= self._backlog_at_s
 
-    def has_delivered(self) -> None:
-        """Note that nothing is left there."""
-        self._backlog_at_s, self._undelivered = math.inf, ''
+    def leave_or_end_backlog(self) -> None:
+        """Note that it was delivered, as far as it was before its turn came, or a stop."""
+        if self.snapshot().spooled:
+            self.leave_backlog(None)
+        else:
+            self._backlog_at_s, self._undelivered = math.inf, ''
 
     def leave_backlog(self, error: BridgeError | None) -> None:
         """Note that it is looked for later.

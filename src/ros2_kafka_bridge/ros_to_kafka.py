@@ -45,6 +45,9 @@ _IDLE_S = 0.1
 _BUSY_S = 0.005
 _FULL_S = 0.02
 _LAST_TAKES = 100
+# A bridge that hands over takes what was published before the next one read. Where publishers are
+# held back there is always more; what is taken after so long, the next one has, too.
+_REST_S = 60.0
 
 
 class RosToKafka:
@@ -107,6 +110,19 @@ class RosToKafka:
         self._producing = 0  # how many the producer has got
         self._alone: Entry | None = None
         self._failed: Refused | None = None  # what ends the route, where on_error is stop
+
+    def claim_spool(self) -> None:
+        """Keep the spool for this process until `let_go_spool`, also between two runs.
+
+        Raises:
+            SpoolInUseError: Another process has it.
+            RouteError: It cannot be kept.
+        """
+        self._spooling.claim()
+
+    def let_go_spool(self) -> None:
+        """Leave the spool to any process."""
+        self._spooling.let_go()
 
     def run(self, stop: Stop, pause: Pause | None = None) -> None:
         """Move messages until a stop is asked for, then drain.
@@ -339,12 +355,15 @@ class RosToKafka:
     # Failure, end
 
     def _drain(self, stop: Stop) -> None:
-        deadline_s, empty = math.inf, False
+        began_s, deadline_s, empty = time.monotonic(), math.inf, False
         while time.monotonic() < deadline_s and not stop.at_once:
-            if deadline_s == math.inf and (stop.is_end or self._spooling.exists):
+            if deadline_s == math.inf and (stop.is_end or self._spooling.takes):
                 deadline_s = time.monotonic() + self._route.drain_s
             self._spooling.begin_if_stuck(self._sink.away)
             empty = empty or self._take_last()
+            if not stop.is_end and (empty or time.monotonic() - began_s > _REST_S):
+                empty = True
+                self._source.close()  # the next bridge is not held back by a reader that is idle
             if empty and not self._window:
                 break  # nothing is owed to Kafka, also where it lets nobody in
             self._produce_pending()

@@ -96,6 +96,11 @@ class Spooling:
         return self._backlog.exists
 
     @property
+    def takes(self) -> bool:
+        """Whether there is one, with room."""
+        return self.exists and not self.full
+
+    @property
     def active(self) -> bool:
         """Whether new messages go to disk."""
         return self._backlog.active
@@ -116,6 +121,19 @@ class Spooling:
         return self._backlog.full or (self._backlog.problem if self._unwritten else '')
 
     # A life
+
+    def claim(self) -> None:
+        """Keep the spool for this process until `let_go`, also between two runs.
+
+        Raises:
+            SpoolInUseError: Another process has it.
+            RouteError: It cannot be kept.
+        """
+        self._backlog.claim()
+
+    def let_go(self) -> None:
+        """Leave the spool to any process."""
+        self._backlog.let_go()
 
     def open(self) -> int:
         """Open the spool; returns the highest number that is in use there."""

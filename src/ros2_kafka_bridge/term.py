@@ -15,7 +15,9 @@ process had begun, seven were sent to 1.4 to 2.4 s later, the others within 0.4 
 process that was known within 15 ms (Fast DDS, one machine).
 """
 
-OVERLAP_S: Final = _COMING_S + KNOWN_S
+_LEAVING_S: Final = 7.5  # Kafka is asked who stands by, and the lock is left
+
+OVERLAP_S: Final = _LEAVING_S + _COMING_S + KNOWN_S
 """How long one that ends waits at most for the bridge that goes on."""
 
 _POLL_S: Final = 0.1
@@ -44,8 +46,12 @@ class Lock(Protocol):
 class Successor(Protocol):
     """Another bridge that is to read the ROS topic (`ros.successor.Successor`)."""
 
-    def is_needed(self) -> bool:
-        """Whether what is published while nobody reads would be lost."""
+    def is_needed(self, *, may_read: bool) -> bool:
+        """Whether what is published while nobody reads would be lost.
+
+        Args:
+            may_read: Whether it may read already.
+        """
         ...
 
     def has_come(self) -> bool:
@@ -105,17 +111,20 @@ class Term(Stop):
         self._successor = successor
         self._poll_at_s = self._look_at_s = 0.0  # the lock, and for the successor
         self._over = False
+        self._drains = False
         self._left = False  # the lock is another's, because this bridge stops
         self._has_come = False  # the successor
         self._runs_on_until_s: float | None = None
 
     @property
     def over(self) -> bool:
-        """Whether the lock was lost; once it was, this term is over."""
+        """Whether the lock was lost; once a drain has begun for it, this term is over."""
         now_s = time.monotonic()
         if not self._left and now_s >= self._poll_at_s:
             self._poll_at_s = now_s + _POLL_S
             self._lock.poll(0.0)
+            if self._over and self._lock.held and not self._drains:
+                self._over, self._has_come, self._runs_on_until_s = False, False, None
             self._over = self._over or not self._lock.held
         return self._over
 
@@ -124,7 +133,8 @@ class Term(Stop):
         """Whether to drain."""
         if not self.over and not self._stop.asked:
             return False
-        return self._stop.at_once or not self._runs_on()
+        self._drains = self._drains or self._stop.at_once or not self._runs_on()
+        return self._drains
 
     @property
     def at_once(self) -> bool:
@@ -146,10 +156,12 @@ class Term(Stop):
 
     def _runs_on(self) -> bool:
         """Whether a bridge at its end still reads, because no other does yet."""
-        now_s = time.monotonic()
         if self._runs_on_until_s is None:
-            self._runs_on_until_s = now_s + self._leave()
-        elif not self._has_come and now_s >= self._look_at_s:
+            waits_s = self._leave()
+            self._runs_on_until_s = time.monotonic() + waits_s
+        now_s = time.monotonic()
+        waits = (self._left or self._over) and not self._has_come
+        if waits and now_s >= self._look_at_s:
             self._look_at_s = now_s + _POLL_S
             if self._successor.has_come():
                 self._has_come = True
@@ -158,7 +170,7 @@ class Term(Stop):
 
     def _leave(self) -> float:
         """Leave the lock to a bridge that stands by; returns for how long to run on for it."""
-        if not self._successor.is_needed():
+        if not self._successor.is_needed(may_read=self._over):
             return 0.0
         if self._over:
             return _COMING_S

@@ -1,7 +1,6 @@
 """How a route is made of its settings: which ends, which format, which labels."""
 
 import logging
-import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -11,7 +10,7 @@ from typing import Any
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters, Letter
 from ros2_kafka_bridge.endpoints import Matches, Message
-from ros2_kafka_bridge.errors import ConfigError, RouteError, SpoolInUseError
+from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.formats import Encode
 from ros2_kafka_bridge.kafka.admin import ensure_topic, topic_limit_bytes
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
@@ -31,7 +30,7 @@ from ros2_kafka_bridge.ros.types import load_type
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.route_format import asks_registry, check_of, decode_of, encode_of
 from ros2_kafka_bridge.spool.backlog import Backlog
-from ros2_kafka_bridge.spool.lock import holder, lock_of
+from ros2_kafka_bridge.spool.lock import is_in_use, lock_of
 from ros2_kafka_bridge.spool.store import Spool, file_of
 from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.tracing.routes import Tracing
@@ -98,13 +97,21 @@ class Wiring:
         topic, own = route.source.ros, self._abilities.own
         return Successor(self._node, topic, self._config.name, own)
 
-    def spool_in_use(self, route: Route) -> SpoolInUseError | None:
-        """Tell which other process of this machine has the spool of a route; None where none."""
+    def claim_spool(self, direction: Direction) -> None:
+        """Keep the spool of a route, if it has one, until its stack closes.
+
+        Raises:
+            SpoolInUseError: Another process has it.
+            RouteError: It cannot be kept.
+        """
+        if isinstance(direction, RosToKafka):
+            direction.claim_spool()
+
+    def is_spool_in_use(self, route: Route) -> bool:
+        """Whether a process has the spool of a route; not asked while this one has."""
         if isinstance(route, KafkaToRosRoute) or route.spool is None:
-            return None
-        file = lock_of(self._spool_of(route))
-        process = holder(file)
-        return SpoolInUseError(process, file) if process not in {0, os.getpid()} else None
+            return False
+        return is_in_use(lock_of(self._spool_of(route)))
 
     def make_for_backlog(self, route: Route, log: Log) -> RosToKafka | None:
         """Make what delivers the spool of a route that another bridge runs; None without one.
@@ -217,7 +224,7 @@ class Wiring:
         )
         # Open before Kafka is asked anything: from here on DDS holds the publishers back.
         stack.enter_context(_open(source))
-        return RosToKafka(
+        direction = RosToKafka(
             route,
             source,
             produced,
@@ -231,6 +238,8 @@ class Wiring:
             log,
             self._tracing.messages(route, name),
         )
+        stack.callback(direction.let_go_spool)
+        return direction
 
     def _produced(self, route: RosToKafkaRoute, log: Log) -> Produced:
         properties = self._consumer_properties(f'{self._config.name}.{route.name}.tail')

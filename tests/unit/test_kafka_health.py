@@ -10,7 +10,7 @@ from confluent_kafka import KafkaError
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka import health as under_test
 from ros2_kafka_bridge.kafka.errors import Client
-from ros2_kafka_bridge.kafka.health import ClientHealth, check_files
+from ros2_kafka_bridge.kafka.health import Admin, ClientHealth, check_files
 
 NOBODY = KafkaError(KafkaError._ALL_BROKERS_DOWN, '1/1 brokers are down')
 NO_TOKEN = KafkaError(KafkaError._AUTHENTICATION, 'Failed to acquire SASL OAUTHBEARER token: 400')
@@ -116,3 +116,17 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(RouteError) as caught:
         check_files({'ssl.key.location': f'{tmp_path}/key'}, 'topic orders')
     assert str(caught.value) == expected
+
+
+def test_a_certificate_that_is_half_written_fails_the_route_and_not_the_bridge(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / 'ca.pem'
+    file.write_text('-----BEGIN CERTIFICATE-----\nMIIB')
+    properties = {
+        'bootstrap.servers': '127.0.0.1:9',
+        'security.protocol': 'SSL',
+        'ssl.ca.location': str(file),
+    }
+    with pytest.raises(RouteError, match=r'the Kafka client: .*ssl'):
+        Admin(properties, 'test')

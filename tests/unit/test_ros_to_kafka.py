@@ -372,6 +372,32 @@ def test_guarantee_1_a_hand_over_waits_for_kafka_as_long_as_the_bridge_lives(
     assert house.direction.snapshot.in_flight == 0
 
 
+def test_guarantee_1_a_hand_over_ends_also_where_the_publishers_never_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The next bridge reads by then: what this one leaves, that one has."""
+    monkeypatch.setattr('ros2_kafka_bridge.ros_to_kafka._REST_S', 0.3)
+    house = House(max_in_flight=10)
+    house.sink.close()
+    stop, taken = HandOver(), 0
+    stop.ask()
+
+    def take(limit: int, timeout_s: float) -> list[Message]:
+        nonlocal taken
+        assert not house.source.closed, 'a reader that is idle holds the next bridge back'
+        del timeout_s
+        taken += limit
+        house.give(b'more')  # it is never found empty
+        return [Message(b'a', b'gid', taken + n, 0) for n in range(limit)]
+
+    monkeypatch.setattr(house.source, 'take', take)
+    house.direction.run(stop)
+    assert taken > 100
+    assert house.source.closed
+    assert len(house.values()) == taken
+    assert house.direction.snapshot.in_flight == 0
+
+
 def test_a_hand_over_that_waits_for_kafka_ends_in_time_once_the_bridge_stops(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from spools import EVERYTHING, GID, make, numbers, opened, read_all, reopened, row, rows
 
 from ros2_kafka_bridge.endpoints import Outgoing
-from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.errors import RouteError, SpoolInUseError
+from ros2_kafka_bridge.spool.lock import is_in_use, lock_of
 from ros2_kafka_bridge.spool.rows import size_of
 from ros2_kafka_bridge.spool.store import Row, file_of
 
@@ -205,6 +206,29 @@ def test_a_file_that_all_may_read_is_closed_to_them(tmp_path: Path) -> None:
     file.chmod(0o644)
     with opened(tmp_path):
         assert stat.S_IMODE(file.stat().st_mode) == 0o600
+
+
+def test_a_spool_that_is_claimed_stays_with_its_process_between_two_runs(tmp_path: Path) -> None:
+    """A bridge that stands by on the same machine would deliver it meanwhile."""
+    file = lock_of(file_of(tmp_path, 'bridge', 'route'))
+    assert not is_in_use(file)
+    spool, other = make(tmp_path), make(tmp_path)
+    spool.claim()
+    assert is_in_use(file)
+    spool.open()
+    spool.append(rows(1, 10))
+    spool.close()
+    assert is_in_use(file)
+    with pytest.raises(SpoolInUseError, match=f'pid {os.getpid()}'):
+        other.claim()
+    spool.open()
+    assert spool.count == 10
+    spool.let_go()
+    assert not is_in_use(file)
+    other.claim()
+    other.open()
+    assert other.count == 10
+    other.let_go()
 
 
 def test_a_second_process_is_told_who_has_it(tmp_path: Path) -> None:

@@ -56,8 +56,10 @@ class MemorySuccessor:
     def __init__(self, *, needed: bool = True) -> None:
         self.needed = needed
         self.come = False
+        self.may_read: bool | None = None
 
-    def is_needed(self) -> bool:
+    def is_needed(self, *, may_read: bool) -> bool:
+        self.may_read = may_read
         return self.needed
 
     def has_come(self) -> bool:
@@ -99,6 +101,42 @@ def test_guarantee_8_a_term_that_is_over_runs_on_until_the_successor_reads_and_i
     assert not term.wait(3.0), 'not every publisher sends to it yet'
     assert lock.polls > polls + 10, 'a client that nobody polls is put out of its group'
     assert term.wait(1.0)
+
+
+@pytest.mark.usefixtures('clock')
+def test_a_lock_that_comes_back_before_the_drain_has_begun_lets_the_term_go_on() -> None:
+    """As where the other bridge has died meanwhile: nobody else reads."""
+    lock, successor = MemoryLock(), MemorySuccessor()
+    term = Term(Stop(), lock, successor)
+    lock.lost = True
+    assert not term.wait(0.3)
+    assert term.over
+    assert successor.may_read
+    lock.lost = False
+    assert not term.wait(20)
+    assert not term.over
+    lock.lost = True
+    assert not term.wait(4), 'it is waited for anew'
+    assert term.wait(2)
+
+
+def test_a_stop_reads_on_for_its_successor_however_long_kafka_takes_to_tell(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lock = MemoryLock(wanted=True)
+
+    def tell_late() -> bool:
+        clock.sleep(4.9)
+        return True
+
+    monkeypatch.setattr(lock, 'is_wanted', tell_late)
+    stop = Stop()
+    term = Term(stop, lock, MemorySuccessor())
+    stop.ask()
+    assert not term.asked
+    left_s = clock.now_s
+    assert term.wait(60)
+    assert clock.now_s - left_s > 4.5
 
 
 def test_a_term_that_is_over_is_no_end_until_the_bridge_stops() -> None:

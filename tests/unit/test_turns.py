@@ -89,7 +89,8 @@ class Told:
 class Nobody:
     """A successor where none is needed."""
 
-    def is_needed(self) -> bool:
+    def is_needed(self, *, may_read: bool) -> bool:
+        del may_read
         return False
 
     def has_come(self) -> bool:
@@ -110,6 +111,7 @@ class House:
                     'to': {'kafka': 'orders'},
                     'format': 'cdr',
                     'exclusive': True,
+                    'drain_s': 0,
                 }
             ],
         }
@@ -135,8 +137,12 @@ class House:
     def successor(self, _: Any) -> 'Nobody':
         return Nobody()
 
-    def spool_in_use(self, _: Any) -> SpoolInUseError | None:
-        return self.in_use
+    def is_spool_in_use(self, _: Any) -> bool:
+        return self.in_use is not None
+
+    def claim_spool(self, _: Any) -> None:
+        if self.in_use is not None:
+            raise self.in_use
 
     def _close(self) -> None:
         self.open -= 1
@@ -524,16 +530,19 @@ def test_guarantee_8_a_turn_waits_until_the_bridge_before_has_put_the_spool_away
     house.directions.append(MemoryDirection(2, house.stop))
     looks: list[int] = []
 
-    def in_use(_: Any) -> SpoolInUseError | None:
+    def claim(_: Any) -> None:
         looks.append(house.open)
         if len(looks) > 1:
             assert house.snapshot.state is State.WAITING
-            assert 'its turn has come, but another process uses' in house.snapshot.reason
-            assert '(pid 4711): /var/spool/pair.orders.spool.lock' in house.snapshot.reason
-        return IN_USE if len(looks) < 4 else None
+            assert house.snapshot.reason == (
+                'its turn has come, but process 4711 still has the spool '
+                '/var/spool/pair.orders.spool.lock'
+            )
+        if len(looks) < 4:
+            raise IN_USE
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(house, 'spool_in_use', in_use)
+        patched.setattr(house, 'claim_spool', claim)
         house.run()
     assert looks == [1, 1, 1, 1], 'the ROS endpoint is open: the other one sees it'
     assert house.snapshot.confirmed == 2
@@ -545,10 +554,17 @@ def test_guarantee_8_a_turn_without_the_spool_goes_back_to_a_bridge_that_stands_
 ) -> None:
     """Who has the spool may still run the route, and be held back by an endpoint that is idle."""
     monkeypatch.setattr('ros2_kafka_bridge.lane._SPOOL_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.lane.OVERLAP_S', 0.0)
     lock = MemoryLock('ours')
-    lock.wanted = True
     house = House(lock, MemoryDirection(0, fail))
     house.in_use = IN_USE
+    waits: list[int] = []
+
+    def is_wanted(_: MemoryLock) -> bool:
+        waits.append(house.open)
+        return True
+
+    monkeypatch.setattr(MemoryLock, 'is_wanted', is_wanted)
 
     def look(_: MemoryLock) -> None:
         if lock.said:
@@ -558,24 +574,27 @@ def test_guarantee_8_a_turn_without_the_spool_goes_back_to_a_bridge_that_stands_
     monkeypatch.setattr(MemoryLock, 'check', look)
     house.run()
     assert lock.said == ['closed', 'closed']
-    assert 'another process keeps the spool: left to a bridge that stands by' in caplog.text
+    assert 'what the reader here holds may be lost: left to a bridge that stands by' in caplog.text
+    assert len(waits) == 2, 'one that went on just now needs a while'
 
 
 def test_a_turn_without_the_spool_is_kept_where_no_other_bridge_stands_by(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.lane._SPOOL_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.lane.OVERLAP_S', 0.0)
     lock = MemoryLock('ours')
     house = House(lock)
     house.directions.append(MemoryDirection(2, house.stop))
     looks: list[int] = []
 
-    def in_use(_: Any) -> SpoolInUseError | None:
+    def claim(_: Any) -> None:
         looks.append(house.open)
-        return IN_USE if len(looks) < 6 else None
+        if len(looks) < 6:
+            raise IN_USE
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(house, 'spool_in_use', in_use)
+        patched.setattr(house, 'claim_spool', claim)
         house.run()
     assert set(looks) == {1}
     assert lock.said == ['closed']

@@ -107,6 +107,10 @@ class ClientHealth:
                 self._log.info('Kafka is back')
             self._said = ''
 
+    def forget_failure(self) -> None:
+        """Forget what had made the client useless: it is of use again."""
+        self._failure = None
+
     def raise_failure(self) -> None:
         """Raise what made the client useless, if anything did, or say that Kafka is away."""
         failure, self._failure = self._failure, None
@@ -152,7 +156,11 @@ class _Cause:
 
 
 class Admin:
-    """An AdminClient; a request that fails for want of a connection says why there is none."""
+    """An AdminClient; a request that fails for want of a connection says why there is none.
+
+    Raises:
+        RouteError: librdkafka refuses the properties, or what is in their files.
+    """
 
     def __init__(self, properties: Mapping[str, Any], name: str) -> None:
         check_files(properties, 'the Kafka client')
@@ -161,10 +169,13 @@ class Admin:
         # garbage collector, which takes the callback away from a client that still calls it.
         self._cause = _Cause(self._client)
         own: dict[str, Any] = {'error_cb': self._cause.note}
-        self.requests = AdminClient(
-            {**properties, **own},
-            logger=logging.getLogger(f'{name}.librdkafka'),
-        )
+        try:
+            self.requests = AdminClient(
+                {**properties, **own},
+                logger=logging.getLogger(f'{name}.librdkafka'),
+            )
+        except KafkaException as error:  # a file that is half written, perhaps
+            raise translate(error.args[0], 'the Kafka client', self._client) from error
 
     @contextmanager
     def translated(self, where: str) -> Iterator[None]:

@@ -257,25 +257,26 @@ class GroupLock:
         now_s, reason = time.monotonic(), self._given_up
         self._log.warning('%s: joins the bridges of this route anew', reason)
         self._new_client_at_s = now_s + _NEW_CLIENT_EVERY_S
-        has_new_name = False
-        if reason == _SILENT:
-            self._untold_s = min(_MOST_UNTOLD_S, 2 * self._untold_s)
-        elif reason != BROKERS_LOST:
-            has_new_name = now_s - self._shut_out_s < _SHORT_LIFE_S
-            self._shut_out_s = now_s
-        if has_new_name:
+        is_shut_out = reason not in {_SILENT, BROKERS_LOST}
+        before = self._properties[_NAME]
+        if is_shut_out and now_s - self._shut_out_s < _SHORT_LIFE_S:
             self._properties[_NAME] = uuid.uuid4().hex
-        self.joined = self._assigned = False
         self._health.on_open()
         try:
-            self._consumer = self._new_client()
-            self._join(self._consumer)
+            new = self._new_client()
+            self._join(new)
         except (KafkaException, BridgeError) as error:  # a file that is being replaced, perhaps
             self._log.warning('cannot join them now: %s', error)
-            self._given_up = reason
-        if self._consumer is not old:
-            # Not waited for: the lock is looked at in the middle of a route.
-            _end(old, 0.0, leaves=has_new_name)
+            self._given_up, self._properties[_NAME] = reason, before
+            return
+        self._consumer = new
+        self.joined = self._assigned = False
+        if is_shut_out:
+            self._shut_out_s = now_s
+        elif reason == _SILENT:
+            self._untold_s = min(_MOST_UNTOLD_S, 2 * self._untold_s)
+        # Not waited for: the lock is looked at in the middle of a route.
+        _end(old, 0.0, leaves=self._properties[_NAME] != before)
 
     def _check_topic(self, consumer: Consumer) -> None:
         deadline_s = time.monotonic() + _TOPIC_S
@@ -310,6 +311,7 @@ class GroupLock:
         if consumer is not self._consumer:
             return
         self._health.on_contact()
+        self._health.forget_failure()
         self.joined = True
         self._untold_s = _UNTOLD_S
         if partitions:
@@ -334,7 +336,8 @@ class GroupLock:
         if client == self._clients:
             if error.fatal() or error.code() == KafkaError._FATAL:  # noqa: SLF001 (public)
                 self._given_up = self._given_up or f'{_SHUT_OUT} ({error.str()})'
-            self._health.on_error(error)
+            else:
+                self._health.on_error(error)
 
     def _on_statistics(self, client: int, text: str) -> None:
         if client == self._clients:

@@ -13,8 +13,7 @@ class Successor:
         node: The bridge's node.
         topic: The ROS topic.
         bridge: Name of the bridge.
-        own: What the gids of this process begin with; where that is not known, those who read
-            when it was asked whether one is needed are no successors.
+        own: What the gids of this process begin with; empty where that is not known.
     """
 
     def __init__(self, node: RosNode, topic: str, bridge: str, own: bytes) -> None:
@@ -24,20 +23,24 @@ class Successor:
         self._own = own
         self._known: set[bytes] = set()
 
-    def is_needed(self) -> bool:
-        """Whether what is published while nobody reads would be lost."""
+    def is_needed(self, *, may_read: bool) -> bool:
+        """Whether what is published while nobody reads would be lost; notes who reads now.
+
+        Args:
+            may_read: Whether it may read already.
+        """
         with contextlib.suppress(BridgeError):
-            if not self._own:
-                self._known = self._readers()
+            self._known = self._readers()
+            if may_read and self._own:
+                self._known = {gid for gid in self._known if gid.startswith(self._own)}
             peers = self._node.publishers(self._topic)
             return any(peer.durability == 'volatile' for peer in peers)
         return False
 
     def has_come(self) -> bool:
-        """Whether another bridge of this name reads."""
+        """Whether a bridge of this name reads that was not known then."""
         with contextlib.suppress(BridgeError):
-            readers = self._readers() - self._known
-            return any(not self._own or not gid.startswith(self._own) for gid in readers)
+            return bool(self._readers() - self._known)
         return False
 
     def _readers(self) -> set[bytes]:

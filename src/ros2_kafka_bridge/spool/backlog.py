@@ -85,6 +85,22 @@ class Backlog:
         """Number of the newest row."""
         return self._spool.last if self._spool is not None else 0
 
+    def claim(self) -> None:
+        """Keep the file for this process until `let_go`, also between two runs.
+
+        Raises:
+            SpoolInUseError: Another process has it.
+            RouteError: It cannot be kept.
+        """
+        if self._spool is not None:
+            self._spool.claim()
+
+    def let_go(self) -> None:
+        """Leave the file to any process."""
+        if self._spool is not None:
+            self._is_open = False
+            self._spool.let_go()
+
     def open(self) -> tuple[int, int]:
         """Open the file.
 

@@ -28,13 +28,18 @@ class Lock:
         self._path = path
         self._file = -1
 
-    def take(self) -> None:
-        """Lock.
+    def take(self, patience_s: float = _PATIENCE_S) -> None:
+        """Lock; nothing where it is locked by this object already.
+
+        Args:
+            patience_s: How long to wait for another process.
 
         Raises:
             SpoolInUseError: Another process has it.
             RouteError: The file cannot be written.
         """
+        if self._file >= 0:
+            return
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
         try:
             self._file = os.open(self._path, flags, 0o600)
@@ -44,7 +49,7 @@ class Lock:
                 'write there, or set spool.path to another directory'
             ) from error
         try:
-            self._wait()
+            self._wait(patience_s)
             os.pwrite(self._file, str(os.getpid()).encode().ljust(_PID_BYTES), 0)
         except OSError as error:
             self.release()
@@ -53,8 +58,8 @@ class Lock:
             self.release()
             raise
 
-    def _wait(self) -> None:
-        deadline_s = time.monotonic() + _PATIENCE_S
+    def _wait(self, patience_s: float) -> None:
+        deadline_s = time.monotonic() + patience_s
         while True:
             try:
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -79,6 +84,28 @@ class Lock:
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
+
+
+def is_in_use(path: Path) -> bool:
+    """Whether a process has a spool open, by its lock file.
+
+    The kernel knows, also where /proc/locks leaves out the processes of another container. Who
+    takes the lock at the same moment has patience.
+    """
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    else:
+        return False
+    finally:
+        os.close(file)
 
 
 def copy_in(path: Path) -> Ledger | None:

@@ -53,6 +53,7 @@ class Spool:
         self._sync = sync
         self._log = log
         self._lock = Lock(lock_of(path))
+        self._is_claimed = False
         self._db: sqlite3.Connection | None = None
         self._is_open = False
         self._ledger = Ledger()
@@ -60,6 +61,23 @@ class Spool:
         self._lost = 0
 
     # Life
+
+    def claim(self) -> None:
+        """Keep the file for this process, whether it is open or not, until `let_go`.
+
+        Raises:
+            SpoolInUseError: Another process has it.
+            RouteError: It cannot be kept.
+        """
+        _make_directory(self._path.parent)
+        self._lock.take(0.0)
+        self._is_claimed = True
+
+    def let_go(self) -> None:
+        """Close the file, and leave it to any process."""
+        self._is_claimed = False
+        self.close()
+        self._lock.release()
 
     def open(self) -> None:
         """Open the file; make it where there is none, repair it where it is damaged.
@@ -77,10 +95,10 @@ class Spool:
         try:
             self._open_database()
         except TransportError as error:
-            self._lock.release()
+            self._unlock()
             raise RouteError(str(error)) from error
         except BaseException:
-            self._lock.release()
+            self._unlock()
             raise
         self._is_open = True
 
@@ -93,7 +111,11 @@ class Spool:
             with contextlib.suppress(sqlite3.Error):  # it is a matter of size only
                 database.shrink(self._db)
         self._close_database()
-        self._lock.release()
+        self._unlock()
+
+    def _unlock(self) -> None:
+        if not self._is_claimed:
+            self._lock.release()
 
     def _open_database(self) -> None:
         try:

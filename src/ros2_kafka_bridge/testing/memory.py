@@ -192,6 +192,7 @@ class MemoryMessageSource:
     lost_upstream: int = 0
     matched: int = 1
     looked: int = 0
+    closed: bool = False
 
     @property
     def matches(self) -> Matches:
@@ -217,6 +218,7 @@ class MemoryMessageSource:
 
     def close(self) -> None:
         """Unsubscribe."""
+        self.closed = True
 
 
 @dataclass
