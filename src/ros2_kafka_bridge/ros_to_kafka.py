@@ -359,6 +359,8 @@ class RosToKafka:
         while time.monotonic() < deadline_s and not stop.at_once:
             if deadline_s == math.inf and (stop.is_end or self._spooling.takes):
                 deadline_s = time.monotonic() + self._route.drain_s
+            if deadline_s == math.inf:
+                self._spooling.step(self._sink.away)  # one that is full is emptied first
             self._spooling.begin_if_stuck(self._sink.away)
             empty = empty or self._take_last()
             if not stop.is_end and (empty or time.monotonic() - began_s > _REST_S):

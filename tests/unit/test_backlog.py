@@ -1,6 +1,7 @@
 """The direction ROS -> Kafka with a spool on disk, driven step by step with ends in memory."""
 
 import logging
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -136,8 +137,8 @@ class House:
         self.spool._close_database()
         self.spool._lock.release()
 
-    def drain(self) -> None:
-        stop = Stop()
+    def drain(self, stop: Stop | None = None) -> None:
+        stop = stop or Stop()
         stop.ask()
         self.direction._drain(stop)
         self.check_balance()
@@ -287,6 +288,36 @@ def test_a_drain_while_kafka_is_away_leaves_everything_on_disk_and_gives_nothing
     again = house()
     again.until_all_confirmed()
     assert again.numbers() == list(range(1, 30))
+
+
+class HandOver(Stop):
+    """Another bridge goes on with the route, and this one lives."""
+
+    is_end = False
+
+
+def test_guarantee_1_a_hand_over_with_a_full_spool_waits_until_it_has_room(
+    house: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    h = house({'max_bytes': 1000}, max_in_flight=2, drain_s=0.3)
+    go_away(h)
+    h.give(*range(1, 1000))
+    h.steps(20)
+    assert h.direction._spooling.full
+    assert h.source.waiting, 'which nobody else has'
+    back_at_s, poll = time.monotonic() + 0.6, h.sink.poll
+
+    def look(timeout_s: float) -> Reports[Any]:
+        if time.monotonic() > back_at_s:
+            come_back(h)
+        return poll(timeout_s)
+
+    monkeypatch.setattr(h.sink, 'poll', look)
+    h.drain(HandOver())
+    assert not h.source.waiting
+    again = house()
+    again.until_all_confirmed()
+    assert h.numbers() + again.numbers() == list(range(1, 1000))
 
 
 def test_a_full_spool_holds_the_publishers_back(house: Make) -> None:
