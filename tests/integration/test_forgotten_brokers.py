@@ -87,7 +87,7 @@ def test_a_lock_whose_client_knows_no_brokers_has_another(
 
         def joins_anew() -> bool:
             lock.poll(0.02)
-            return 'joins them anew' in caplog.text
+            return 'joins the bridges of this route anew' in caplog.text
 
         until(joins_anew)
         assert not lock.held
