@@ -1,17 +1,15 @@
 """All that runs during a run: Kafka, the bridge, publishers, subscribers, and what they tell."""
 
-import re
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from datetime import datetime
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from ruamel.yaml import YAML
 
-from benchmarks.faults import journal, kafka
+from benchmarks.faults import journal, kafka, said
 from benchmarks.faults.checker import Ends, Seen
 from benchmarks.faults.journal import Entry, Tail
 from benchmarks.faults.parts import Part
@@ -27,12 +25,8 @@ SPOOLS: Final = 'spools'
 DRAIN_S: Final = 30.0
 _LOOK_S: Final = 0.05
 PUBLISHER_HISTORY: Final = 5000
-_SAID: Final = r'\S+ \S+ (?:INFO|WARNING) +(\S+): '
-_LOST: Final = re.compile(f'{_SAID}(?:lost|hands over) ')
-_HANDED: Final = re.compile(f'{_SAID}(?:takes over|hands over): ')
 HAND_OVER_NS: Final = 15_000_000_000
 """How long two bridges may read the same publisher, while one takes over from the other."""
-_TIME_CHARS: Final = len('2026-01-31 12:00:00,000')
 _PEER: Final = 'benchmarks.faults.peers'
 
 
@@ -197,12 +191,7 @@ class World:
 
     def says(self, stream: str) -> list[str]:
         """What each bridge has said last of the route of a stream."""
-        found = []
-        for log in sorted((self.place / 'logs').glob('bridge*.log')):
-            lines = log.read_text().splitlines()
-            own = (line for line in reversed(lines) if f' {stream}: ' in line)
-            found.append(f'{log.stem}: {next(own, "nothing")}')
-        return found
+        return [f'{log.stem}: {said.last_of(stream, _lines(log))}' for log in self._bridge_logs()]
 
     def _arrive(self, names: list[str], deadline_s: float) -> list[str]:
         """Wait until what was sent by now has come, or what was sent behind it."""
@@ -328,16 +317,11 @@ class World:
         That is Kafka's decision, and comes also where a machine is too busy to be heard of for
         the time of a session.
         """
-        said = _LOST if stream.is_from_kafka else _HANDED
-        logs = (self.place / 'logs').glob('bridge*.log')
-        lines = (line for log in logs for line in log.read_text().splitlines())
-        found = [
-            _time_ns(line)
-            for line in lines
-            if (told := said.match(line)) and told[1] == stream.name
-        ]
-        # The first bridge to take a route has it from nobody.
-        return sorted(found)[0 if stream.is_from_kafka else 1 :]
+        lines = (line for log in self._bridge_logs() for line in _lines(log))
+        return said.hand_overs_ns(stream.name, lines, is_from_kafka=stream.is_from_kafka)
+
+    def _bridge_logs(self) -> list[Path]:
+        return sorted((self.place / 'logs').glob('bridge*.log'))
 
     def _wait(self, what: str, condition: Callable[[], bool]) -> None:
         deadline_s = time.monotonic() + START_S
@@ -465,9 +449,8 @@ def uncounted(entries: Sequence[Entry], *, is_from_kafka: bool) -> set[int]:
     return found
 
 
-def _time_ns(line: str) -> int:
-    said = datetime.strptime(line[:_TIME_CHARS], '%Y-%m-%d %H:%M:%S,%f').astimezone()
-    return int(said.timestamp() * 1e9)
+def _lines(log: Path) -> list[str]:
+    return log.read_text().splitlines()
 
 
 def _marked(entries: Sequence[Entry], mark: str) -> list[Seen]:

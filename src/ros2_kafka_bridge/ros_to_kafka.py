@@ -376,6 +376,10 @@ class RosToKafka:
         empty = empty or self._take_rest()
         self._close_sinks()
         self._spooling.put_away()
+        self._say_given_up(empty=empty)
+
+    def _say_given_up(self, *, empty: bool) -> None:
+        """End with an error where a drain has not delivered or taken everything."""
         held = len(self._window)
         given_up = [f'{held} messages that Kafka has not confirmed'] * bool(held)
         given_up += ['what was not taken yet'] * (not empty)

@@ -18,7 +18,7 @@ from harness import Bench, eventually, headers, to_kafka, totals, values
 
 from ros2_kafka_bridge.dedup import without_repeats
 from ros2_kafka_bridge.errors import RouteError, TransportError
-from ros2_kafka_bridge.kafka.lock import GroupLock
+from ros2_kafka_bridge.kafka.lock import GroupLock, _Useless
 from ros2_kafka_bridge.testing.local_kafka import free_port
 
 LOG = logging.LoggerAdapter(logging.getLogger('test.exclusive'), {})
@@ -157,7 +157,7 @@ def test_a_lock_is_no_failure_of_its_route_where_a_client_cannot_be_made(
     name = first._properties['group.instance.id']
     with monkeypatch.context() as patched:
         patched.setattr('ros2_kafka_bridge.kafka.lock.Consumer', refuse)
-        first._given_up = 'the group has shut out its client'
+        first._given_up = _Useless.SHUT_OUT
         wait(lambda: caplog.text.count('cannot join them now') > 2, first)
         assert first.held
         assert first._consumer is client

@@ -1,10 +1,12 @@
 """The fault bench's checker: what it finds in numbers, and what it holds against a bound."""
 
 import random
+from datetime import datetime
 from pathlib import Path
 
 import pytest
 
+from benchmarks.faults import said
 from benchmarks.faults.checker import (
     Allowance,
     Ends,
@@ -282,3 +284,33 @@ def test_what_a_fault_may_cost_is_that_of_the_guarantees() -> None:
             assert FAULTS[name].allows(stream, 5.0) == Allowance(), name
         for name in ('broker_kill', 'leader_kill', 'disk_full'):
             assert FAULTS[name].allows(stream, 5.0) == Allowance(duplicated=True), name
+
+
+LOG = """\
+2026-11-23 14:37:31,162 INFO    plain: takes over: this bridge runs the route
+2026-11-23 14:37:31,169 INFO    plain: subscribes to /plain (reliable, volatile)
+2026-11-23 14:37:31,200 INFO    other: takes over: this bridge runs the route
+2026-11-23 14:37:41,029 INFO    plain: running: 375 confirmed, 37/s, 330 in flight
+2026-11-23 14:37:59,777 INFO    plain: takes over: this bridge runs the route
+2026-11-23 14:37:59,794 WARNING plain: hands over: another bridge runs this route
+2026-11-23 14:38:02,000 WARNING to_ros: lost t[0, 1]: Kafka has not heard of this bridge
+2026-11-23 14:38:03,500 INFO    to_ros: hands over t[2]
+""".splitlines()
+
+
+def test_hand_overs_are_read_from_what_the_bridges_say() -> None:
+    def after_s(route: str, *, is_from_kafka: bool) -> list[float]:
+        found = said.hand_overs_ns(route, LOG, is_from_kafka=is_from_kafka)
+        start = datetime(2026, 11, 23, 14, 37).astimezone().timestamp()
+        return [round(at_ns / 1e9 - start, 3) for at_ns in found]
+
+    assert after_s('plain', is_from_kafka=False) == [59.777, 59.794], (
+        'the first has it from nobody'
+    )
+    assert after_s('other', is_from_kafka=False) == []
+    assert after_s('to_ros', is_from_kafka=True) == [62.0, 63.5]
+
+
+def test_a_stream_that_stands_still_is_reported_with_what_its_bridge_said_last() -> None:
+    assert said.last_of('plain', LOG).endswith('hands over: another bridge runs this route')
+    assert said.last_of('nobody', LOG) == 'nothing'

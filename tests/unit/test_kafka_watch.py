@@ -88,5 +88,8 @@ def test_a_client_that_kafka_does_not_let_into_its_group_says_so(
     assert watch.reason == '', 'it may be back at once'
     now_s += 10
     assert 'does not let this bridge into its group' in watch.reason
+    watch.look_whether_outside('Kafka is away')
+    now_s += 5
+    assert watch.reason == '', 'it has been there for a moment only'
     watch.begin()
     assert watch.reason == ''

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from ros2_kafka_bridge.wiring import Wiring
 
 
+IN_USE = SpoolInUseError(4711, Path('/var/spool/pair.orders.spool.lock'))
+
+
 class MemoryLock:
     """A lock in memory: `answers` says at each poll whose it is."""
 
@@ -123,6 +126,9 @@ class House:
         self.directions = list(directions)
         self.for_backlog: MemoryDirection | None = None
         self.in_use: SpoolInUseError | None = None
+        self.claims_until_free = 0
+        self.claims: list[int] = []  # ROS endpoints at each
+        self.reasons: list[str] = []  # what the route said then
         self.open = 0  # ROS endpoints
         self.told = 0
 
@@ -141,8 +147,10 @@ class House:
         return self.in_use is not None
 
     def claim_spool(self, _: Any) -> None:
-        if self.in_use is not None:
-            raise self.in_use
+        self.claims.append(self.open)
+        self.reasons.append(self.snapshot.reason)
+        if self.in_use is not None or len(self.claims) < self.claims_until_free:
+            raise IN_USE
 
     def _close(self) -> None:
         self.open -= 1
@@ -470,8 +478,6 @@ def test_a_route_that_waits_for_its_type_says_that_it_is_paused() -> None:
 
 # Two bridges of one machine, and the spool that both use
 
-IN_USE = SpoolInUseError(4711, Path('/var/spool/pair.orders.spool.lock'))
-
 
 def test_a_bridge_that_stands_by_leaves_the_spool_to_the_process_that_uses_it(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
@@ -528,23 +534,12 @@ def test_guarantee_8_a_turn_waits_until_the_bridge_before_has_put_the_spool_away
     lock = MemoryLock('ours')
     house = House(lock)
     house.directions.append(MemoryDirection(2, house.stop))
-    looks: list[int] = []
-
-    def claim(_: Any) -> None:
-        looks.append(house.open)
-        if len(looks) > 1:
-            assert house.snapshot.state is State.WAITING
-            assert house.snapshot.reason == (
-                'its turn has come, but process 4711 still has the spool '
-                '/var/spool/pair.orders.spool.lock'
-            )
-        if len(looks) < 4:
-            raise IN_USE
-
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(house, 'claim_spool', claim)
-        house.run()
-    assert looks == [1, 1, 1, 1], 'the ROS endpoint is open: the other one sees it'
+    house.claims_until_free = 4
+    house.run()
+    assert house.claims == [1, 1, 1, 1], 'the ROS endpoint is open: the other one sees it'
+    assert house.reasons[1:] == 3 * [
+        'its turn has come, but process 4711 still has the spool /var/spool/pair.orders.spool.lock'
+    ]
     assert house.snapshot.confirmed == 2
     assert 'failed' not in caplog.text
 
@@ -586,16 +581,8 @@ def test_a_turn_without_the_spool_is_kept_where_no_other_bridge_stands_by(
     lock = MemoryLock('ours')
     house = House(lock)
     house.directions.append(MemoryDirection(2, house.stop))
-    looks: list[int] = []
-
-    def claim(_: Any) -> None:
-        looks.append(house.open)
-        if len(looks) < 6:
-            raise IN_USE
-
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(house, 'claim_spool', claim)
-        house.run()
-    assert set(looks) == {1}
+    house.claims_until_free = 6
+    house.run()
+    assert set(house.claims) == {1}
     assert lock.said == ['closed']
     assert house.snapshot.confirmed == 2

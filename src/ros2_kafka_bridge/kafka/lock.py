@@ -30,6 +30,7 @@ import logging
 import time
 import uuid
 from collections.abc import Mapping
+from enum import Enum
 from functools import partial
 from typing import Any, Final, Self
 
@@ -63,8 +64,14 @@ _UNTOLD_S: Final = 10.0
 _MOST_UNTOLD_S: Final = 80.0
 # A name that was shut out again within so long is given up.
 _SHORT_LIFE_S: Final = 30.0
-_SHUT_OUT: Final = 'the group has shut out its client'
-_SILENT: Final = 'Kafka has not said for long who runs this route'
+
+
+class _Useless(Enum):
+    """Why a client would never tell anything."""
+
+    SHUT_OUT = 'the group has shut out its client'
+    SILENT = 'Kafka has not said for long who runs this route'
+    LOST = BROKERS_LOST
 
 
 def lock_topic(bridge: str) -> str:
@@ -113,7 +120,7 @@ class GroupLock:
         self._health = ClientHealth(f'topic {self.topic}', log, self._about)
         self._consumer: Consumer | None = None
         self._clients = 0  # made so far: what an old one still says does not count
-        self._given_up = ''  # why its client is of no use any more
+        self._given_up: _Useless | None = None  # its client
         self._new_client_at_s = 0.0
         self._shut_out_s = -_SHORT_LIFE_S  # when it was last
         self._untold_s = _UNTOLD_S
@@ -166,16 +173,16 @@ class GroupLock:
             message = self._consumer.poll(timeout_s)
         except KafkaException as error:
             self._on_error(self._clients, error.args[0])
-            self._given_up = self._given_up or _SHUT_OUT
+            self._given_up = self._given_up or _Useless.SHUT_OUT
         else:
             if message is not None and (problem := message.error()) is not None:
                 self._on_error(self._clients, problem)
         if self._health.has_lost_brokers:
-            self._given_up = self._given_up or BROKERS_LOST
+            self._given_up = self._given_up or _Useless.LOST
         if self._is_untold():
-            self._given_up = self._given_up or _SILENT
+            self._given_up = self._given_up or _Useless.SILENT
         if self._given_up and time.monotonic() >= self._new_client_at_s:
-            self._join_anew(self._consumer)
+            self._join_anew(self._consumer, self._given_up)
 
     def _is_untold(self) -> bool:
         """Whether Kafka has not said for long who holds it, though it could."""
@@ -225,7 +232,7 @@ class GroupLock:
         """Leave it to another."""
         consumer, self._consumer = self._consumer, None
         self.held = self.joined = self._assigned = False
-        self._given_up, self._untold_since_s = '', None
+        self._given_up, self._untold_since_s = None, None
         self._clients += 1
         if consumer is not None:
             _end(consumer, _CLOSE_S, leaves=True)
@@ -233,7 +240,7 @@ class GroupLock:
     def _new_client(self) -> Consumer:
         check_files(self._properties, f'topic {self.topic}')
         self._clients += 1
-        self._given_up, self._untold_since_s = '', None
+        self._given_up, self._untold_since_s = None, None
         own = {
             'error_cb': partial(self._on_error, self._clients),
             'stats_cb': partial(self._on_statistics, self._clients),
@@ -248,16 +255,16 @@ class GroupLock:
             on_lost=self._on_lost,
         )
 
-    def _join_anew(self, old: Consumer) -> None:
+    def _join_anew(self, old: Consumer, reason: _Useless) -> None:
         """Put another client in the place of one that would never tell anything.
 
         The holder holds on meanwhile, as it does while Kafka is away. Under the same name it has
         its place back at once; a name that was shut out twice is given up.
         """
-        now_s, reason = time.monotonic(), self._given_up
-        self._log.warning('%s: joins the bridges of this route anew', reason)
+        self._log.warning('%s: joins the bridges of this route anew', reason.value)
+        now_s = time.monotonic()
         self._new_client_at_s = now_s + _NEW_CLIENT_EVERY_S
-        is_shut_out = reason not in {_SILENT, BROKERS_LOST}
+        is_shut_out = reason is _Useless.SHUT_OUT
         before = self._properties[_NAME]
         if is_shut_out and now_s - self._shut_out_s < _SHORT_LIFE_S:
             self._properties[_NAME] = uuid.uuid4().hex
@@ -273,7 +280,7 @@ class GroupLock:
         self.joined = self._assigned = False
         if is_shut_out:
             self._shut_out_s = now_s
-        elif reason == _SILENT:
+        elif reason is _Useless.SILENT:
             self._untold_s = min(_MOST_UNTOLD_S, 2 * self._untold_s)
         # Not waited for: the lock is looked at in the middle of a route.
         _end(old, 0.0, leaves=self._properties[_NAME] != before)
@@ -335,7 +342,7 @@ class GroupLock:
     def _on_error(self, client: int, error: KafkaError) -> None:
         if client == self._clients:
             if error.fatal() or error.code() == KafkaError._FATAL:  # noqa: SLF001 (public)
-                self._given_up = self._given_up or f'{_SHUT_OUT} ({error.str()})'
+                self._given_up = self._given_up or _Useless.SHUT_OUT
             else:
                 self._health.on_error(error)
 

@@ -30,7 +30,7 @@ class Watch:
         self._topic = topic
         self._look_s = fetch_s + _ANSWER_S
         self._outside_since_s: float | None = None  # without a place in the group that it had
-        self._joins_since_s: float | None = None
+        self._joins_since_s: float | None = None  # while Kafka was there
         self._behind: dict[
             int, int
         ] = {}  # how far those were read that hold more, at the last look
@@ -76,9 +76,11 @@ class Watch:
         Raises:
             RouteError: It has been outside for too long.
         """
+        now_s = time.monotonic()
+        if away and self._joins_since_s is not None:
+            self._joins_since_s = now_s
         if self._outside_since_s is None:
             return
-        now_s = time.monotonic()
         if away:
             self._outside_since_s = now_s
         elif now_s - self._outside_since_s > _OUTSIDE_S:
