@@ -238,11 +238,13 @@ class Readers(NamedTuple):
 
     Args:
         matched: How many there are.
+        come: How many have come since the sink was opened, those among them that have gone.
         lost: Whether one has gone since the last look: publish again what is not confirmed.
         confirmed: How many of the messages published since the last loss are confirmed.
     """
 
     matched: int
+    come: int
     lost: bool
     confirmed: int
 

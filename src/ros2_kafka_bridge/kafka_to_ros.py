@@ -14,7 +14,7 @@ from contextlib import contextmanager
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters
-from ros2_kafka_bridge.endpoints import HeaderList, MessageSink, Readers, Record, RecordSource
+from ros2_kafka_bridge.endpoints import HeaderList, MessageSink, Record, RecordSource
 from ros2_kafka_bridge.errors import RecordError, RouteError
 from ros2_kafka_bridge.formats import Decode
 from ros2_kafka_bridge.kafka.headers import source_time_ns
@@ -25,6 +25,7 @@ from ros2_kafka_bridge.pace import Pace, expires
 from ros2_kafka_bridge.pause import Pause
 from ros2_kafka_bridge.record_window import Entry, RecordWindow
 from ros2_kafka_bridge.refused import letter_of_record, refused_record
+from ros2_kafka_bridge.settling import Settling
 from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.telling import Telling
 from ros2_kafka_bridge.tracing.records import NO_RECORD_TRACES, RecordTraces
@@ -32,7 +33,6 @@ from ros2_kafka_bridge.type_hash import CheckHeaders
 
 BATCH = 500
 COMMIT_S = 0.2  # what a SIGKILL makes come twice; more often would cost requests
-SETTLE_S = 1.0
 REVOKE_S = 5.0
 HOLD_AFTER_S = 1.0
 _IDLE_S = 0.1
@@ -89,7 +89,7 @@ class KafkaToRos:
         self._traces = traces
         self._read_headers = traces.reader(lambda: self._window.entries[-1])
         self._window = RecordWindow(route.max_in_flight, route.max_in_flight_bytes)
-        self._ready_at_s: float | None = None
+        self._settling = Settling(route.min_subscribers)
         self._blocked_since_s: float | None = None
         self._nap_s = _SHORTEST_NAP_S
         self._commit_at_s = 0.0
@@ -114,13 +114,13 @@ class KafkaToRos:
             self._drain(stop)
 
     def _step(self) -> None:
-        readers = self._confirm()
-        obstacle = self._publish_pending(readers)
+        self._confirm()
+        obstacle = self._publish_pending()
         if obstacle is None:
             self._blocked_since_s = None
             self._nap_s = _SHORTEST_NAP_S
             self._poll(_BUSY_S if self._window else _IDLE_S)
-            obstacle = self._publish_pending(readers)
+            obstacle = self._publish_pending()
         else:
             self._wait(obstacle)
         self._settle()
@@ -207,13 +207,13 @@ class KafkaToRos:
 
     # 2. entries -> ROS
 
-    def _publish_pending(self, readers: Readers) -> str | None:
+    def _publish_pending(self) -> str | None:
         """Publish what waits; tells what stands in the way, None when nothing is left."""
         pending, unconfirmed = self._window.pending, self._window.unconfirmed
         if not pending:
             return self._no_room()
-        if not self._enough(readers):
-            return f'{readers.matched} of {self._route.min_subscribers} subscribers are there'
+        if obstacle := self._settling.obstacle:
+            return obstacle
         publish = self._sink.publish
         while pending:
             entry = pending[0]
@@ -239,18 +239,6 @@ class KafkaToRos:
             return 'the window is full (max_in_flight_bytes)'
         return None
 
-    def _enough(self, readers: Readers) -> bool:
-        if readers.matched < self._route.min_subscribers:
-            self._ready_at_s = None
-            return False
-        if self._route.min_subscribers == 0:
-            return True
-        # A writer knows of a match before the reader does; what it publishes meanwhile is lost.
-        now_s = time.monotonic()
-        if self._ready_at_s is None:
-            self._ready_at_s = now_s + SETTLE_S
-        return now_s >= self._ready_at_s
-
     def _wait(self, obstacle: str) -> None:
         now_s = time.monotonic()
         if self._blocked_since_s is None:
@@ -270,15 +258,14 @@ class KafkaToRos:
 
     # 3. confirmations -> positions -> commit
 
-    def _confirm(self) -> Readers:
+    def _confirm(self) -> None:
         readers = self._sink.readers()
+        self._settling.look(readers)
         if readers.lost:
-            self._ready_at_s = None  # another one may have come in its place just now
             self._publish_again()
         self._window.confirm(readers.confirmed)
         for entry in self._dead_letters.poll():
             entry.outcome = Outcome.DEAD_LETTERED
-        return readers
 
     def _publish_again(self) -> None:
         again = self._window.take_back()

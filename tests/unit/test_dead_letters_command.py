@@ -433,7 +433,7 @@ class Sink:
 
     def __init__(self, matched: int = 1, lost_at: int = 0) -> None:
         self.published: list[bytes] = []
-        self.matched = matched
+        self.matched = self.come = matched
         self.lost_at = lost_at
         self.since = 0
 
@@ -447,8 +447,10 @@ class Sink:
     def readers(self) -> Readers:
         if self.lost_at and len(self.published) >= self.lost_at:
             self.since, self.lost_at = len(self.published), 0
-            return Readers(self.matched, lost=True, confirmed=0)
-        return Readers(self.matched, lost=False, confirmed=len(self.published) - self.since)
+            self.come += 1  # another one in its place
+            return Readers(self.matched, self.come, lost=True, confirmed=0)
+        confirmed = len(self.published) - self.since
+        return Readers(self.matched, self.come, lost=False, confirmed=confirmed)
 
     def close(self) -> None:
         pass

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from hypothesis import given, settings, strategies
 
-from ros2_kafka_bridge import kafka_to_ros
+from ros2_kafka_bridge import kafka_to_ros, settling
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters
 from ros2_kafka_bridge.errors import DecodeError, RouteError
@@ -97,7 +97,7 @@ class House:
 
 @pytest.fixture(autouse=True)
 def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kafka_to_ros, 'SETTLE_S', 0.0)
+    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
 
 
 def test_a_position_moves_on_only_when_its_message_is_confirmed() -> None:
@@ -426,6 +426,38 @@ def test_letters_that_arrived_count_though_another_of_the_same_report_failed() -
     assert house.positions() == {0: 3}
 
 
+def test_the_first_record_does_not_wait_for_readers_that_have_long_been_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(settling, 'SETTLE_S', 0.05)
+    house = House()
+    house.sink.acknowledging = False
+    house.steps(1)
+    time.sleep(0.06)
+    house.give(b'a')
+    house.steps(1)
+    assert house.sink.published == [b'cdr:a']
+    house.sink.matched = 2
+    house.steps(1)
+    time.sleep(0.06)
+    house.sink.lose_reader()
+    house.sink.matched = 1
+    house.steps(1)
+    assert house.sink.published == [b'cdr:a', b'cdr:a']
+
+
+def test_readers_that_come_while_a_route_is_paused_need_not_be_waited_for_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(settling, 'SETTLE_S', 0.05)
+    house = House()
+    house.give(b'a')
+    house.rests(1)
+    time.sleep(0.06)
+    house.steps(1)
+    assert house.sink.published == [b'cdr:a']
+
+
 def test_a_reader_that_took_the_place_of_another_gets_time_to_know_of_the_match(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -433,12 +465,11 @@ def test_a_reader_that_took_the_place_of_another_gets_time_to_know_of_the_match(
     house.sink.acknowledging = False
     house.give(b'a')
     house.steps()
-    monkeypatch.setattr(kafka_to_ros, 'SETTLE_S', 60.0)
+    monkeypatch.setattr(settling, 'SETTLE_S', 60.0)
     house.sink.lose_reader()
     house.steps()
     assert house.sink.published == [b'cdr:a']
-    monkeypatch.setattr(kafka_to_ros, 'SETTLE_S', 0.0)
-    house.direction._ready_at_s = 0.0
+    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
     house.steps()
     assert house.sink.published == [b'cdr:a', b'cdr:a']
 
@@ -457,7 +488,7 @@ def test_guarantee_1_no_offset_is_committed_before_all_up_to_it_have_ended(
     events: list[str],
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kafka_to_ros, 'SETTLE_S', 0.0)
+        patch.setattr(settling, 'SETTLE_S', 0.0)
         patch.setattr(time, 'sleep', lambda _: None)
         house = House(drain_s=0.005, max_age_s=60)
         house.sink.matched = 0

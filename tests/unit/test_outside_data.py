@@ -18,7 +18,7 @@ from hypothesis import given, strategies
 from rich.console import Console
 
 import ros2_kafka_bridge
-from ros2_kafka_bridge import kafka_to_ros, logs
+from ros2_kafka_bridge import logs, settling
 from ros2_kafka_bridge.commands.screen import Finding, show_findings, show_line, show_table
 from ros2_kafka_bridge.config import file as config_file
 from ros2_kafka_bridge.config.checks import key_parts, simple_name
@@ -115,7 +115,7 @@ class House:
 
 @pytest.fixture(autouse=True)
 def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kafka_to_ros, 'SETTLE_S', 0.0)
+    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
 
 
 # Records

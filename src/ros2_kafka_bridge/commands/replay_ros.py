@@ -11,7 +11,6 @@ from ros2_kafka_bridge.commands.screen import waiting
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.endpoints import MessageSink, Readers
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.kafka_to_ros import SETTLE_S
 from ros2_kafka_bridge.logs import route_log
 from ros2_kafka_bridge.pace import Pace
 from ros2_kafka_bridge.plural import count
@@ -19,6 +18,7 @@ from ros2_kafka_bridge.ros.node import RosNode, open_node
 from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.types import load_type
+from ros2_kafka_bridge.settling import Settling
 from ros2_kafka_bridge.stop import Stop
 
 _PATIENCE_S: Final = 30.0
@@ -103,7 +103,7 @@ class Channel:
         self._stop = stop
         self._pace = Pace(route.max_rate)
         self._before = 0  # published and confirmed since a reader was lost last
-        self._ready_at_s: float | None = None
+        self._settling = Settling(self._needed)
 
     def deliver(self, messages: Sequence[bytes]) -> None:
         """Publish messages in order, and wait until every reader has acknowledged all of them.
@@ -116,27 +116,18 @@ class Channel:
         with waiting(f'Waiting for the subscribers of {self._topic}'):
             while True:
                 readers = self._sink.readers()
+                self._settling.look(readers)
                 if readers.lost:
-                    self._before, self._ready_at_s = 0, None
+                    self._before = 0
                     pending = deque(messages)
                 elif not pending and readers.confirmed >= self._before + len(messages):
                     self._before += len(messages)
                     return
-                moved = self._enough(readers) and self._publish(pending)
+                moved = self._settling.obstacle is None and self._publish(pending)
                 if moved or readers.confirmed != confirmed:
                     confirmed, deadline_s = readers.confirmed, time.monotonic() + _PATIENCE_S
                 self._check(readers, deadline_s, begun=len(pending) < len(messages))
                 time.sleep(_NAP_S)
-
-    def _enough(self, readers: Readers) -> bool:
-        if readers.matched < self._needed:
-            self._ready_at_s = None
-            return False
-        # A writer knows of a match before the reader does; what it publishes meanwhile is lost.
-        now_s = time.monotonic()
-        if self._ready_at_s is None:
-            self._ready_at_s = now_s + SETTLE_S
-        return now_s >= self._ready_at_s
 
     def _publish(self, pending: deque[bytes]) -> bool:
         """Publish what there is room for; tells whether there was any."""

@@ -115,11 +115,12 @@ class RosSink:
     def readers(self) -> Readers:
         """Look at the readers."""
         matched, gone = self._events.look()
+        come = matched + gone
         self._matched = matched
         if gone != self._gone:
             self._gone = gone
             self._published = self._acknowledged = self._confirmed = 0
-            return Readers(matched, lost=True, confirmed=0)
+            return Readers(matched, come, lost=True, confirmed=0)
         now_s = time.monotonic()
         if now_s >= self._look_at_s:
             self._look_at_s = now_s + _AGE_S
@@ -128,7 +129,7 @@ class RosSink:
         if now_s >= self._graph_at_s:
             self._graph_at_s = now_s + _GRAPH_S
             self._look_at_graph()
-        return Readers(matched, lost=False, confirmed=self._confirmed)
+        return Readers(matched, come, lost=False, confirmed=self._confirmed)
 
     def close(self) -> None:
         """Destroy the publisher."""

@@ -235,6 +235,8 @@ class MemoryMessageSink:
     acknowledging: bool = True
     published: list[bytes] = field(default_factory=list)
     mismatched: int = 0
+    _come: int = 0
+    _known: int = 0
     _since_loss: int = 0
     _confirmed: int = 0
     _lost: bool = False
@@ -265,18 +267,24 @@ class MemoryMessageSink:
         self._confirmed = min(self._since_loss, self._confirmed + count)
 
     def lose_reader(self) -> None:
-        """Let a reader go away with what it has not acknowledged."""
+        """Let a reader go away with what it has not acknowledged.
+
+        Another one comes in its place, unless `matched` is lowered, too.
+        """
         self._lost = True
+        self._known -= 1
         self._since_loss = self._confirmed = 0
 
     def readers(self) -> Readers:
         """Look at the readers."""
+        self._come += max(0, self.matched - self._known)
+        self._known = self.matched
         if self._lost:
             self._lost = False
-            return Readers(self.matched, lost=True, confirmed=0)
+            return Readers(self.matched, self._come, lost=True, confirmed=0)
         if self.acknowledging:
             self._confirmed = self._since_loss
-        return Readers(self.matched, lost=False, confirmed=self._confirmed)
+        return Readers(self.matched, self._come, lost=False, confirmed=self._confirmed)
 
     def close(self) -> None:
         """Destroy the publisher."""

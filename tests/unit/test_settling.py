@@ -1,0 +1,135 @@
+"""Readers that a writer knows of before they know of the writer."""
+
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given, strategies
+
+from ros2_kafka_bridge import settling
+from ros2_kafka_bridge.endpoints import Readers
+from ros2_kafka_bridge.settling import SETTLE_S, Settling
+
+
+class Topic:
+    """Readers that come and go, as a sink tells of them.
+
+    Args:
+        needed: How many are waited for.
+    """
+
+    def __init__(self, needed: int) -> None:
+        self.now_s = 100.0
+        self.there: list[float] = []  # when each one came
+        self.come = 0
+        self.settling = Settling(needed)
+
+    def enter(self) -> None:
+        self.there.append(self.now_s)
+        self.come += 1
+
+    def leave(self, number: int) -> None:
+        del self.there[number]
+
+    def look(self) -> str | None:
+        self.settling.look(Readers(len(self.there), self.come, lost=False, confirmed=0))
+        return self.settling.obstacle
+
+    def settled(self) -> int:
+        return sum(came_s + SETTLE_S <= self.now_s for came_s in self.there)
+
+
+@pytest.fixture
+def topic(monkeypatch: pytest.MonkeyPatch) -> Topic:
+    made = Topic(1)
+    monkeypatch.setattr(settling, 'time', SimpleNamespace(monotonic=lambda: made.now_s))
+    return made
+
+
+def test_a_reader_counts_once_it_has_been_there_for_a_while(topic: Topic) -> None:
+    assert topic.look() == '0 of 1 subscribers are there'
+    topic.enter()
+    assert topic.look() == 'a subscriber has come just now, and may not know of the bridge yet'
+    topic.now_s += SETTLE_S - 0.01
+    assert topic.look() is not None
+    topic.now_s += 0.01
+    assert topic.look() is None
+
+
+def test_one_that_leaves_does_not_make_those_wait_that_have_long_been_there(topic: Topic) -> None:
+    topic.enter()
+    topic.enter()
+    topic.look()
+    topic.now_s += SETTLE_S
+    topic.leave(0)
+    assert topic.look() is None
+
+
+def test_one_that_comes_does_not_make_those_wait_that_have_long_been_there(topic: Topic) -> None:
+    topic.enter()
+    topic.look()
+    topic.now_s += SETTLE_S
+    topic.enter()
+    assert topic.look() is None
+
+
+def test_one_that_has_taken_the_place_of_another_between_two_looks_counts_as_new(
+    topic: Topic,
+) -> None:
+    topic.enter()
+    topic.look()
+    topic.now_s += SETTLE_S
+    topic.leave(0)
+    topic.enter()
+    assert topic.look() is not None
+    topic.now_s += SETTLE_S
+    assert topic.look() is None
+
+
+def test_the_one_that_is_left_may_be_the_one_that_came_last(topic: Topic) -> None:
+    topic.enter()
+    topic.look()
+    topic.now_s += SETTLE_S
+    topic.enter()
+    topic.look()
+    topic.now_s += 0.1
+    topic.leave(0)
+    assert topic.look() is not None
+    topic.now_s += SETTLE_S
+    assert topic.look() is None
+
+
+def test_nobody_is_waited_for_where_none_is_needed() -> None:
+    assert Settling(0).obstacle is None
+
+
+EVENTS = strategies.lists(
+    strategies.one_of(
+        strategies.just('enter'),
+        strategies.integers(0, 3),
+        strategies.floats(0.01, 2.0),
+        strategies.just('look'),
+    ),
+    max_size=40,
+)
+
+
+@given(strategies.integers(1, 3), EVENTS)
+def test_guarantee_1_nothing_is_published_before_enough_readers_know_of_their_match(
+    needed: int, events: list[str | int | float]
+) -> None:
+    topic = Topic(needed)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(settling, 'time', SimpleNamespace(monotonic=lambda: topic.now_s))
+        for event in events:
+            if event == 'enter':
+                topic.enter()
+            elif isinstance(event, int):
+                if event < len(topic.there):
+                    topic.leave(event)
+            elif isinstance(event, float):
+                topic.now_s += event
+            elif topic.look() is None:
+                assert topic.settled() >= needed
+        topic.look()
+        topic.now_s += SETTLE_S
+        assert (topic.look() is None) == (len(topic.there) >= needed)
