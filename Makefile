@@ -76,8 +76,9 @@ kafka: java $(READY) ## a real one-node Kafka in the foreground (PORT=9092)
 	@$(BIN)/python -m ros2_kafka_bridge.testing.local_kafka --port $(PORT) \
 		$(if $(TOPICS),--topics $(TOPICS)) $(A)
 
-bench: java $(READY) ## drain a topic both ways, convert messages, plan a warehouse: side by side
+bench: java $(READY) ## drain a topic both ways, latency, convert messages, plan a warehouse: side by side
 	$(BIN)/python -m benchmarks.drain $(A)
+	$(BIN)/python -m benchmarks.latency
 	$(BIN)/python -m benchmarks.formats
 	$(BIN)/warehouse benchmark
 

@@ -23,7 +23,12 @@ class Side(NamedTuple):
 
 
 class Result(NamedTuple):
-    """What one contestant did in one round."""
+    """What one contestant did in one round.
+
+    Args:
+        start_s: From the start of the process that publishes until the first order was through.
+        seconds: From there until the last one was.
+    """
 
     contestant: str
     round: int
@@ -31,6 +36,7 @@ class Result(NamedTuple):
     delivered: int
     duplicated: int
     out_of_order: int
+    start_s: float
     seconds: float
     kafka_to_ros: Side
     ros_to_kafka: Side
@@ -110,6 +116,7 @@ def _tenths(values: Iterator[float]) -> str:
 _ROWS: Final[Sequence[tuple[str, Callable[[Result], float], Callable[[Iterator[float]], str]]]] = (
     ('orders/s delivered', lambda r: r.rate, _whole),
     ('seconds', lambda r: r.seconds, _tenths),
+    ('seconds of start-up before', lambda r: r.start_s, _tenths),
     ('delivered', lambda r: r.delivered, _whole),
     ('lost', lambda r: r.lost, _whole),
     ('duplicated', lambda r: r.duplicated, _whole),

@@ -3,13 +3,20 @@
 import contextlib
 import signal
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final, NamedTuple
 
-from confluent_kafka import Consumer, KafkaException, Producer, TopicPartition
+from confluent_kafka import (
+    Consumer,
+    ConsumerGroupState,
+    KafkaException,
+    Producer,
+    TopicPartition,
+)
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     AdminClient,
+    ConsumerGroupDescription,
     NewTopic,
 )
 
@@ -67,6 +74,27 @@ def _ctrl_c_held_back() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
     if came:
         raise KeyboardInterrupt
+
+
+def reading(bootstrap_servers: str, topic: str) -> Callable[[], bool]:
+    """Make what tells whether a consumer group has given the topic to one of its members."""
+    admin = AdminClient({'bootstrap.servers': bootstrap_servers, 'log_level': _QUIET})
+
+    def of_topic(group: ConsumerGroupDescription) -> bool:
+        return any(
+            place.topic == topic
+            for member in group.members
+            if member.assignment is not None
+            for place in member.assignment.topic_partitions
+        )
+
+    def look() -> bool:
+        listed = admin.list_consumer_groups(states={ConsumerGroupState.STABLE})
+        names = [group.group_id for group in listed.result(_REQUEST_S).valid]
+        described = admin.describe_consumer_groups(names) if names else {}
+        return any(of_topic(group.result(_REQUEST_S)) for group in described.values())
+
+    return look
 
 
 def fill(bootstrap_servers: str, topic: str, values: Sequence[bytes]) -> None:

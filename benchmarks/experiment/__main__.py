@@ -16,7 +16,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -28,7 +28,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from benchmarks.experiment import results
-from benchmarks.experiment.cell import Place, measure
+from benchmarks.experiment.cell import Place, measure, start_up
 from benchmarks.experiment.grid import (
     CONTESTANTS,
     DEPTHS,
@@ -40,7 +40,7 @@ from benchmarks.experiment.grid import (
 )
 from benchmarks.experiment.predictions import predictions
 from benchmarks.experiment.report import write_report
-from benchmarks.experiment.results import Cell, Experiment, Load, Result, Setting
+from benchmarks.experiment.results import Cell, Experiment, Load, Result, Setting, StartUp
 from benchmarks.machine import machine, versions
 from benchmarks.processes import ProcessError
 from ros2_kafka_bridge.errors import ConfigError, TransportError
@@ -54,6 +54,7 @@ SEED: Final = 1
 # so young; hence also the highest loads come first.
 _WARM_UP: Final = Load('warm-up', '1,000 orders/s', 1000.0)
 _WARM_UP_S: Final = 20.0
+_STARTS: Final = 3
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -94,6 +95,7 @@ def _measure_all(grid: Sequence[Cell], options: argparse.Namespace, console: Con
         with _kafka(options) as place, _progress(todo, options.most_orders, console) as next_cell:
             _measure(Cell('bare', None, _WARM_UP, _WARM_UP_S), place(0), options)
             for number, cell in enumerate(todo):
+                _measure_starts(cell, place, options.out)
                 result = _measure(cell, place(number), options)
                 if isinstance(result, Result):
                     results.keep(options.out, result)
@@ -111,6 +113,16 @@ def _measure(cell: Cell, place: Place, options: argparse.Namespace) -> Result | 
         return measure(cell, place, options.seed, options.most_orders)
     except ProcessError as error:
         return error
+
+
+def _measure_starts(cell: Cell, place: Callable[[int], Place], out: Path) -> None:
+    """Measure how long the contestant of a cell takes to start, unless that is kept."""
+    who = cell.contestant, cell.depth
+    if cell.contestant == 'recording' or results.kept_start(out, *who) is not None:
+        return
+    with suppress(ProcessError):  # the report says that it was not measured
+        seconds = [start_up(*who, place(number)) for number in range(_STARTS)]
+        results.keep_start(out, StartUp(*who, seconds))
 
 
 @contextmanager
@@ -176,7 +188,9 @@ def _line(result: Result | ProcessError) -> str:
 
 def _report(grid: Sequence[Cell], out: Path, setting: Setting) -> Path:
     found = [result for cell in grid if (result := results.kept(out, cell)) is not None]
-    experiment = Experiment(setting, found, predictions(found, out / 'recordings'))
+    runs = dict.fromkeys((cell.contestant, cell.depth) for cell in grid)
+    starts = [one for run in runs if (one := results.kept_start(out, *run)) is not None]
+    experiment = Experiment(setting, found, predictions(found, out / 'recordings'), starts)
     results.write(out, experiment)
     return write_report(experiment, out)
 

@@ -5,7 +5,7 @@ import shutil
 import signal
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from multiprocessing.connection import Connection
@@ -23,18 +23,22 @@ from benchmarks.experiment.results import (
     Counts,
     Hops,
     Latency,
+    Load,
     Result,
     Usage,
 )
 from benchmarks.experiment.traffic import PROBE, Received, Sending, Sent, consume, produce
 from benchmarks.processes import ProcessError, usage
-from benchmarks.topics import topics
+from benchmarks.topics import reading, topics
 from ros2_kafka_bridge.demo.children import Child
 from ros2_kafka_bridge.demo.contestants import Program
 
 # The queue of a recording holds whatever comes; the paper's nodes are otherwise as printed.
 _NO_LIMIT: Final = 1_000_000
 _START_S: Final = 60.0
+# Long enough for DDS to match what was started, for the time that every contestant gives a new
+# subscriber, and for whoever would begin either only with the first order to be seen.
+_IDLE_S: Final = 3.0
 _SEND_MORE_S: Final = 120.0
 _QUIET_S: Final = 2.0
 _QUIET_HOLDING_S: Final = 30.0
@@ -68,11 +72,39 @@ def recording_file(recordings: Path, cell: Cell) -> Path:
 
 
 def measure(cell: Cell, place: Place, seed: int, most: int) -> Result:
-    """Measure a cell.
+    """Measure a cell, from the first order on: the bridges have stood idle before it.
 
     Raises:
-        ProcessError: A part ended, or nothing came through.
+        ProcessError: A part ended, or nobody reads the orders.
     """
+    at = datetime.now(UTC).isoformat(timespec='seconds')
+    total = orders_of(cell.load, cell.seconds, most)
+    sending = Sending(cell.load.rate, cell.load.burst, total, seed)
+    with _prepared(cell, place, sending) as (run, stack):
+        run.start(stack)
+        run.send()
+        run.end()
+    return _result(cell, at, run)
+
+
+def start_up(contestant: str, depth: int | None, place: Place) -> float:
+    """Measure how long an order that waits in Kafka takes from the start of both bridges on.
+
+    Returns:
+        Seconds.
+
+    Raises:
+        ProcessError: A part ended, or the order did not come through.
+    """
+    cell = Cell(contestant, depth, Load('start-up', 'one order that waits', 0.0), 0.0)
+    with _prepared(cell, place, Sending(0.0, 1, 0, 0)) as (run, stack):
+        begun_ns = run.start_behind_an_order(stack)
+        run.end()
+    return (min(run.received.come_ns) - begun_ns) / 1e9
+
+
+@contextmanager
+def _prepared(cell: Cell, place: Place, sending: Sending) -> Iterator[tuple['_Run', ExitStack]]:
     mark = uuid.uuid4().hex[:8]
     stem = f'experiment-{cell.contestant}-{mark}'
     files = place.logs / cell.key
@@ -81,21 +113,13 @@ def measure(cell: Cell, place: Place, seed: int, most: int) -> Result:
     ends = Ends(
         place.bootstrap_servers, f'{stem}.orders', f'/orders_{mark}', f'{stem}.returned', files
     )
-    at = datetime.now(UTC).isoformat(timespec='seconds')
-    total = orders_of(cell.load, cell.seconds, most)
-    sending = Sending(ends.source, cell.load.rate, cell.load.burst, total, seed)
-    with topics(ends.bootstrap_servers, [ends.source, ends.sink]):
-        run = _Run(_contestant(cell, place), ends, sending, place)
-        with ExitStack() as stack:
-            try:
-                run.start(stack)
-                run.send()
-                run.end()
-            except EOFError as error:
-                raise ProcessError('the producer or the consumer has ended') from error
-            except ProcessLookupError as error:
-                raise ProcessError(str(error)) from error
-    return _result(cell, at, run)
+    with topics(ends.bootstrap_servers, [ends.source, ends.sink]), ExitStack() as stack:
+        try:
+            yield _Run(_contestant(cell, place), ends, sending, place), stack
+        except EOFError as error:
+            raise ProcessError('the producer or the consumer has ended') from error
+        except ProcessLookupError as error:
+            raise ProcessError(str(error)) from error
 
 
 def _contestant(cell: Cell, place: Place) -> Contestant:
@@ -132,6 +156,7 @@ class _Run:
         self._kafka_ros = Child(
             Program('kafka-ros', commands.kafka_to_ros), ends.place / 'kafka-ros.log', environ
         )
+        self._children: Sequence[Child] = ()  # those that were started
         self._producer: Connection
         self._consumer: Connection
         self._broker = place.broker
@@ -139,19 +164,45 @@ class _Run:
         self.watched: dict[str, _Watched] = {}
 
     def start(self, stack: ExitStack) -> None:
-        """Start all parts, and wait until an order that does not count has come through."""
-        for child in (self._ros_kafka, self._kafka_ros):
-            stack.enter_context(child)
-        servers = self._ends.bootstrap_servers
-        self._consumer = stack.enter_context(_part(consume, servers, self._ends.sink))
-        self._producer = stack.enter_context(_part(produce, servers, self._sending))
-        self._wait(self._producer.poll, _START_S, 'the producer is not ready')
-        self._producer.recv()
-        self._wait(lambda: self._come > 0, _START_S, 'not one order came through')
+        """Start all parts, and let them stand idle for a while; no order goes through."""
+        self._start_ends(stack, self._ends.sink)
+        self._wait(lambda: self._come > 0, _START_S, 'the consumer is not ready')
+        self._start_bridges(stack)
+        is_read = reading(self._ends.bootstrap_servers, self._ends.source)
+        self._wait(is_read, _START_S, 'nobody reads the orders')
+        idle_until_s = time.monotonic() + _IDLE_S
+        self._wait(lambda: time.monotonic() > idle_until_s, _START_S, 'the bridges do not idle')
         pids = {'kafka_ros': self._kafka_ros.pid, 'ros_kafka': self._ros_kafka.pid}
         if self._broker is not None:
             pids['broker'] = self._broker
         self.watched = {name: _Watched(pid) for name, pid in pids.items()}
+
+    def start_behind_an_order(self, stack: ExitStack) -> int:
+        """Start the bridges when an order waits already; wait until it has come through.
+
+        Returns:
+            When they were started, in nanoseconds of the monotonic clock.
+        """
+        self._start_ends(stack, self._ends.source)
+        begun_ns = time.monotonic_ns()
+        self._start_bridges(stack)
+        self._wait(lambda: self._come > 0, _START_S, 'not one order came through')
+        return begun_ns
+
+    def _start_ends(self, stack: ExitStack, probed: str) -> None:
+        """Start producer and consumer, and send the probe to a topic."""
+        servers, source, sink = self._ends.bootstrap_servers, self._ends.source, self._ends.sink
+        self._consumer = stack.enter_context(_part(consume, servers, sink))
+        self._producer = stack.enter_context(
+            _part(produce, servers, source, probed, self._sending)
+        )
+        self._wait(self._producer.poll, _START_S, 'the producer is not ready')
+        self._producer.recv()
+
+    def _start_bridges(self, stack: ExitStack) -> None:
+        self._children = (self._ros_kafka, self._kafka_ros)
+        for child in self._children:
+            stack.enter_context(child)
 
     def send(self) -> None:
         """Let the producer send, and wait until all have come, or nothing comes any more."""
@@ -170,13 +221,12 @@ class _Run:
 
     def end(self) -> None:
         """End the bridges, which bring what they hold to its end, and count what has come."""
-        children = (self._kafka_ros, self._ros_kafka)
         for watched in self.watched.values():
             watched.look()
-        for child in children:
+        for child in self._children:
             child.ask_to_end()
         deadline_s = time.monotonic() + _END_S
-        while any(child.runs for child in children):
+        while any(child.runs for child in self._children):
             if time.monotonic() > deadline_s:
                 self.problems.append(f'still running {_END_S:.0f} s after SIGTERM')
                 break
@@ -191,10 +241,10 @@ class _Run:
         self.received = answer
 
     def counted(self, child: str) -> int:
-        """How many orders a bridge says that it has moved, without the probe."""
+        """How many orders a bridge says that it has moved."""
         children = {'kafka_to_ros': self._kafka_ros, 'ros_to_kafka': self._ros_kafka}
         told = children[child].snapshots.get(child)
-        return max(0, told.confirmed - 1) if told else 0
+        return told.confirmed if told else 0
 
     def _wait(self, done: Callable[[], object], limit_s: float, what: str) -> None:
         deadline_s = time.monotonic() + limit_s
@@ -205,7 +255,7 @@ class _Run:
 
     def _look(self) -> None:
         """Look at all parts, and rest a little."""
-        for child in (self._kafka_ros, self._ros_kafka):
+        for child in self._children:
             if not child.runs:
                 raise ProcessError(child.story())
         while self._consumer.poll():
@@ -319,6 +369,7 @@ def _latency(latency_ms: npt.NDArray[np.float64]) -> Latency:
     at = np.quantile(latency_ms, (0.5, 0.95, 0.99, 0.999), method='inverted_cdf').tolist()
     curve = np.quantile(latency_ms, SHARES, method='inverted_cdf').tolist()
     return Latency(
+        first=float(latency_ms[0]),
         fastest=float(latency_ms.min()),
         median=at[0],
         p95=at[1],

@@ -26,9 +26,9 @@ LOADS: Final = (
 )
 
 _BY_DEPTH: Final = frozenset({'paper', 'keep_last'})
-# Of a cell beside its sending: to start, to let the last order through, to end; and what the
-# slowest contestants take longer than the orders are sent.
-_AROUND_S: Final = 6.0
+# Of a cell beside its sending: to start and stand idle, to let the last order through, to end; and
+# what the slowest contestants take longer than the orders are sent.
+_AROUND_S: Final = 8.0
 _SLOWEST_PER_S: Final = 8000.0
 
 

@@ -7,13 +7,16 @@ it was, and `experiment.json` with what is true of all of them.
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import msgspec
+
+T = TypeVar('T')
 
 EXPERIMENT_FILE: Final = 'experiment.json'
 SETTING_FILE: Final = 'setting.json'
 CELLS: Final = 'cells'
+STARTS: Final = 'starts'
 
 
 class Load(msgspec.Struct, frozen=True):
@@ -90,9 +93,11 @@ class Latency(msgspec.Struct, frozen=True):
     """From the producer's stamp to the consumer, in milliseconds, of the orders that came.
 
     Args:
+        first: Of the order that came first.
         curve: Latency at the shares in `SHARES`, for plots.
     """
 
+    first: float
     fastest: float
     median: float
     p95: float
@@ -174,6 +179,18 @@ class Result(msgspec.Struct, frozen=True):
         return self.broker.cpu_s / max(self.broker.cpu_s + bridges, 1e-9)
 
 
+class StartUp(msgspec.Struct, frozen=True):
+    """How long an order that waits in Kafka takes from the start of both bridges on.
+
+    Args:
+        seconds: Of each start.
+    """
+
+    contestant: str
+    depth: int | None
+    seconds: Sequence[float]
+
+
 class Prediction(msgspec.Struct, frozen=True):
     """The loss that `ros2-kafka-bridge depth` expects, and the one measured.
 
@@ -223,6 +240,7 @@ class Experiment(msgspec.Struct, frozen=True):
     setting: Setting
     results: Sequence[Result]
     predictions: Sequence[Prediction] = ()
+    starts: Sequence[StartUp] = ()
 
 
 def keep(place: Path, result: Result) -> None:
@@ -232,12 +250,24 @@ def keep(place: Path, result: Result) -> None:
 
 def kept(place: Path, cell: Cell) -> Result | None:
     """Read the result of a cell; None where there is none, or one of another length."""
-    file = place / CELLS / f'{cell.key}.json'
-    try:
-        result = msgspec.json.decode(file.read_bytes(), type=Result)
-    except (FileNotFoundError, msgspec.DecodeError):
-        return None
-    return result if result.cell == cell else None
+    result = _read(place / CELLS / f'{cell.key}.json', Result)
+    return result if result and result.cell == cell else None
+
+
+def keep_start(place: Path, start: StartUp) -> None:
+    """Write how long a contestant takes to start."""
+    _write(_start_file(place, start.contestant, start.depth), msgspec.json.encode(start))
+
+
+def kept_start(place: Path, contestant: str, depth: int | None) -> StartUp | None:
+    """Read how long a contestant takes to start; None where that was not measured."""
+    return _read(_start_file(place, contestant, depth), StartUp)
+
+
+def _start_file(place: Path, contestant: str, depth: int | None) -> Path:
+    return (
+        place / STARTS / (f'{contestant}.json' if depth is None else f'{contestant}-{depth}.json')
+    )
 
 
 def keep_setting(place: Path, setting: Setting) -> None:
@@ -247,15 +277,13 @@ def keep_setting(place: Path, setting: Setting) -> None:
 
 def setting(place: Path) -> Setting | None:
     """Read what the cells of a directory are measured with; None where there are none."""
-    try:
-        return msgspec.json.decode((place / SETTING_FILE).read_bytes(), type=Setting)
-    except (FileNotFoundError, msgspec.DecodeError):
-        return None
+    return _read(place / SETTING_FILE, Setting)
 
 
 def forget(place: Path) -> None:
     """Delete what was measured in a directory."""
-    shutil.rmtree(place / CELLS, ignore_errors=True)
+    for name in (CELLS, STARTS):
+        shutil.rmtree(place / name, ignore_errors=True)
 
 
 def write(place: Path, experiment: Experiment) -> None:
@@ -271,6 +299,13 @@ def read(file: Path) -> Experiment:
         OSError: It cannot be read.
     """
     return msgspec.json.decode(file.read_bytes(), type=Experiment)
+
+
+def _read(file: Path, type_: type[T]) -> T | None:
+    try:
+        return msgspec.json.decode(file.read_bytes(), type=type_)
+    except (FileNotFoundError, msgspec.DecodeError):
+        return None
 
 
 def _write(file: Path, data: bytes) -> None:

@@ -47,7 +47,6 @@ class Sending(NamedTuple):
         total: How many.
     """
 
-    topic: str
     rate: float
     burst: int
     total: int
@@ -85,8 +84,10 @@ class Received(NamedTuple):
 # kafka-producer
 
 
-def produce(parent: Connection, bootstrap_servers: str, sending: Sending) -> None:
-    """Send a probe; when told to, all orders; tell `Sent`."""
+def produce(
+    parent: Connection, bootstrap_servers: str, topic: str, probed: str, sending: Sending
+) -> None:
+    """Send a probe to the topic `probed`; when told to, all orders to `topic`; tell `Sent`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     made = [halves(order) for order in islice(orders(sending.seed), sending.total)]
     taken = 0
@@ -104,7 +105,8 @@ def produce(parent: Connection, bootstrap_servers: str, sending: Sending) -> Non
             'log_level': _QUIET,
         }
     )
-    producer.produce(sending.topic, encode(Order(PROBE, 0, ())))
+    producer.list_topics(topic, _REQUEST_S)  # else its first order would wait for that
+    producer.produce(probed, encode(Order(PROBE, 0, ())))
     producer.flush(_REQUEST_S)
     parent.send('probed')
     parent.recv()
@@ -112,7 +114,7 @@ def produce(parent: Connection, bootstrap_servers: str, sending: Sending) -> Non
     for number, (head, tail) in enumerate(made):
         _wait_until(start_s + due_s(sending, number), producer)
         producer.produce(
-            sending.topic, b'%s%d%s' % (head, time.monotonic_ns(), tail), on_delivery=on_delivery
+            topic, b'%s%d%s' % (head, time.monotonic_ns(), tail), on_delivery=on_delivery
         )
     producer.flush(_FLUSH_S)
     seconds = time.monotonic() - start_s

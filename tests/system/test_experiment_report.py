@@ -31,6 +31,7 @@ from benchmarks.experiment.results import (
     Prediction,
     Result,
     Setting,
+    StartUp,
     Usage,
     read,
     write,
@@ -73,7 +74,9 @@ def whole() -> Experiment:
         for name in ('paper', 'bridge', 'keep_last', 'bare', 'recording')
         for depth in DEPTHS.get(name, (None,))
     ]
-    return Experiment(SETTING, results, predictions(results, chance))
+    runs = dict.fromkeys((one.cell.contestant, one.cell.depth) for one in results)
+    starts = [StartUp(*run, (2.1, 2.25, 2.4)) for run in runs if run[0] != 'recording']
+    return Experiment(SETTING, results, predictions(results, chance), starts)
 
 
 def measured(cell: Cell, chance: random.Random) -> Result:
@@ -116,7 +119,7 @@ def latency(cell: Cell, chance: random.Random, *, queued: bool) -> Latency:
         return median * 10 ** (stretch * (nines - math.log10(2)))
 
     curve = [round(at(share), 3) for share in SHARES]
-    return Latency(curve[0], at(0.5), at(0.95), at(0.99), at(0.999), curve[-1], curve)
+    return Latency(at(0.9), curve[0], at(0.5), at(0.95), at(0.99), at(0.999), curve[-1], curve)
 
 
 def usage(cell: Cell, chance: random.Random, base: float) -> Usage:

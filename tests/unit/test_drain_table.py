@@ -9,7 +9,7 @@ from benchmarks.drain_table import Result, Side, show
 
 def result(contestant: str, cpu_us: float) -> Result:
     side = Side(cpu_us, 40.0)
-    return Result(contestant, 1, 1000, 1000, 0, 0, 0.5, side, side)
+    return Result(contestant, 1, 1000, 1000, 0, 0, 1.5, 0.5, side, side)
 
 
 def shown(*results: Result) -> str:

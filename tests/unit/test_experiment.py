@@ -46,11 +46,11 @@ def test_as_many_orders_are_sent_as_fit_into_the_time(
 
 
 def test_bursts_are_sent_at_once_and_even_loads_one_by_one() -> None:
-    bursts = Sending('t', 1000.0, 10_000, 20_000, 1)
+    bursts = Sending(1000.0, 10_000, 20_000, 1)
     assert [due_s(bursts, number) for number in (0, 9_999, 10_000, 19_999)] == [0, 0, 10, 10]
-    even = Sending('t', 100.0, 1, 1000, 1)
+    even = Sending(100.0, 1, 1000, 1)
     assert [due_s(even, number) for number in (0, 1, 50)] == [0, 0.01, 0.5]
-    assert due_s(Sending('t', 0.0, 1, 1000, 1), 999) == 0
+    assert due_s(Sending(0.0, 1, 1000, 1), 999) == 0
 
 
 def test_an_order_can_be_stamped_when_it_is_sent() -> None:

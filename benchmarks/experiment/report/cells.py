@@ -63,6 +63,7 @@ _FIELDS: Final[Mapping[str, Callable[[Result], Value]]] = {
     'out_of_order_orders': lambda r: r.counts.out_of_order,
     'sent_orders_per_s': lambda r: r.sent_per_s,
     'delivered_orders_per_s': lambda r: r.delivered_per_s,
+    'latency_first_ms': _latency(lambda latency: latency.first),
     'latency_fastest_ms': _latency(lambda latency: latency.fastest),
     'latency_median_ms': _latency(lambda latency: latency.median),
     'latency_p95_ms': _latency(lambda latency: latency.p95),

@@ -50,6 +50,7 @@ from benchmarks.experiment.report.tables import (
     points,
     predicted_table,
     recordings,
+    start_ups,
     within,
 )
 from benchmarks.experiment.results import Prediction
@@ -158,6 +159,7 @@ def _beyond(found: Found) -> Section:
             ),
             losses(found),
             latencies(found),
+            start_ups(found),
             costs(found),
         ],
     )

@@ -1,6 +1,7 @@
 """The tables: the paper's own beside ours, then all that was measured."""
 
 from collections.abc import Callable, Sequence
+from statistics import median
 from typing import Final, NamedTuple
 
 from benchmarks.experiment.report.blocks import ABSENT, DASH, Column, Table, Text, Tone
@@ -24,7 +25,7 @@ from benchmarks.experiment.report.paper import (
     Published,
     published,
 )
-from benchmarks.experiment.results import Hops, Latency, Load, Prediction, Result, Setting
+from benchmarks.experiment.results import Hops, Latency, Load, Prediction, Result, Setting, StartUp
 
 _OURS: Final = Run('bridge', None)
 _PLACES: Final = ('Producer', 'Kafka-ROS', 'ROS-Kafka', 'Consumer', 'Lost')
@@ -86,7 +87,7 @@ def _loss(share: float) -> Text:
 
 def paper_latency(found: Found) -> Table:
     """Latencies: those of the prose beside those measured here."""
-    names = ('fastest', 'median', '99th', 'slowest')
+    names = ('first', 'fastest', 'median', '99th', 'slowest')
     columns = [
         Column('Load', is_words=True), Column('Depth'),
         Column('fastest', _PUBLISHED), Column('slowest', _PUBLISHED),
@@ -109,6 +110,7 @@ def paper_latency(found: Found) -> Table:
         'Latency from the producer to the consumer, in milliseconds, of the orders that came',
         columns,
         rows,
+        notes=['First: of the first order of a cell, after some seconds without any.'],
         starts=range(0, len(rows), len(TABLES)),
     )
 
@@ -126,9 +128,9 @@ def _published_latency(one: Published | None) -> Sequence[Text]:
 
 def _latencies(result: Result | None) -> Sequence[Text]:
     if result is None or result.latency is None:
-        return [_not(result), DASH, DASH, DASH]
+        return [_not(result), *[DASH] * 4]
     latency = result.latency
-    values = (latency.fastest, latency.median, latency.p99, latency.slowest)
+    values = (latency.first, latency.fastest, latency.median, latency.p99, latency.slowest)
     return [Text(even(value)) for value in values]
 
 
@@ -274,6 +276,7 @@ _LOST: Final = (
 _QUANTILES: Final = 'Latency, ms'
 _HOPS: Final = 'Median of each hop, ms'
 _LATENCY: Final = (
+    _Field(Column('first', _QUANTILES), _ms(lambda latency: latency.first)),
     _Field(Column('fastest', _QUANTILES), _ms(lambda latency: latency.fastest)),
     _Field(Column('median', _QUANTILES), _ms(lambda latency: latency.median)),
     _Field(Column('95th', _QUANTILES), _ms(lambda latency: latency.p95)),
@@ -322,6 +325,27 @@ def latencies(found: Found) -> Table:
         ),
     ]
     return _long(found, 'latencies', 'How long it took', _LATENCY, notes)
+
+
+def start_ups(found: Found) -> Table:
+    """How long each contestant takes to start."""
+    columns = [Column('Contestant', is_words=True), Column('median'), Column('longest')]
+    rows = [(_named(run), *_start_up(found.experiment.starts, run)) for run in found.runs]
+    return Table(
+        'start-ups',
+        'Start-up: seconds from the start of both bridges until an order that waited in Kafka has '
+        'come through',
+        columns,
+        rows,
+        notes=['No part of any latency: the bridges of a cell stand idle before its first order.'],
+    )
+
+
+def _start_up(starts: Sequence[StartUp], run: Run) -> Sequence[Text]:
+    found = next((one for one in starts if (one.contestant, one.depth) == run), None)
+    if found is None:
+        return ABSENT, DASH
+    return Text(even(median(found.seconds))), Text(even(max(found.seconds)))
 
 
 def costs(found: Found) -> Table:

@@ -1,0 +1,304 @@
+"""How late orders are, from the first one on: Kafka -> ROS -> Kafka, beside bare loops.
+
+    python -m benchmarks.latency --rounds 3
+
+Five processes, as in the experiment: producer, Kafka, a bridge for each direction, consumer. The
+bridges have stood idle for some seconds before the first order, as those do that serve a shop at
+night; each order counts, also the first. The contestants take turns in one run, and their 99th
+percentiles are divided by those of bare loops at the same rate in the same round. Apart from that:
+how long an order that waits in Kafka takes from the start of both processes on.
+"""
+
+import argparse
+import json
+import math
+import signal
+import statistics
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import msgspec
+from confluent_kafka import KafkaException
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.drain_table import show_machine
+from benchmarks.experiment.cell import Place, measure, start_up
+from benchmarks.experiment.results import Cell, Latency, Load
+from benchmarks.machine import machine, versions
+from benchmarks.processes import ProcessError
+from ros2_kafka_bridge.errors import ConfigError, TransportError
+from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+
+RATES: Final = (163.0, 2000.0, 10_000.0)
+SECONDS: Final = 15.0
+ROUNDS: Final = 3
+CONTESTANTS: Final = ('bridge', 'bare', 'paper')
+DEFAULT: Final = ('bridge', 'bare')
+PAPER_DEPTH: Final = 200
+DOMAINS: Final = (211, 212, 213, 214)
+SEED: Final = 1
+# A broker's Java compiles what it has run often; and so do the files that all read first.
+_WARM_UP: Final = Cell('bare', None, Load('warm-up', '1,000 orders/s', 1000.0), 20.0)
+
+
+class Measured(NamedTuple):
+    """One contestant at one rate in one round; latencies in milliseconds."""
+
+    round: int
+    rate: float
+    contestant: str
+    orders: int
+    lost: int
+    latency: Latency
+
+
+class Started(NamedTuple):
+    """How long a contestant took to start in one round."""
+
+    round: int
+    contestant: str
+    seconds: float
+
+
+class Found(NamedTuple):
+    """All that was measured."""
+
+    measured: Sequence[Measured]
+    started: Sequence[Started]
+
+
+# Measuring
+
+
+def run(
+    options: argparse.Namespace, place: Callable[[], Place], tell: Callable[[str], None]
+) -> Found:
+    """Let the contestants take turns, round by round."""
+    measured: list[Measured] = []
+    started: list[Started] = []
+    if options.warm_up:
+        measure(_WARM_UP, place(), SEED, sys.maxsize)
+    for number in range(1, options.rounds + 1):
+        for name in options.contestants:
+            seconds = start_up(name, _depth(name), place())
+            started.append(Started(number, name, seconds))
+            tell(f'round {number}: {name} starts in {seconds:.2f} s')
+        for rate in options.rates:
+            for name in options.contestants:
+                one = _measure(number, rate, name, options.seconds, place())
+                measured.append(one)
+                tell(f'round {number}: {_line(one)}')
+    return Found(measured, started)
+
+
+def _measure(number: int, rate: float, name: str, seconds: float, place: Place) -> Measured:
+    cell = Cell(name, _depth(name), Load(f'{rate:g}', _words(rate), rate), seconds)
+    result = measure(cell, place, SEED + number, sys.maxsize)
+    if result.latency is None:
+        raise ProcessError(f'{name}, {_words(rate)}: nothing came')
+    counts = result.counts
+    return Measured(number, rate, name, counts.producer, counts.lost, result.latency)
+
+
+def _depth(name: str) -> int | None:
+    return PAPER_DEPTH if name == 'paper' else None
+
+
+def _words(rate: float) -> str:
+    return f'{rate:,g} orders/s'
+
+
+def _line(one: Measured) -> str:
+    return (
+        f'{_words(one.rate)}, {one.contestant}: first {one.latency.first:.1f} ms, median '
+        f'{one.latency.median:.2f}, 99th {one.latency.p99:.2f}, slowest '
+        f'{one.latency.slowest:.1f}, {one.lost:,} of {one.orders:,} lost'
+    )
+
+
+# Showing
+
+
+def ratios(measured: Sequence[Measured], rate: float, name: str) -> list[float]:
+    """Divide the 99th percentiles of a contestant by those of bare loops, round by round."""
+    of = {(one.round, one.contestant): one.latency.p99 for one in measured if one.rate == rate}
+    rounds = sorted({number for number, _ in of})
+    return [
+        of[number, name] / of[number, 'bare']
+        for number in rounds
+        if (number, name) in of and (number, 'bare') in of
+    ]
+
+
+def show(found: Found, console: Console) -> None:
+    """Print the tables."""
+    rounds = len({one.round for one in found.measured})
+    how = 'one round' if rounds == 1 else f'medians of {rounds} rounds'
+    table = Table(title=f'Latency from the first order on, in milliseconds: {how}')
+    for title in ('orders/s', ''):
+        table.add_column(title)
+    for title, _ in _COLUMNS:
+        table.add_column(title, justify='right')
+    table.add_column('lost', justify='right')
+    for (rate, name), of_one in _grouped(found.measured).items():
+        values = [statistics.median(map(read, of_one)) for _, read in _COLUMNS]
+        lost = sum(one.lost for one in of_one)
+        table.add_row(
+            f'{rate:,g}', name, *(f'{value:,.1f}' for value in values), f'{lost:,}',
+        )  # fmt: skip
+    console.print(table)
+    for rate, name in _grouped(found.measured):
+        if name != 'bare' and (against := ratios(found.measured, rate, name)):
+            console.print(f'99th percentile, {_words(rate)}, {name} / bare: {_range(against)}')
+    for name in dict.fromkeys(one.contestant for one in found.started):
+        seconds = [one.seconds for one in found.started if one.contestant == name]
+        console.print(
+            f'start-up, {name}: {_range(seconds)} s until an order that waits is through'
+        )
+
+
+_COLUMNS: Final[Sequence[tuple[str, Callable[[Measured], float]]]] = (
+    ('first', lambda one: one.latency.first),
+    ('median', lambda one: one.latency.median),
+    ('95th', lambda one: one.latency.p95),
+    ('99th', lambda one: one.latency.p99),
+    ('99.9th', lambda one: one.latency.p999),
+    ('slowest', lambda one: one.latency.slowest),
+)
+
+
+def _grouped(measured: Sequence[Measured]) -> Mapping[tuple[float, str], Sequence[Measured]]:
+    groups: dict[tuple[float, str], list[Measured]] = {}
+    for one in sorted(measured, key=lambda one: one.rate):
+        groups.setdefault((one.rate, one.contestant), []).append(one)
+    return groups
+
+
+def _range(values: Sequence[float]) -> str:
+    middle = statistics.median(values)
+    return f'{middle:.2f} ({min(values):.2f} to {max(values):.2f})'
+
+
+def report(found: Found, *, is_local_kafka: bool) -> dict[str, Any]:
+    """Make what `--json` writes."""
+    return {
+        'machine': machine()._asdict(),
+        'versions': versions(is_local_kafka=is_local_kafka),
+        'rounds': [
+            {**one._asdict(), 'latency': msgspec.to_builtins(one.latency)}
+            for one in found.measured
+        ],
+        'start_up': [one._asdict() for one in found.started],
+    }
+
+
+# The command line
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure and print; returns the exit status."""
+    options = _parse(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    console = Console(highlight=False)
+    try:
+        with _places(options) as place:
+            found = run(options, place, console.print)
+    except KeyboardInterrupt:
+        return 130
+    except (ConfigError, TransportError, ProcessError, KafkaException, OSError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    made = report(found, is_local_kafka=options.bootstrap_servers is None)
+    show(found, console)
+    show_machine(made, console)
+    if options.json:
+        options.json.write_text(json.dumps(made, indent=2) + '\n', encoding='utf-8')
+    return 0
+
+
+@contextmanager
+def _places(options: argparse.Namespace) -> Iterator[Callable[[], Place]]:
+    """Start a Kafka unless there is one; yields what makes the next place to measure at."""
+    number = 0
+
+    def place_at(servers: str, broker: int | None, files: Path) -> Callable[[], Place]:
+        def next_place() -> Place:
+            nonlocal number
+            number += 1
+            domain = options.ros_domains[number % len(options.ros_domains)]
+            return Place(servers, broker, domain, files, files)
+
+        return next_place
+
+    with tempfile.TemporaryDirectory(prefix='latency-') as files:
+        if options.bootstrap_servers is not None:
+            yield place_at(options.bootstrap_servers, None, Path(files))
+            return
+        with LocalKafka() as kafka:
+            yield place_at(kafka.bootstrap_servers, kafka.pid, Path(files))
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog='python -m benchmarks.latency',
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        '--rates', type=_rates, default=RATES,
+        help=f'orders per second, separated by commas (default: {",".join(map(str, RATES))})',
+    )  # fmt: skip
+    parser.add_argument(
+        '--seconds', type=_positive, default=SECONDS,
+        help='how long orders are sent (default: %(default)g)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--rounds', type=int, choices=range(1, 101), metavar='NUMBER', default=ROUNDS,
+        help='default: %(default)s',
+    )  # fmt: skip
+    parser.add_argument(
+        '--contestants', type=_names, default=DEFAULT,
+        help=f'of {", ".join(CONTESTANTS)}: in turn (default: {",".join(DEFAULT)})',
+    )  # fmt: skip
+    parser.add_argument(
+        '--no-warm-up', dest='warm_up', action='store_false',
+        help='measure on a broker that has served nobody yet',
+    )  # fmt: skip
+    parser.add_argument(
+        '--ros-domains', default=DOMAINS,
+        type=lambda text: [int(word) for word in text.split(',')],
+        help='in turn (default: %(default)s)',
+    )  # fmt: skip
+    parser.add_argument('--json', type=Path, help='write all of it into this file, too')
+    parser.add_argument('--bootstrap-servers', help='default: a Kafka is started for the run')
+    return parser.parse_args(arguments)
+
+
+def _positive(text: str) -> float:
+    number = float(text)
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError('more than 0')
+    return number
+
+
+def _rates(text: str) -> list[float]:
+    return [_positive(word) for word in dict.fromkeys(text.split(','))]
+
+
+def _names(text: str) -> list[str]:
+    names = list(dict.fromkeys(text.split(',')))
+    unknown = [name for name in names if name not in CONTESTANTS]
+    if unknown:
+        raise argparse.ArgumentTypeError(
+            f'no contestant {unknown[0]!r}: there are {", ".join(CONTESTANTS)}'
+        )
+    return names
+
+
+if __name__ == '__main__':
+    sys.exit(main())
