@@ -238,7 +238,7 @@ class Readers(NamedTuple):
 
     Args:
         matched: How many there are.
-        come: How many have come since the sink was opened, those among them that have gone.
+        come: How many have come since the sink was opened, whether they are there still or not.
         lost: Whether one has gone since the last look: publish again what is not confirmed.
         confirmed: How many of the messages published since the last loss are confirmed.
     """

@@ -25,15 +25,19 @@ class Settling:
         self._needed = needed
         self._come = 0
         self._came_s: deque[float] = deque()  # when those that are there came, the oldest first
+        self._last_at_loss_s = 0.0  # when the last of those came that outlived one that went
 
     def look(self, readers: Readers) -> None:
         """Note who has come and gone; as often as possible, for it counts from here."""
-        new = min(readers.come - self._come, readers.matched)
+        new = max(readers.come - self._come, readers.matched - len(self._came_s))
         self._come = readers.come
-        self._came_s.extend([time.monotonic()] * new)
+        self._came_s.extend([time.monotonic()] * min(new, readers.matched))
         # Which one has gone is not told. The one that came last may be the one that stays.
         while len(self._came_s) > readers.matched:
             self._came_s.popleft()
+        if readers.lost and self._came_s:
+            # What is published again is for the one that came in its place, too.
+            self._last_at_loss_s = self._came_s[-1]
 
     @property
     def obstacle(self) -> str | None:
@@ -41,6 +45,8 @@ class Settling:
         there = len(self._came_s)
         if there < self._needed:
             return f'{there} of {self._needed} subscribers are there'
-        if self._needed and time.monotonic() < self._came_s[self._needed - 1] + SETTLE_S:
-            return 'a subscriber has come just now, and may not know of the bridge yet'
+        if self._needed:
+            came_s = max(self._came_s[self._needed - 1], self._last_at_loss_s)
+            if time.monotonic() < came_s + SETTLE_S:
+                return 'a subscriber has come just now, and may not know of the bridge yet'
         return None

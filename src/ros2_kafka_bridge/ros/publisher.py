@@ -114,8 +114,8 @@ class RosSink:
 
     def readers(self) -> Readers:
         """Look at the readers."""
-        matched, gone = self._events.look()
-        come = matched + gone
+        matched, come = self._events.look()
+        gone = come - matched
         self._matched = matched
         if gone != self._gone:
             self._gone = gone

@@ -55,7 +55,7 @@ def take(subscription: Subscription[Any], limit: int) -> list[Taken]:
 
 
 class MatchEvents:
-    """Counts the readers that a publisher has lost so far; no flicker goes unseen."""
+    """Counts the readers of a publisher that have come so far; no flicker goes unseen."""
 
     def __init__(self, publisher: Publisher[Any]) -> None:
         with publisher.handle:
@@ -64,10 +64,10 @@ class MatchEvents:
             )
 
     def look(self) -> tuple[int, int]:
-        """Return how many readers are matched now, and how many have gone since the start."""
+        """Return how many readers are matched now, and how many have come since the start."""
         with self._event:
             status = self._event.take_event()
-        return status.current_count, status.total_count - status.current_count
+        return status.current_count, status.total_count
 
     def close(self) -> None:
         """Let the event go."""
