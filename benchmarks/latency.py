@@ -84,12 +84,14 @@ def run(
     if options.warm_up:
         measure(_WARM_UP, place(), SEED, sys.maxsize)
     for number in range(1, options.rounds + 1):
-        for name in options.contestants:
+        # None has always the better place in the row.
+        names = options.contestants[:: 1 if number % 2 else -1]
+        for name in names:
             seconds = start_up(name, _depth(name), place())
             started.append(Started(number, name, seconds))
             tell(f'round {number}: {name} starts in {seconds:.2f} s')
         for rate in options.rates:
-            for name in options.contestants:
+            for name in names:
                 one = _measure(number, rate, name, options.seconds, place())
                 measured.append(one)
                 tell(f'round {number}: {_line(one)}')
@@ -251,7 +253,8 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         '--rates', type=_rates, default=RATES,
-        help=f'orders per second, separated by commas (default: {",".join(map(str, RATES))})',
+        help='orders per second, separated by commas (default: '
+        f'{",".join(f"{rate:g}" for rate in RATES)})',
     )  # fmt: skip
     parser.add_argument(
         '--seconds', type=_positive, default=SECONDS,

@@ -13,10 +13,11 @@ import argparse
 import math
 import shlex
 import signal
+import statistics
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -88,24 +89,48 @@ def _measure_all(grid: Sequence[Cell], options: argparse.Namespace, console: Con
             f'{len(grid) - len(todo)} of {len(grid)} cells are kept from before '
             '(--again measures them anew)'
         )
-    if not todo:
+    runs = dict.fromkeys((cell.contestant, cell.depth) for cell in grid)
+    runs.pop(('recording', None), None)
+    starts = [run for run in runs if options.again or not results.kept_start(options.out, *run)]
+    if not todo and not starts:
         return 0
     status = 0
     try:
-        with _kafka(options) as place, _progress(todo, options.most_orders, console) as next_cell:
+        with _kafka(options) as place:
             _measure(Cell('bare', None, _WARM_UP, _WARM_UP_S), place(0), options)
-            for number, cell in enumerate(todo):
-                _measure_starts(cell, place, options.out)
-                result = _measure(cell, place(number), options)
-                if isinstance(result, Result):
-                    results.keep(options.out, result)
-                else:
-                    status = 1
-                next_cell(cell, result)
+            for run in starts:
+                status |= _measure_start(*run, place, options.out, console)
+            with _progress(todo, options.most_orders, console) as next_cell:
+                for number, cell in enumerate(todo):
+                    result = _measure(cell, place(number), options)
+                    if isinstance(result, Result):
+                        results.keep(options.out, result)
+                    else:
+                        status = 1
+                    next_cell(cell, result)
     except KeyboardInterrupt:
         console.print('stopped: what was measured is kept, the same command goes on')
         status = 130
     return status
+
+
+def _measure_start(
+    contestant: str,
+    depth: int | None,
+    place: Callable[[int], Place],
+    out: Path,
+    console: Console,
+) -> int:
+    """Measure how long a contestant takes to start; returns the exit status."""
+    words = f'start-up of {contestant}{"" if depth is None else f"-{depth}"}'
+    try:
+        seconds = [start_up(contestant, depth, place(number)) for number in range(_STARTS)]
+    except ProcessError as error:
+        console.print(f'{words}: NOT MEASURED: {error}', soft_wrap=True)
+        return 1
+    results.keep_start(out, StartUp(contestant, depth, seconds))
+    console.print(f'{words}: {statistics.median(seconds):.2f} s', soft_wrap=True)
+    return 0
 
 
 def _measure(cell: Cell, place: Place, options: argparse.Namespace) -> Result | ProcessError:
@@ -113,16 +138,6 @@ def _measure(cell: Cell, place: Place, options: argparse.Namespace) -> Result | 
         return measure(cell, place, options.seed, options.most_orders)
     except ProcessError as error:
         return error
-
-
-def _measure_starts(cell: Cell, place: Callable[[int], Place], out: Path) -> None:
-    """Measure how long the contestant of a cell takes to start, unless that is kept."""
-    who = cell.contestant, cell.depth
-    if cell.contestant == 'recording' or results.kept_start(out, *who) is not None:
-        return
-    with suppress(ProcessError):  # the report says that it was not measured
-        seconds = [start_up(*who, place(number)) for number in range(_STARTS)]
-        results.keep_start(out, StartUp(*who, seconds))
 
 
 @contextmanager

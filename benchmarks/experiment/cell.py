@@ -100,6 +100,8 @@ def start_up(contestant: str, depth: int | None, place: Place) -> float:
     with _prepared(cell, place, Sending(0.0, 1, 0, 0)) as (run, stack):
         begun_ns = run.start_behind_an_order(stack)
         run.end()
+    if run.problems:
+        raise ProcessError('; '.join(run.problems))
     return (min(run.received.come_ns) - begun_ns) / 1e9
 
 
@@ -156,6 +158,7 @@ class _Run:
         self._kafka_ros = Child(
             Program('kafka-ros', commands.kafka_to_ros), ends.place / 'kafka-ros.log', environ
         )
+        self._subscribed = commands.subscribed
         self._children: Sequence[Child] = ()  # those that were started
         self._producer: Connection
         self._consumer: Connection
@@ -168,10 +171,12 @@ class _Run:
         self._start_ends(stack, self._ends.sink)
         self._wait(lambda: self._come > 0, _START_S, 'the consumer is not ready')
         self._start_bridges(stack)
+        self._wait(self._has_subscribed, _START_S, 'ros-kafka does not subscribe')
         is_read = reading(self._ends.bootstrap_servers, self._ends.source)
         self._wait(is_read, _START_S, 'nobody reads the orders')
         idle_until_s = time.monotonic() + _IDLE_S
-        self._wait(lambda: time.monotonic() > idle_until_s, _START_S, 'the bridges do not idle')
+        while time.monotonic() < idle_until_s:
+            self._look()
         pids = {'kafka_ros': self._kafka_ros.pid, 'ros_kafka': self._ros_kafka.pid}
         if self._broker is not None:
             pids['broker'] = self._broker
@@ -203,6 +208,9 @@ class _Run:
         self._children = (self._ros_kafka, self._kafka_ros)
         for child in self._children:
             stack.enter_context(child)
+
+    def _has_subscribed(self) -> bool:
+        return self._subscribed in self._ros_kafka.log.read_text(encoding='utf-8')
 
     def send(self) -> None:
         """Let the producer send, and wait until all have come, or nothing comes any more."""

@@ -7,7 +7,19 @@ import pytest
 
 from benchmarks.experiment.cell import out_of_order
 from benchmarks.experiment.grid import CONTESTANTS, DEPTHS, LOADS, cells, expected_s, orders_of
-from benchmarks.experiment.results import Cell, Counts, Load, Result, Usage, keep, kept
+from benchmarks.experiment.results import (
+    Cell,
+    Counts,
+    Load,
+    Result,
+    StartUp,
+    Usage,
+    forget,
+    keep,
+    keep_start,
+    kept,
+    kept_start,
+)
 from benchmarks.experiment.traffic import Sending, due_s, halves
 from ros2_kafka_bridge.testing.orders import Order, decode
 
@@ -78,6 +90,18 @@ def test_a_result_is_kept_for_its_own_cell_and_length_alone(tmp_path: Path) -> N
     assert list(found.kafka_ros.memory_mib) == [1.0, 2.0]
     assert kept(tmp_path, Cell('bridge', None, LOADS[2], 600.0)) is None
     assert kept(tmp_path, Cell('paper', 10, LOADS[2], 20.0)) is None
+
+
+def test_how_long_a_start_takes_is_kept_for_its_own_contestant_and_depth(tmp_path: Path) -> None:
+    start = StartUp('paper', 10, (2.0, 2.5))
+    keep_start(tmp_path, start)
+    found = kept_start(tmp_path, 'paper', 10)
+    assert found is not None
+    assert list(found.seconds) == [2.0, 2.5]
+    assert kept_start(tmp_path, 'paper', 200) is None
+    assert kept_start(tmp_path, 'bridge', None) is None
+    forget(tmp_path)
+    assert kept_start(tmp_path, 'paper', 10) is None
 
 
 def test_a_cell_whose_file_was_cut_off_counts_as_not_measured(tmp_path: Path) -> None:

@@ -337,7 +337,12 @@ def start_ups(found: Found) -> Table:
         'come through',
         columns,
         rows,
-        notes=['No part of any latency: the bridges of a cell stand idle before its first order.'],
+        notes=[
+            (
+                'No part of any latency: the bridges of a cell stand idle before its first order. '
+                'Bare loops join Kafka only when they know their subscriber, the others meanwhile.'
+            )
+        ],
     )
 
 
