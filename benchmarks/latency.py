@@ -10,6 +10,7 @@ how long an order that waits in Kafka takes from the start of both processes on.
 """
 
 import argparse
+import itertools
 import json
 import math
 import signal
@@ -66,10 +67,11 @@ class Started(NamedTuple):
 
 
 class Found(NamedTuple):
-    """All that was measured."""
+    """All that was measured, and what could not be."""
 
     measured: Sequence[Measured]
     started: Sequence[Started]
+    problems: Sequence[str] = ()
 
 
 # Measuring
@@ -81,21 +83,31 @@ def run(
     """Let the contestants take turns, round by round."""
     measured: list[Measured] = []
     started: list[Started] = []
+    problems: list[str] = []
+
+    @contextmanager
+    def noted(what: str) -> Iterator[None]:
+        try:
+            yield
+        except ProcessError as error:  # the others are measured all the same
+            problems.append(f'{what}: not measured: {error}')
+            tell(problems[-1])
+
     if options.warm_up:
         measure(_WARM_UP, place(), SEED, sys.maxsize)
     for number in range(1, options.rounds + 1):
         # None has always the better place in the row.
         names = options.contestants[:: 1 if number % 2 else -1]
         for name in names:
-            seconds = start_up(name, _depth(name), place())
-            started.append(Started(number, name, seconds))
-            tell(f'round {number}: {name} starts in {seconds:.2f} s')
-        for rate in options.rates:
-            for name in names:
-                one = _measure(number, rate, name, options.seconds, place())
-                measured.append(one)
-                tell(f'round {number}: {_line(one)}')
-    return Found(measured, started)
+            with noted(f'round {number}: start of {name}'):
+                seconds = start_up(name, _depth(name), place())
+                started.append(Started(number, name, seconds))
+                tell(f'round {number}: {name} starts in {seconds:.2f} s')
+        for rate, name in itertools.product(options.rates, names):
+            with noted(f'round {number}: {_words(rate)}, {name}'):
+                measured.append(_measure(number, rate, name, options.seconds, place()))
+                tell(f'round {number}: {_line(measured[-1])}')
+    return Found(measured, started, problems)
 
 
 def _measure(number: int, rate: float, name: str, seconds: float, place: Place) -> Measured:
@@ -196,6 +208,7 @@ def report(found: Found, *, is_local_kafka: bool) -> dict[str, Any]:
             for one in found.measured
         ],
         'start_up': [one._asdict() for one in found.started],
+        'problems': found.problems,
     }
 
 
@@ -220,7 +233,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     show_machine(made, console)
     if options.json:
         options.json.write_text(json.dumps(made, indent=2) + '\n', encoding='utf-8')
-    return 0
+    return 1 if found.problems else 0
 
 
 @contextmanager
