@@ -273,10 +273,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         '--seconds', type=_positive, default=SECONDS,
         help='how long orders are sent (default: %(default)g)',
     )  # fmt: skip
-    parser.add_argument(
-        '--rounds', type=int, choices=range(1, 101), metavar='NUMBER', default=ROUNDS,
-        help='default: %(default)s',
-    )  # fmt: skip
+    parser.add_argument('--rounds', type=_count, default=ROUNDS, help='default: %(default)s')
     parser.add_argument(
         '--contestants', type=_names, default=DEFAULT,
         help=f'of {", ".join(CONTESTANTS)}: in turn (default: {",".join(DEFAULT)})',
@@ -299,6 +296,13 @@ def _positive(text: str) -> float:
     number = float(text)
     if not 0 < number < math.inf:
         raise argparse.ArgumentTypeError('more than 0')
+    return number
+
+
+def _count(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError('at least 1')
     return number
 
 

@@ -20,6 +20,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     NewTopic,
 )
 
+from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.testing.orders import decode
 
 _REQUEST_S: Final = 10.0
@@ -48,14 +49,22 @@ class Tally(NamedTuple):
 
 @contextmanager
 def topics(bootstrap_servers: str, names: Sequence[str]) -> Iterator[None]:
-    """Create topics of one partition, with the broker's clock; delete them at the end."""
+    """Create topics of one partition, with the broker's clock; delete them at the end.
+
+    Raises:
+        TransportError: The broker does not answer.
+    """
     admin = AdminClient({'bootstrap.servers': bootstrap_servers, 'log_level': _QUIET})
     config = {'message.timestamp.type': 'LogAppendTime'}
     new = [NewTopic(name, num_partitions=1, config=config) for name in names]
     with _ctrl_c_held_back():
         asked = admin.create_topics(new)
     for made in asked.values():
-        made.result(_REQUEST_S)
+        try:
+            made.result(_REQUEST_S)
+        except TimeoutError as error:
+            no_answer = f'{bootstrap_servers}: no answer within {_REQUEST_S:g} s: is Kafka there?'
+            raise TransportError(no_answer) from error
     try:
         yield
     finally:
