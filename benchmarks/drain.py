@@ -35,11 +35,12 @@ from confluent_kafka import KafkaException
 from rich.console import Console
 
 from benchmarks.contestants import CONTESTANTS, Commands, Ends
-from benchmarks.drain_table import Result, Side, report, show, show_machine
+from benchmarks.drain_table import Result, Side, report, show
+from benchmarks.machine import show_machine
+from benchmarks.options import broker, domains, some_of, whole_number
 from benchmarks.processes import Process, ProcessError, Usage, usage
 from benchmarks.topics import EndOffset, count, fill, topics
 from ros2_kafka_bridge.errors import ConfigError, TransportError
-from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 from ros2_kafka_bridge.testing.orders import encode, orders
 
 ORDERS: Final = 150_000
@@ -213,8 +214,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     console = Console(highlight=False)
     try:
-        with _kafka(options.bootstrap_servers) as bootstrap_servers:
-            results = run_rounds(options, bootstrap_servers, console.print)
+        with broker(options.bootstrap_servers) as kafka:
+            results = run_rounds(options, kafka.bootstrap_servers, console.print)
     except KeyboardInterrupt:
         return 130
     except (ConfigError, TransportError, ProcessError, OSError, KafkaException) as error:
@@ -228,54 +229,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-@contextmanager
-def _kafka(bootstrap_servers: str | None) -> Iterator[str]:
-    if bootstrap_servers is not None:
-        yield bootstrap_servers
-        return
-    with LocalKafka() as kafka:
-        yield kafka.bootstrap_servers
-
-
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='python -m benchmarks.drain', description='Drains a topic through both directions.'
     )
-    parser.add_argument('--orders', type=_positive, default=ORDERS, help='default: %(default)s')
-    parser.add_argument('--rounds', type=_positive, default=1, help='default: %(default)s')
+    parser.add_argument('--orders', type=whole_number, default=ORDERS, help='default: %(default)s')
+    parser.add_argument('--rounds', type=whole_number, default=1, help='default: %(default)s')
     parser.add_argument(
         '--contestants',
-        type=_names,
+        type=some_of(CONTESTANTS),
         default=list(DEFAULT),
         help=f'of {", ".join(CONTESTANTS)}: separated by commas, in turn (default: '
         f'{",".join(DEFAULT)})',
     )
     parser.add_argument(
         '--ros-domains',
-        type=lambda text: [int(word) for word in text.split(',')],
+        type=domains,
         default=DOMAINS,
         help='ROS domains, in turn (default: %(default)s)',
     )
     parser.add_argument('--json', type=Path, help='write all of it into this file, too')
     parser.add_argument('--bootstrap-servers', help='default: a Kafka is started for the run')
     return parser.parse_args(arguments)
-
-
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError('at least 1')
-    return number
-
-
-def _names(text: str) -> list[str]:
-    names = list(dict.fromkeys(text.split(',')))
-    unknown = [name for name in names if name not in CONTESTANTS]
-    if unknown:
-        raise argparse.ArgumentTypeError(
-            f'no contestant {unknown[0]!r}: there are {", ".join(CONTESTANTS)}'
-        )
-    return names
 
 
 if __name__ == '__main__':

@@ -146,10 +146,3 @@ def report(results: Sequence[Result], *, is_local_kafka: bool) -> dict[str, Any]
         'ratios': _ratios(_by_contestant(results)),
         'rounds': rounds,
     }
-
-
-def show_machine(report: dict[str, Any], console: Console) -> None:
-    """Print where it was measured."""
-    here = report['machine']
-    console.print(f'{here["cores"]} cores of {here["cpu"]}, {here["memory_gib"]} GiB')
-    console.print(', '.join(f'{name} {number}' for name, number in report['versions'].items()))

@@ -12,13 +12,13 @@ how long an order that waits in Kafka takes from the start of both processes on.
 import argparse
 import itertools
 import json
-import math
 import signal
 import statistics
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -27,13 +27,13 @@ from confluent_kafka import KafkaException
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.drain_table import show_machine
-from benchmarks.experiment.cell import Place, measure, start_up
+from benchmarks.experiment.cell import measure, start_up
+from benchmarks.experiment.parts import Place
 from benchmarks.experiment.results import Cell, Latency, Load
-from benchmarks.machine import machine, versions
+from benchmarks.machine import machine, show_machine, versions
+from benchmarks.options import broker, domains, positive, some_of, whole_number
 from benchmarks.processes import ProcessError
 from ros2_kafka_bridge.errors import ConfigError, TransportError
-from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
 RATES: Final = (163.0, 2000.0, 10_000.0)
 SECONDS: Final = 15.0
@@ -43,7 +43,7 @@ DEFAULT: Final = ('bridge', 'bare')
 PAPER_DEPTH: Final = 200
 DOMAINS: Final = (211, 212, 213, 214)
 SEED: Final = 1
-# A broker's Java compiles what it has run often; and so do the files that all read first.
+# Java compiles what it has run often: no broker in use is as young as one that was just started.
 _WARM_UP: Final = Cell('bare', None, Load('warm-up', '1,000 orders/s', 1000.0), 20.0)
 
 
@@ -57,6 +57,15 @@ class Measured(NamedTuple):
     lost: int
     latency: Latency
 
+    @property
+    def words(self) -> str:
+        """For a line of the terminal."""
+        latency = self.latency
+        return (
+            f'first {latency.first:.1f} ms, median {latency.median:.2f}, 99th {latency.p99:.2f}, '
+            f'slowest {latency.slowest:.1f}, {self.lost:,} of {self.orders:,} lost'
+        )
+
 
 class Started(NamedTuple):
     """How long a contestant took to start in one round."""
@@ -64,6 +73,11 @@ class Started(NamedTuple):
     round: int
     contestant: str
     seconds: float
+
+    @property
+    def words(self) -> str:
+        """For a line of the terminal."""
+        return f'{self.seconds:.2f} s'
 
 
 class Found(NamedTuple):
@@ -80,41 +94,49 @@ class Found(NamedTuple):
 def run(
     options: argparse.Namespace, place: Callable[[], Place], tell: Callable[[str], None]
 ) -> Found:
-    """Let the contestants take turns, round by round."""
-    measured: list[Measured] = []
-    started: list[Started] = []
+    """Let the contestants take turns, round by round; one that fails does not end the others."""
+    found: list[Measured | Started] = []
     problems: list[str] = []
-
-    @contextmanager
-    def noted(what: str) -> Iterator[None]:
-        try:
-            yield
-        except ProcessError as error:  # the others are measured all the same
-            problems.append(f'{what}: not measured: {error}')
-            tell(problems[-1])
-
     if options.warm_up:
         measure(_WARM_UP, place(), SEED, sys.maxsize)
+    for what, task in _tasks(options):
+        try:
+            found.append(task(place()))
+        except ProcessError as error:
+            problems.append(f'{what}: not measured: {error}')
+            tell(problems[-1])
+        else:
+            tell(f'{what}: {found[-1].words}')
+    return Found(
+        [one for one in found if isinstance(one, Measured)],
+        [one for one in found if isinstance(one, Started)],
+        problems,
+    )
+
+
+def _tasks(
+    options: argparse.Namespace,
+) -> Iterator[tuple[str, Callable[[Place], Measured | Started]]]:
+    """What is to be measured, each with what it is called."""
     for number in range(1, options.rounds + 1):
         # None has always the better place in the row.
         names = options.contestants[:: 1 if number % 2 else -1]
         for name in names:
-            with noted(f'round {number}: start of {name}'):
-                seconds = start_up(name, _depth(name), place())
-                started.append(Started(number, name, seconds))
-                tell(f'round {number}: {name} starts in {seconds:.2f} s')
+            yield f'round {number}: start of {name}', partial(_start, number, name)
         for rate, name in itertools.product(options.rates, names):
-            with noted(f'round {number}: {_words(rate)}, {name}'):
-                measured.append(_measure(number, rate, name, options.seconds, place()))
-                tell(f'round {number}: {_line(measured[-1])}')
-    return Found(measured, started, problems)
+            what = f'round {number}: {_words(rate)}, {name}'
+            yield what, partial(_measure, number, rate, name, options.seconds)
+
+
+def _start(number: int, name: str, place: Place) -> Started:
+    return Started(number, name, start_up(name, _depth(name), place))
 
 
 def _measure(number: int, rate: float, name: str, seconds: float, place: Place) -> Measured:
     cell = Cell(name, _depth(name), Load(f'{rate:g}', _words(rate), rate), seconds)
     result = measure(cell, place, SEED + number, sys.maxsize)
     if result.latency is None:
-        raise ProcessError(f'{name}, {_words(rate)}: nothing came')
+        raise ProcessError('nothing came')
     counts = result.counts
     return Measured(number, rate, name, counts.producer, counts.lost, result.latency)
 
@@ -125,14 +147,6 @@ def _depth(name: str) -> int | None:
 
 def _words(rate: float) -> str:
     return f'{rate:,g} orders/s'
-
-
-def _line(one: Measured) -> str:
-    return (
-        f'{_words(one.rate)}, {one.contestant}: first {one.latency.first:.1f} ms, median '
-        f'{one.latency.median:.2f}, 99th {one.latency.p99:.2f}, slowest '
-        f'{one.latency.slowest:.1f}, {one.lost:,} of {one.orders:,} lost'
-    )
 
 
 # Showing
@@ -174,6 +188,8 @@ def show(found: Found, console: Console) -> None:
         console.print(
             f'start-up, {name}: {_range(seconds)} s until an order that waits is through'
         )
+    for problem in found.problems:
+        console.print(problem)
 
 
 _COLUMNS: Final[Sequence[tuple[str, Callable[[Measured], float]]]] = (
@@ -239,23 +255,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 @contextmanager
 def _places(options: argparse.Namespace) -> Iterator[Callable[[], Place]]:
     """Start a Kafka unless there is one; yields what makes the next place to measure at."""
-    number = 0
-
-    def place_at(servers: str, broker: int | None, files: Path) -> Callable[[], Place]:
-        def next_place() -> Place:
-            nonlocal number
-            number += 1
-            domain = options.ros_domains[number % len(options.ros_domains)]
-            return Place(servers, broker, domain, files, files)
-
-        return next_place
-
-    with tempfile.TemporaryDirectory(prefix='latency-') as files:
-        if options.bootstrap_servers is not None:
-            yield place_at(options.bootstrap_servers, None, Path(files))
-            return
-        with LocalKafka() as kafka:
-            yield place_at(kafka.bootstrap_servers, kafka.pid, Path(files))
+    turns = itertools.cycle(options.ros_domains)
+    with (
+        tempfile.TemporaryDirectory(prefix='latency-') as files,
+        broker(options.bootstrap_servers) as kafka,
+    ):
+        yield lambda: Place(*kafka, next(turns), Path(files), Path(files))
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -270,12 +275,12 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         f'{",".join(f"{rate:g}" for rate in RATES)})',
     )  # fmt: skip
     parser.add_argument(
-        '--seconds', type=_positive, default=SECONDS,
+        '--seconds', type=positive, default=SECONDS,
         help='how long orders are sent (default: %(default)g)',
     )  # fmt: skip
-    parser.add_argument('--rounds', type=_count, default=ROUNDS, help='default: %(default)s')
+    parser.add_argument('--rounds', type=whole_number, default=ROUNDS, help='default: %(default)s')
     parser.add_argument(
-        '--contestants', type=_names, default=DEFAULT,
+        '--contestants', type=some_of(CONTESTANTS), default=DEFAULT,
         help=f'of {", ".join(CONTESTANTS)}: in turn (default: {",".join(DEFAULT)})',
     )  # fmt: skip
     parser.add_argument(
@@ -283,41 +288,15 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         help='measure on a broker that has served nobody yet',
     )  # fmt: skip
     parser.add_argument(
-        '--ros-domains', default=DOMAINS,
-        type=lambda text: [int(word) for word in text.split(',')],
-        help='in turn (default: %(default)s)',
-    )  # fmt: skip
+        '--ros-domains', type=domains, default=DOMAINS, help='in turn (default: %(default)s)'
+    )
     parser.add_argument('--json', type=Path, help='write all of it into this file, too')
     parser.add_argument('--bootstrap-servers', help='default: a Kafka is started for the run')
     return parser.parse_args(arguments)
 
 
-def _positive(text: str) -> float:
-    number = float(text)
-    if not 0 < number < math.inf:
-        raise argparse.ArgumentTypeError('more than 0')
-    return number
-
-
-def _count(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError('at least 1')
-    return number
-
-
 def _rates(text: str) -> list[float]:
-    return [_positive(word) for word in dict.fromkeys(text.split(','))]
-
-
-def _names(text: str) -> list[str]:
-    names = list(dict.fromkeys(text.split(',')))
-    unknown = [name for name in names if name not in CONTESTANTS]
-    if unknown:
-        raise argparse.ArgumentTypeError(
-            f'no contestant {unknown[0]!r}: there are {", ".join(CONTESTANTS)}'
-        )
-    return names
+    return [positive(word) for word in dict.fromkeys(text.split(','))]
 
 
 if __name__ == '__main__':

@@ -4,9 +4,10 @@ import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import confluent_kafka
+from rich.console import Console
 
 from ros2_kafka_bridge.testing.kafka_jars import find_jars
 
@@ -53,3 +54,10 @@ def _local_kafka() -> str:
     jars = find_jars()
     found = sorted(jars.glob('kafka-clients-*.jar')) if jars else []
     return found[0].stem.removeprefix('kafka-clients-') if found else 'unknown'
+
+
+def show_machine(report: dict[str, Any], console: Console) -> None:
+    """Print where it was measured."""
+    here = report['machine']
+    console.print(f'{here["cores"]} cores of {here["cpu"]}, {here["memory_gib"]} GiB')
+    console.print(', '.join(f'{name} {number}' for name, number in report['versions'].items()))

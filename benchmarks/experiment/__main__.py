@@ -29,7 +29,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from benchmarks.experiment import results
-from benchmarks.experiment.cell import Place, measure, start_up
+from benchmarks.experiment.cell import measure, start_up
 from benchmarks.experiment.grid import (
     CONTESTANTS,
     DEPTHS,
@@ -39,13 +39,14 @@ from benchmarks.experiment.grid import (
     cells,
     expected_s,
 )
+from benchmarks.experiment.parts import Place
 from benchmarks.experiment.predictions import predictions
 from benchmarks.experiment.report import write_report
 from benchmarks.experiment.results import Cell, Experiment, Load, Result, Setting, StartUp
 from benchmarks.machine import machine, versions
+from benchmarks.options import broker, domains, positive, some_of, whole_number, whole_numbers
 from benchmarks.processes import ProcessError
 from ros2_kafka_bridge.errors import ConfigError, TransportError
-from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
 OUT: Final = Path('build/experiment')
 DOMAINS: Final = (211, 212, 213, 214)
@@ -143,22 +144,10 @@ def _measure(cell: Cell, place: Place, options: argparse.Namespace) -> Result | 
 @contextmanager
 def _kafka(options: argparse.Namespace) -> Iterator[Callable[[int], Place]]:
     """Start a Kafka unless there is one; yields what makes the place of a cell."""
-
-    def place_at(servers: str, broker: int | None) -> Callable[[int], Place]:
-        logs, recordings = options.out / 'logs', options.out / 'recordings'
-        return lambda number: Place(
-            servers,
-            broker,
-            options.ros_domains[number % len(options.ros_domains)],
-            logs,
-            recordings,
-        )
-
-    if options.bootstrap_servers is not None:
-        yield place_at(options.bootstrap_servers, None)
-        return
-    with LocalKafka() as kafka:
-        yield place_at(kafka.bootstrap_servers, kafka.pid)
+    logs, recordings = options.out / 'logs', options.out / 'recordings'
+    chosen = options.ros_domains
+    with broker(options.bootstrap_servers) as kafka:
+        yield lambda number: Place(*kafka, chosen[number % len(chosen)], logs, recordings)
 
 
 @contextmanager
@@ -267,28 +256,28 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     loads = ','.join(load.name for load in LOADS)
     parser.add_argument(
-        '--seconds', type=_seconds, default=SECONDS,
+        '--seconds', type=positive, default=SECONDS,
         help='how long orders are sent in a cell (default: %(default)g; the paper: 600)',
     )  # fmt: skip
     parser.add_argument(
         '--loads', type=_loads, default=LOADS, help=f'in orders per second (default: {loads})'
     )
     parser.add_argument(
-        '--contestants', type=_contestants, default=CONTESTANTS,
+        '--contestants', type=some_of(CONTESTANTS), default=CONTESTANTS,
         help=f'separated by commas (default: {",".join(CONTESTANTS)})',
     )  # fmt: skip
     parser.add_argument(
-        '--depths', type=_depths, default=DEPTHS,
+        '--depths', type=whole_numbers, default=DEPTHS,
         help=f'of KEEP_LAST (default: {",".join(map(str, DEPTHS))})',
     )  # fmt: skip
     parser.add_argument(
-        '--most-orders', type=_positive, default=MOST_ORDERS,
+        '--most-orders', type=whole_number, default=MOST_ORDERS,
         help='of one cell, however fast they are sent (default: %(default)s)',
     )  # fmt: skip
     parser.add_argument('--seed', type=int, default=SEED, help='of the orders')
     parser.add_argument('--bootstrap-servers', help='default: a Kafka is started for the run')
     parser.add_argument(
-        '--ros-domains', type=_domains, default=DOMAINS, help='in turn (default: %(default)s)'
+        '--ros-domains', type=domains, default=DOMAINS, help='in turn (default: %(default)s)'
     )
     parser.add_argument('--out', type=Path, default=OUT, help='default: %(default)s')
     parser.add_argument(
@@ -297,43 +286,9 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not 0 < seconds < math.inf:
-        raise argparse.ArgumentTypeError('more than 0')
-    return seconds
-
-
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError('at least 1')
-    return number
-
-
-def _depths(text: str) -> list[int]:
-    return [_positive(word) for word in text.split(',')]
-
-
-def _domains(text: str) -> list[int]:
-    return [int(word) for word in text.split(',')]
-
-
 def _loads(text: str) -> list[Load]:
     known = {load.name: load for load in LOADS}
-    return [known[name] for name in _known(text, list(known))]
-
-
-def _contestants(text: str) -> list[str]:
-    return _known(text, CONTESTANTS)
-
-
-def _known(text: str, known: Sequence[str]) -> list[str]:
-    names = list(dict.fromkeys(text.split(',')))
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise argparse.ArgumentTypeError(f'no {unknown[0]!r}: there are {", ".join(known)}')
-    return names
+    return [known[name] for name in some_of(known)(text)]
 
 
 if __name__ == '__main__':
