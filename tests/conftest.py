@@ -36,6 +36,7 @@ ROS_DOMAINS: Final = (*range(1, 102), *range(215, 233))
 # How long some modules take, in seconds, and how long a test of the others does about.
 LONG: Final = {
     'faults/test_secured_kafka_faults': 355,
+    'system/test_foreign_errors': 300,
     'system/test_reload': 230,
     'faults/test_kafka_to_ros_kills': 185,
     'system/test_ros_control': 155,

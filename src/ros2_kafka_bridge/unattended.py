@@ -18,6 +18,17 @@ def start(name: str, target: Callable[[], object]) -> threading.Thread:
     return thread
 
 
+def ends_within(seconds: float, name: str, target: Callable[[], object]) -> bool:
+    """Run something that may wait for ever; tells whether it has ended in time.
+
+    Raises:
+        RuntimeError: This process may have no more threads.
+    """
+    thread = start(name, target)
+    thread.join(seconds)
+    return not thread.is_alive()
+
+
 def is_any_left() -> bool:
     """Whether one is at work: it would meet an interpreter that is being taken down."""
     return any(thread.name.startswith(_MARK) for thread in threading.enumerate())

@@ -12,7 +12,7 @@ from ros2_kafka_bridge.dead_letters import DeadLetters, Letter
 from ros2_kafka_bridge.endpoints import Matches, Message
 from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.formats import Encode
-from ros2_kafka_bridge.kafka.admin import ensure_topic, topic_limit_bytes
+from ros2_kafka_bridge.kafka.admin import ensure_topic
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.properties import consumer_properties, producer_properties
@@ -85,12 +85,15 @@ class Wiring:
         keeps it, so that DDS holds the publishers back meanwhile.
 
         Raises:
-            RouteError: The route cannot run now.
-            TransportError: Kafka is away, and has to be asked first.
+            RouteError: The route cannot run now; its ROS endpoint is closed.
         """
-        if isinstance(route, KafkaToRosRoute):
-            return self._kafka_to_ros(route, log, stack)
-        return self._ros_to_kafka(route, log, stop, stack)
+        with ExitStack() as made:
+            if isinstance(route, KafkaToRosRoute):
+                direction: Direction | None = self._kafka_to_ros(route, log, made)
+            else:
+                direction = self._ros_to_kafka(route, log, stop, made)
+            stack.push(made.pop_all())
+        return direction
 
     def successor(self, route: RosToKafkaRoute) -> Successor:
         """Make what knows whether another bridge of this name reads the ROS topic of a route."""
@@ -117,9 +120,6 @@ class Wiring:
         """Make what delivers the spool of a route that another bridge runs; None without one.
 
         It takes nothing from ROS, where the other one reads.
-
-        Raises:
-            TransportError: Kafka is away, and has to be asked first.
         """
         if isinstance(route, KafkaToRosRoute) or route.spool is None:
             return None
@@ -222,7 +222,8 @@ class Wiring:
         headers = self._tracing.headers(
             make_headers(route.source.ros, name, self._config.name, source.type_hash)
         )
-        # Open before Kafka is asked anything: from here on DDS holds the publishers back.
+        # From here on DDS holds the publishers back: nothing behind this line may ask Kafka, or
+        # an outage would close the reader again.
         stack.enter_context(_open(source))
         direction = RosToKafka(
             route,
@@ -246,7 +247,8 @@ class Wiring:
         return Produced(Tail(properties, route.sink.kafka), log)
 
     def _kafka_sink(self, route: RosToKafkaRoute, log: Log) -> KafkaSink[Entry]:
-        return KafkaSink(self._producer_properties(route), route.sink.kafka, log)
+        properties = self._producer_properties(route)
+        return KafkaSink(properties, route.sink.kafka, log, fits_topic=True)
 
     def _spool_of(self, route: RosToKafkaRoute) -> Path:
         assert route.spool is not None
@@ -270,16 +272,12 @@ class Wiring:
 
     def _producer_properties(self, route: RosToKafkaRoute) -> dict[str, Any]:
         users = {**self._config.kafka, **route.sink.properties}
-        properties = producer_properties(users, client_id=self._config.name)
-        # A broker refuses a whole batch that is larger than the topic allows.
-        limit_bytes = topic_limit_bytes(properties, route.sink.kafka) or _LARGEST_BATCH_BYTES
-        batch_bytes = min(limit_bytes, int(properties.get('batch.size', _LARGEST_BATCH_BYTES)))
         own = {
             'queue.buffering.max.messages': route.max_in_flight,
             'queue.buffering.max.kbytes': _kbytes(route),
             'message.max.bytes': max(_LARGEST_BATCH_BYTES, route.max_message_bytes + _FRAME_BYTES),
         }
-        return own | properties | {'batch.size': batch_bytes}
+        return own | producer_properties(users, client_id=self._config.name)
 
     def _dead_letters(self, route: Route, log: Log) -> DeadLetters[Any]:
         topic = route.dead_letter_topic

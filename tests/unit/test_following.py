@@ -1,15 +1,18 @@
 """How the source follows the publishers of a topic, with a graph and readers in memory."""
 
+import contextlib
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import QoSProfile
 
 from ros2_kafka_bridge.config.settings import QoS
-from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.ros import take as inner
 from ros2_kafka_bridge.ros.node import Peer
@@ -19,6 +22,7 @@ from ros2_kafka_bridge.ros.types import MessageType
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 TYPE = MessageType('p/msg/T', object, Layout('p/msg/T', ()), None)
 LATCHED, VOLATILE = b'L' * 16, b'V' * 16
+RCLError = rclpy_implementation.RCLError
 
 
 @dataclass
@@ -28,6 +32,8 @@ class Reader:
     durability: str
     cache: list[tuple[bytes, dict[str, Any]]] = field(default_factory=list)
     alive: bool = True
+    broken: Exception | None = None
+    indestructible: Exception | None = None
 
     def give(self, gid: bytes, *numbers: int) -> None:
         for seq in numbers:
@@ -47,9 +53,12 @@ class Graph:
         self.readers: list[Reader] = []
         self.handle = self
         self.context = None
+        self.problem: Exception | None = None
 
     def publishers(self, topic: str) -> list[Peer]:
         del topic
+        if self.problem is not None:
+            raise self.problem
         return list(self.peers)
 
     def create_subscription(self, _: type, __: str, ___: object, qos: Any, **____: Any) -> Reader:
@@ -59,6 +68,8 @@ class Graph:
 
     def destroy_subscription(self, reader: Reader) -> None:
         reader.alive = False
+        if reader.indestructible is not None:
+            raise reader.indestructible
 
     def reader(self, durability: str) -> Reader:
         [found] = [r for r in self.readers if r.alive and r.durability == durability]
@@ -71,6 +82,8 @@ def peer(gid: bytes, durability: str) -> Peer:
 
 def take(reader: Reader, limit: int) -> list[tuple[bytes, dict[str, Any]]]:
     assert reader.alive, 'taken from a destroyed subscription'
+    if reader.broken is not None:
+        raise reader.broken
     taken, reader.cache = reader.cache[:limit], reader.cache[limit:]
     return taken
 
@@ -160,3 +173,85 @@ def test_it_is_exhausted_only_when_every_reader_gave_less_than_asked(graph: Grap
     assert not source.exhausted
     source.take(3, 0.0)
     assert source.exhausted
+
+
+def test_what_one_subscription_gives_is_kept_where_another_one_fails_guarantee_1(
+    graph: Graph,
+) -> None:
+    graph.peers = [peer(LATCHED, 'transient_local'), peer(VOLATILE, 'volatile')]
+    source = make(graph)
+    look(source)
+    graph.reader('transient_local').broken = RCLError('out of memory, at ./rcl.c:1')
+    graph.reader('volatile').give(VOLATILE, 1, 2)
+    assert look(source) == [1, 2]
+    with pytest.raises(RouteError, match=r'^subscription of /t: out of memory$'):
+        look(source)
+    graph.reader('transient_local').broken = None
+    graph.reader('volatile').give(VOLATILE, 3)
+    graph.reader('transient_local').give(LATCHED, 1)
+    assert sorted(look(source)) == [1, 3]
+    assert all(reader.alive for reader in graph.readers)
+
+
+def test_a_subscription_that_fails_again_and_again_is_made_anew_guarantee_5(
+    graph: Graph,
+) -> None:
+    graph.peers = [peer(VOLATILE, 'volatile')]
+    source = make(graph)
+    look(source)
+    broken = graph.reader('volatile')
+    broken.broken = RCLError('invalid')
+    for _ in range(2):
+        with pytest.raises(RouteError):
+            look(source)
+    assert not broken.alive
+    look(source)
+    graph.reader('volatile').give(VOLATILE, 1)
+    assert look(source) == [1]
+
+
+def test_what_was_taken_is_kept_where_the_graph_cannot_be_asked_for_its_publisher_guarantee_1(
+    graph: Graph,
+) -> None:
+    graph.peers = [peer(VOLATILE, 'volatile')]
+    source = make(graph)
+    look(source)
+    graph.reader('volatile').give(b'U' * 16, 1, 2)
+    graph.problem = RouteError('publishers of /t: no')
+    source._graph_at_s = float('inf')
+    assert [message.seq for message in source.take(500, 0.0)] == [1, 2]
+    assert source.type_hash(b'W' * 16) is None, 'asked for each message of a batch'
+    with pytest.raises(RouteError, match='publishers of /t: no'):
+        source.take(500, 0.0)
+    graph.problem = None
+    graph.reader('volatile').give(b'U' * 16, 3)
+    assert look(source) == [3]
+
+
+def test_a_subscription_that_cannot_be_destroyed_is_left_behind(
+    graph: Graph, caplog: pytest.LogCaptureFixture
+) -> None:
+    graph.peers = [peer(LATCHED, 'transient_local'), peer(VOLATILE, 'volatile')]
+    source = make(graph)
+    graph.reader('transient_local').indestructible = RCLError('invalid, at ./rcl.c:1')
+    graph.reader('volatile').indestructible = RCLError('invalid, at ./rcl.c:1')
+    source.close()
+    assert caplog.messages[-2:] == 2 * ['subscription of /t: invalid: left behind']
+
+
+def test_a_take_that_fails_in_the_middle_returns_what_it_has_and_tells_the_next_time() -> None:
+    class Handle(contextlib.nullcontext[None]):
+        def __init__(self) -> None:
+            super().__init__()
+            self.messages: list[object] = [1, 2, RCLError('no memory')]
+
+        def take_message(self, *_: object) -> object:
+            message = self.messages[0]
+            if isinstance(message, RCLError):
+                raise message
+            return self.messages.pop(0)
+
+    subscription: Any = SimpleNamespace(handle=Handle(), msg_type=object)
+    assert list[object](inner.take(subscription, 500)) == [1, 2]
+    with pytest.raises(RCLError):
+        inner.take(subscription, 500)

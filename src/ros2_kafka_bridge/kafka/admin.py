@@ -53,5 +53,5 @@ def topic_limit_bytes(properties: Mapping[str, Any], topic: str) -> int | None:
     try:
         answer = admin.describe_configs([resource], request_timeout=_LOOK_S)[resource]
         return int(answer.result(_LOOK_S + 1)['max.message.bytes'].value)
-    except (KafkaException, TimeoutError):
+    except (KafkaException, TimeoutError, KeyError, TypeError):  # not all brokers tell all
         return None

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from confluent_kafka import OFFSET_BEGINNING, Consumer, KafkaException, TopicPartition
 
 from ros2_kafka_bridge.about import About
+from ros2_kafka_bridge.kafka.commits import commit_within
 from ros2_kafka_bridge.logs import summed
 
 _REQUEST_S = 10.0
@@ -111,10 +112,8 @@ class Beginnings:
         """
         side = 0 if self._start == 'earliest' else 1
         offsets = {p.partition: self._bounds(client, p.partition)[side] for p in everywhere}
-        client.commit(
-            offsets=[TopicPartition(self._topic, p, offset) for p, offset in offsets.items()],
-            asynchronous=False,
-        )
+        places = [TopicPartition(self._topic, p, offset) for p, offset in offsets.items()]
+        commit_within(_REQUEST_S, client, places)
         self._log.info('first start of this group: begins at the %s record', self._start)
         return offsets
 

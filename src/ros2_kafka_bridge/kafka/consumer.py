@@ -4,7 +4,8 @@ import contextlib
 import logging
 import time
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, cast
 
 from confluent_kafka import (
@@ -20,6 +21,7 @@ from ros2_kafka_bridge import unattended
 from ros2_kafka_bridge.endpoints import Rebalance, Record
 from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.kafka.beginnings import Beginnings
+from ros2_kafka_bridge.kafka.commits import commit_within
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.health import BROKERS_LOST, ClientHealth, check_files
 from ros2_kafka_bridge.kafka.lag import Lag
@@ -34,6 +36,7 @@ _LOOK_S = 0.5
 _LAST_LOOK_S = 1.0
 _REJOIN_MS = 30_000
 _CLOSE_S = 5.0
+_HAND_OVER_S = 2.0
 _AT_ONCE_S = 30.0  # one more client sooner is left to the route, which waits between two
 _SHUT_OUT_WORDS = 'Static consumer fenced'  # librdkafka's, whatever the code
 _SHUT_OUT = 'the group has taken a late request for another member: begins anew with another'
@@ -185,18 +188,28 @@ class KafkaSource:
         self._forget(partitions)
 
     def poll(self, limit: int, timeout_s: float) -> Sequence[Record]:
-        """Wait up to `timeout_s` for the first record, then return what is there."""
-        if self._held:
-            self._client.resume(self._client.assignment())
-            self._held = False
-        return self._read(limit, timeout_s)
+        """Wait up to `timeout_s` for the first record, then return what is there.
+
+        Raises:
+            RouteError: The client is of no use any more.
+        """
+        with self._translating():
+            if self._held:
+                self._client.resume(self._client.assignment())
+                self._held = False
+            return self._read(limit, timeout_s)
 
     def hold(self) -> Sequence[Record]:
-        """Stay a member of the group without reading on."""
-        if not self._held or self._fresh:
-            self._client.pause(self._client.assignment())
-            self._held, self._fresh = True, False
-        return self._read(1, 0.0)
+        """Stay a member of the group without reading on.
+
+        Raises:
+            RouteError: The client is of no use any more.
+        """
+        with self._translating():
+            if not self._held or self._fresh:
+                self._client.pause(self._client.assignment())
+                self._held, self._fresh = True, False
+            return self._read(1, 0.0)
 
     def commit(self, positions: Mapping[int, int]) -> None:
         """Commit the next offset to read of each partition, without waiting for it.
@@ -218,7 +231,8 @@ class KafkaSource:
         # librdkafka's own synchronous commit waits for a broker without any limit.
         deadline_s = time.monotonic() + timeout_s
         again_s = 0.0
-        self._client.pause(self._client.assignment())
+        with contextlib.suppress(KafkaException):  # fatal for the client, and known
+            self._client.pause(self._client.assignment())
         while self._news(positions) and (now_s := time.monotonic()) < deadline_s:
             if now_s >= again_s and not self._is_committing:
                 if self._health.away:
@@ -236,17 +250,22 @@ class KafkaSource:
         if not news:
             return
         try:
-            if self._health.away:  # librdkafka would wait for the broker without limit
+            if self._health.away:
                 self._commit_soon(news)
             else:
-                self._client.commit(offsets=news, asynchronous=False)
+                commit_within(_HAND_OVER_S, self._client, news)
         except KafkaException as error:
             self._log.warning('cannot commit before the hand-over: %s', error.args[0].str())
 
     def lag(self, positions: Mapping[int, int]) -> int:
-        """How many records of the assigned partitions come behind `positions`."""
+        """How many records of the assigned partitions come behind `positions`.
+
+        Raises:
+            RouteError: The client is of no use any more.
+        """
         ask = self._held and not self._health.away
-        return self._lag.count(self._client, positions, ask=ask)
+        with self._translating():
+            return self._lag.count(self._client, positions, ask=ask)
 
     def close(self) -> None:
         """Leave the group; what is to be committed has been."""
@@ -271,21 +290,30 @@ class KafkaSource:
     def _poll_while(self, condition: Callable[[], bool]) -> None:
         """Let the client work for a moment, without taking records."""
         deadline_s = time.monotonic() + _LEAVE_S
-        while condition() and time.monotonic() < deadline_s:
-            with contextlib.suppress(KafkaException):
+        with contextlib.suppress(KafkaException):  # fatal for the client, and known
+            while condition() and time.monotonic() < deadline_s:
                 self._client.poll(0.01)
 
     def _close_client(self, consumer: Consumer) -> None:
         """Close a client, or leave it behind: one that is not in its group may wait for ever."""
-        closing = unattended.start('old consumer', consumer.close)
-        closing.join(_CLOSE_S)
-        if closing.is_alive():
+        try:
+            ended = unattended.ends_within(_CLOSE_S, 'old consumer', partial(_close, consumer))
+        except RuntimeError:  # no more threads
+            ended = False
+        if not ended:
             self._log.warning('the Kafka client of %s does not end: left behind', self._topic)
 
     @property
     def _client(self) -> Consumer:
         assert self._consumer is not None, 'the source is open'
         return self._consumer
+
+    @contextlib.contextmanager
+    def _translating(self) -> Iterator[None]:
+        try:
+            yield
+        except KafkaException as error:
+            raise self._translated(error) from error
 
     def _translated(self, error: KafkaException) -> BridgeError:
         return translate(error.args[0], f'topic {self._topic}', self._about)
@@ -346,7 +374,7 @@ class KafkaSource:
                 self._watch.on_lost()
             if self._consumer is not old:
                 with contextlib.suppress(RuntimeError):  # no more threads: left behind
-                    unattended.start('old consumer', old.close)
+                    unattended.start('old consumer', partial(_close, old))
 
     def _note_whether_shut_out(self, error: KafkaError) -> bool:
         """Whether the group has shut this client out: for a late request, its name is its own."""
@@ -463,7 +491,12 @@ class KafkaSource:
             return
         self._health.on_contact()
         self._committed.update(
-            {p.partition: p.offset for p in partitions if p.error is None and p.offset >= 0}
+            {
+                p.partition: p.offset
+                for p in partitions
+                # An answer may come when another bridge reads on already.
+                if p.error is None and p.offset >= 0 and p.partition in self._assigned
+            }
         )
 
     def _forget(self, partitions: list[TopicPartition]) -> None:
@@ -476,6 +509,11 @@ class KafkaSource:
             self._lag.forget(partition.partition)
             for known in (self._committed, self._positions, self.ends):
                 known.pop(partition.partition, None)
+
+
+def _close(consumer: Consumer) -> None:
+    with contextlib.suppress(KafkaException):  # fatal for the client, and known
+        consumer.close()
 
 
 def _numbers(partitions: list[TopicPartition]) -> frozenset[int]:

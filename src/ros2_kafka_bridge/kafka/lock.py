@@ -371,7 +371,8 @@ def _end(consumer: Consumer, within_s: float, *, leaves: bool) -> None:
                 deadline_s = time.monotonic() + _LEAVE_S
                 while consumer.assignment() and time.monotonic() < deadline_s:
                     consumer.poll(0.01)
-        consumer.close()
+        with contextlib.suppress(KafkaException):
+            consumer.close()
 
     try:
         unattended.start('old lock', end).join(within_s)

@@ -15,12 +15,13 @@ from ros2_kafka_bridge.errors import (
     RouteError,
     TransportError,
 )
+from ros2_kafka_bridge.kafka.admin import topic_limit_bytes
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.health import BROKERS_LOST, ClientHealth, check_files
 from ros2_kafka_bridge.kafka.properties import LINGER_MS
 from ros2_kafka_bridge.kafka.statistics import read, with_statistics
 
-_LARGEST_BYTES = 1_000_000  # librdkafka's default
+_LARGEST_BYTES = 1_000_000  # librdkafka's default, of a batch and of a message
 _QUEUE = 'queue.buffering.max.messages'
 _LARGEST_QUEUE = 100_000  # librdkafka's default
 _PASSED_OVER = 'Kafka may have taken a later record as the first of a partition: written again'
@@ -34,6 +35,8 @@ class KafkaSink(Generic[Token]):
         properties: librdkafka properties of a producer.
         topic: Where the records go.
         log: Where to say what happens.
+        fits_topic: Whether to make no batch larger than the topic allows: a broker refuses all
+            of it.
     """
 
     def __init__(
@@ -41,8 +44,13 @@ class KafkaSink(Generic[Token]):
         properties: Mapping[str, Any],
         topic: str,
         log: logging.LoggerAdapter[logging.Logger],
+        *,
+        fits_topic: bool = False,
     ) -> None:
         self._properties = with_statistics(properties)
+        self._topic = topic
+        self._fits_topic = fits_topic
+        self._limit_bytes: int | None = None  # of the topic, once it is known
         self._where = where = f'topic {topic}'
         self._about = Client('WRITE', properties)
         self._health = ClientHealth(where, log, self._about)
@@ -74,10 +82,15 @@ class KafkaSink(Generic[Token]):
         self._health.on_open()
         self._answering.clear()
         check_files(self._properties, self._where)
-        callbacks = {'error_cb': self._health.on_error, 'stats_cb': self._on_statistics}
+        own: dict[str, Any] = {
+            'error_cb': self._health.on_error,
+            'stats_cb': self._on_statistics,
+        }
+        if self._fits_topic:
+            own['batch.size'] = self._batch_bytes()
         with self._translated():
             self._producer = Producer(
-                self._properties | callbacks,
+                self._properties | own,
                 logger=logging.getLogger(f'{__name__}.librdkafka'),
             )
 
@@ -132,12 +145,18 @@ class KafkaSink(Generic[Token]):
         """Give up what is not delivered; return the tokens that were delivered meanwhile."""
         if self._producer is None:
             return ()
-        self._producer.purge()
         with suppress(KafkaException):  # fatal, and known
+            self._producer.purge()
             self._producer.flush(1.0)
         self._producer = None
         delivered, self._confirmed, self._failed = self._confirmed, [], []
         return delivered
+
+    def _batch_bytes(self) -> int:
+        if self._limit_bytes is None:
+            self._limit_bytes = topic_limit_bytes(self._about.properties, self._topic)
+        wanted_bytes = int(self._properties.get('batch.size', _LARGEST_BYTES))
+        return min(self._limit_bytes or _LARGEST_BYTES, wanted_bytes)
 
     @property
     def _client(self) -> Producer:

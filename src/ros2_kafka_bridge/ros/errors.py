@@ -1,5 +1,6 @@
 """One table that says for every error of rclpy what is done about it."""
 
+import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from types import MappingProxyType
@@ -57,7 +58,16 @@ def translated(where: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        known = translate(error, where)
-        if known is None:
-            raise
-        raise known from error
+        if known := translate(error, where):
+            raise known from error
+        raise
+
+
+@contextmanager
+def left_behind(log: logging.LoggerAdapter[logging.Logger], where: str) -> Iterator[None]:
+    """Say what cannot be destroyed, and go on without it."""
+    try:
+        with translated(where):
+            yield
+    except BridgeError as error:
+        log.warning('%s: left behind', error)

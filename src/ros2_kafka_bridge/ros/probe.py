@@ -59,7 +59,8 @@ def probe(node: RosNode, topic: str) -> Abilities:
             Time, topic, lambda _: None, profile(QoS()), raw=True
         )
     try:
-        return _try(publisher, subscription)
+        with translated('ROS'):
+            return _try(publisher, subscription)
     except (AttributeError, TypeError, KeyError) as error:
         raise ConfigError(
             [f'this rclpy does not take messages the way the bridge needs: {error!r}']

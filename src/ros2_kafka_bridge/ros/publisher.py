@@ -1,13 +1,15 @@
 """Publishing to ROS, and knowing what has arrived."""
 
+import contextlib
 import logging
 import time
 from typing import Any
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.endpoints import Load, Matches, Readers
+from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.logs import summed
-from ros2_kafka_bridge.ros.errors import translated
+from ros2_kafka_bridge.ros.errors import left_behind, translate, translated
 from ros2_kafka_bridge.ros.node import Peer, RosNode
 from ros2_kafka_bridge.ros.qos import mismatch, profile, waits
 from ros2_kafka_bridge.ros.types import MessageType
@@ -48,7 +50,10 @@ class RosSink:
         self._message_type = message_type
         self._qos = qos
         self._room = room
+        self._log = log
         self._occasional = summed(log)
+        self._where = f'publisher of {topic}'
+        self._is_broken = False
         self._matched = self._mismatched = 0
         self._told: set[tuple[str, str]] = set()  # of those in the graph
         self._graph_at_s = 0.0
@@ -56,12 +61,13 @@ class RosSink:
         self._publisher: Any = None
         self._publisher_qos: Any = None
         self._events: Any = None
-        self._refusal: type[Exception] = Exception
         self._zero: Any = None
         self._published = 0
         self._acknowledged = 0
         self._confirmed = 0
         self._gone = 0
+        self._come_before = 0  # to publishers that this one has replaced
+        self._come = 0
         self._look_at_s = 0.0
 
     def open(self) -> None:
@@ -72,14 +78,11 @@ class RosSink:
         """
         from rclpy.duration import Duration  # noqa: PLC0415 (heavy)
         from rclpy.event_handler import PublisherEventCallbacks  # noqa: PLC0415
-        from rclpy.impl.implementation_singleton import (  # noqa: PLC0415
-            rclpy_implementation,
-        )
 
         from ros2_kafka_bridge.ros.take import MatchEvents  # noqa: PLC0415
 
         self._publisher_qos = profile(self._qos)
-        with translated(f'publisher of {self._topic}'):
+        with translated(self._where):
             self._publisher = self._node.handle.create_publisher(
                 self._message_type.python_class,
                 self._topic,
@@ -87,7 +90,6 @@ class RosSink:
                 event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
             )
             self._events = MatchEvents(self._publisher)
-        self._refusal = rclpy_implementation.RCLError
         self._zero = Duration()
 
     @property
@@ -101,20 +103,42 @@ class RosSink:
         return Matches(self._matched, self._mismatched)
 
     def publish(self, cdr: bytes) -> bool:
-        """Publish; False: the history is full, nothing was taken, try the same bytes again."""
+        """Publish; False: the history is full, nothing was taken, try the same bytes again.
+
+        Raises:
+            RouteError: ROS has failed. Another publisher takes the place of this one.
+        """
         try:
             self._publisher.publish(cdr)
-        except self._refusal as error:
-            if 'cannot publish data' not in str(error):  # a full history has no class of its own
-                with translated(f'publisher of {self._topic}'):
-                    raise
-            return False
+        except Exception as error:
+            if 'cannot publish data' in str(error):  # a full history has no class of its own
+                return False
+            self._is_broken = True
+            if known := translate(error, self._where):
+                raise known from error
+            raise
         self._published += 1
         return True
 
     def readers(self) -> Readers:
-        """Look at the readers."""
-        matched, come = self._events.look()
+        """Look at the readers.
+
+        Raises:
+            RouteError: ROS has failed. Another publisher takes the place of this one.
+        """
+        if self._is_broken:
+            self._open_anew()
+        try:
+            return self._look_at_readers()
+        except Exception as error:  # not `translated`, which costs a microsecond
+            self._is_broken = True
+            if known := translate(error, self._where):
+                raise known from error
+            raise
+
+    def _look_at_readers(self) -> Readers:
+        matched, come_here = self._events.look()
+        self._come = come = self._come_before + come_here
         gone = come - matched
         self._matched = matched
         if gone != self._gone:
@@ -128,17 +152,30 @@ class RosSink:
             self._acknowledged = self._look()
         if now_s >= self._graph_at_s:
             self._graph_at_s = now_s + _GRAPH_S
-            self._look_at_graph()
+            with contextlib.suppress(BridgeError):  # said only, and looked at again
+                self._look_at_graph()
         return Readers(matched, come, lost=False, confirmed=self._confirmed)
 
     def close(self) -> None:
         """Destroy the publisher."""
-        if self._events is not None:
-            self._events.close()
-            self._events = None
-        if self._publisher is not None:
-            self._node.handle.destroy_publisher(self._publisher)
-            self._publisher = None
+        events, self._events = self._events, None
+        if events is not None:
+            with left_behind(self._log, self._where):
+                events.close()
+        publisher, self._publisher = self._publisher, None
+        if publisher is not None:
+            with left_behind(self._log, self._where):
+                self._node.handle.destroy_publisher(publisher)
+
+    def _open_anew(self) -> None:
+        """Put another publisher in the place of one that has failed.
+
+        Its readers have to come again: what the old one had published counts for nothing.
+        """
+        self.close()
+        self._come_before = self._come
+        self.open()
+        self._is_broken = False
 
     def _look(self) -> int:
         """Tell how many messages are acknowledged."""

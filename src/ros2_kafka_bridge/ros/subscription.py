@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ros2_kafka_bridge.about import About
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.endpoints import Matches, Message
-from ros2_kafka_bridge.errors import RouteError, TransportError
+from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
 from ros2_kafka_bridge.logs import summed
-from ros2_kafka_bridge.ros.errors import translated
+from ros2_kafka_bridge.ros.errors import left_behind, translated
 from ros2_kafka_bridge.ros.node import Peer, RosNode
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 from ros2_kafka_bridge.ros.types import MessageType
@@ -142,12 +142,14 @@ class RosSource:
         self._has_gid = has_gid
         self._on_offer = on_offer
         self._read = _told if has_gid else _untold
-        self._sequences = Sequences(log, topic, self._offers)
+        self._sequences = Sequences(log, topic, self._offers_if_told)
         self._subscriptions: dict[Offer, Any] = {}
         self._hashes: dict[bytes, str] = {}
         self._closing: set[Offer] = set()  # subscriptions that nobody offers to any more
         self._emptied: set[Offer] = set()  # those that the last take left empty
         self._postponed: dict[Offer, float] = {}  # until when
+        self._failing: set[Offer] = set()  # subscriptions whose last take has failed
+        self._failure: Exception | None = None  # told at the next take: first, what was taken
         self.exhausted = False
         self._waiter: Any = None
         self._take: Any = None
@@ -181,19 +183,28 @@ class RosSource:
             self.follow()
 
     def take(self, limit: int, timeout_s: float) -> Sequence[Message]:
-        """Wait up to `timeout_s` for messages, then take at most `limit`."""
+        """Wait up to `timeout_s` for messages, then take at most `limit`.
+
+        Raises:
+            RouteError: ROS has failed; what was taken before that was returned.
+        """
         self.look()
-        messages = self._take_all(limit)
-        if not messages and self.exhausted and timeout_s > 0:
-            self._wait(timeout_s)
+        with translated(f'subscription of {self._topic}'):
+            self._raise_failure()
             messages = self._take_all(limit)
+            if not messages:
+                self._raise_failure()
+            if not messages and self.exhausted and timeout_s > 0:
+                self._wait(timeout_s)
+                messages = self._take_all(limit)
         return messages
 
     def close(self) -> None:
         """Destroy the subscriptions."""
-        for subscription in self._subscriptions.values():
-            self._node.handle.destroy_subscription(subscription)
-        self._subscriptions = {}
+        while self._subscriptions:
+            self._destroy(next(iter(self._subscriptions)))
+        self._failure = None
+        self._failing.clear()
 
     def type_hash(self, gid: bytes) -> str | None:
         """REP-2011 hash of what a publisher sends; that of the type here if it is not told.
@@ -202,7 +213,7 @@ class RosSource:
         """
         if gid and gid not in self._hashes and time.monotonic() >= self._asked_at_s + _ASK_S:
             self._asked_at_s = time.monotonic()
-            self._offers()
+            self._offers_if_told()
         if gid and gid not in self._hashes:
             return None
         return self._hashes.get(gid) or self._message_type.type_hash or ''
@@ -234,13 +245,26 @@ class RosSource:
         self.matches = Matches(matched, len(peers) - matched)
         return {peer.gid: self._offer(peer) for peer in right}
 
+    def _offers_if_told(self) -> dict[bytes, Offer]:
+        """The same in the middle of a take, where no message may be lost for it."""
+        try:
+            return self._offers()
+        except BridgeError as error:
+            self._failure = error
+            return {}
+
     def _close_unwanted(self, wanted: set[Offer]) -> None:
         """Close what was found empty after its last publisher had gone."""
         closing = self._subscriptions.keys() - wanted
         for offer in closing & self._closing & self._emptied:
-            self._node.handle.destroy_subscription(self._subscriptions.pop(offer))
+            self._destroy(offer)
         self._closing = closing
         self._emptied.clear()
+
+    def _destroy(self, offer: Offer) -> None:
+        subscription = self._subscriptions.pop(offer)
+        with left_behind(self._log, f'subscription of {self._topic}'):
+            self._node.handle.destroy_subscription(subscription)
 
     def _offer(self, peer: Peer) -> Offer:
         return Offer(
@@ -283,17 +307,26 @@ class RosSource:
         self._log.info('subscribes to %s (%s, %s)', self._topic, *offer)
 
     def _wait(self, timeout_s: float) -> None:
-        if self._subscriptions:
-            self._waiter.wait(list(self._subscriptions.values()), timeout_s)
-        else:
+        if not self._subscriptions:
             time.sleep(timeout_s)
+            return
+        try:
+            self._waiter.wait(list(self._subscriptions.values()), timeout_s)
+        except Exception:
+            self._waiter.begin_anew()
+            raise
 
     def _take_all(self, limit: int) -> list[Message]:
         messages: list[Message] = []
         share = max(1, limit // max(1, len(self._subscriptions)))
         self.exhausted = True
-        for offer, subscription in self._subscriptions.items():
-            taken = self._take(subscription, share)
+        for offer, subscription in list(self._subscriptions.items()):
+            try:
+                taken = self._take(subscription, share)
+            except Exception as error:  # noqa: BLE001 (raised by the next take)
+                self._fail(offer, error)
+                continue
+            self._failing.discard(offer)
             if len(taken) == share:
                 self.exhausted = False
                 self._emptied.discard(offer)
@@ -301,6 +334,21 @@ class RosSource:
                 self._emptied.add(offer)
             self._select(taken, offer, messages)
         return messages
+
+    def _raise_failure(self) -> None:
+        failure, self._failure = self._failure, None
+        if failure is not None:
+            raise failure
+
+    def _fail(self, offer: Offer, error: Exception) -> None:
+        """Keep an error of a subscription; one that fails again and again is made anew."""
+        self._failure = error
+        if offer not in self._failing:
+            self._failing.add(offer)
+            return
+        self._failing.discard(offer)
+        self._log.error('%s (%s, %s) cannot be read: subscribes anew', self._topic, *offer)
+        self._destroy(offer)
 
     def _select(self, taken: list['Taken'], offer: Offer, messages: list[Message]) -> None:
         read, accept = self._read, self._sequences.accept

@@ -40,17 +40,28 @@ class Waiter:
             wait_set.add_subscription(subscription.handle)
         wait_set.wait(int(timeout_s * 1e9))
 
+    def begin_anew(self) -> None:
+        """Forget the wait set: one that has failed may hold what is destroyed by now."""
+        self._wait_set = None
+
 
 def take(subscription: Subscription[Any], limit: int) -> list[Taken]:
-    """Take at most `limit` messages that are there, without waiting."""
+    """Take at most `limit` messages that are there, without waiting.
+
+    Where the middleware fails in the middle, what was taken is returned; the next call tells.
+    """
     taken: list[Any] = []
     handle, message_type = subscription.handle, subscription.msg_type
     with handle:
-        for _ in range(limit):
-            one = handle.take_message(message_type, True)  # noqa: FBT003 (raw: its signature)
-            if one is None:
-                break
-            taken.append(one)
+        try:
+            for _ in range(limit):
+                one = handle.take_message(message_type, True)  # noqa: FBT003 (raw: its signature)
+                if one is None:
+                    break
+                taken.append(one)
+        except _rclpy.RCLError:
+            if not taken:
+                raise
     return taken
 
 

@@ -1,0 +1,73 @@
+"""Whatever a foreign library raises, in whichever call: only the route of that call fails.
+
+Guarantee 5: one table says for every foreign error what is done about it.
+"""
+
+import itertools
+import re
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from harness import PEERS, Bench, Process, eventually, to_kafka, to_ros, values
+from numbers_to_kafka import LATCHED, how_many
+
+WITHIN_S = '30'
+SABOTAGED = (sys.executable, str(PEERS / 'sabotaged_bridge.py'))  # cold: it replaces imports
+
+
+@pytest.mark.parametrize('kind', ['refused', 'fatal'])
+def test_guarantee_5_each_call_of_rclpy_and_confluent_kafka_may_fail_and_its_route_goes_on(
+    bench: Bench, topic_name: str, kind: str
+) -> None:
+    back, until, read = f'{topic_name}.back', bench.place / 'until', bench.place / 'read'
+    routes = [to_ros(topic_name, '/back'), to_kafka('/numbers', back, exclusive=True)]
+    bench.create_topic(topic_name)
+    bench.create_topic(back)
+    sent = itertools.count()
+
+    def sabotaged(*call: str) -> str:
+        """Run such a bridge, under a name of its own; returns what it says."""
+        name = f'{bench.name}-{"-".join(call).lower().replace(".", "-")}'
+        command = [*SABOTAGED, str(bench.config(routes, name)), WITHIN_S, kind, *call]
+        log = bench.place / f'{name}.log'
+        with Process(command, log, bench.environ) as bridge:
+            while 'done\n' not in bridge.output() and bridge.running:
+                bench.produce(topic_name, [b'%d' % next(sent) for _ in range(10)])
+                time.sleep(0.25)
+            count = next(sent)
+            bench.produce(topic_name, [b'%d' % count])
+            eventually(lambda: numbers(count + 1) <= arrived(read), 60, bridge.output)
+            assert bridge.end() == 0, bridge.output()
+        return bridge.output()
+
+    with (
+        bench.subscriber('/back', read),
+        bench.publisher('/numbers', *LATCHED, '--rate', '20', '--until', str(until)) as publisher,
+    ):
+        outputs = [sabotaged()]
+        at_start = re.findall(r'^at start: (\S+) (\S+)', outputs[0], re.MULTILINE)
+        outputs += [sabotaged(*call) for call in at_start]
+        until.touch()
+        count = how_many(publisher)
+        with bench.bridge(bench.config(routes)) as bridge:
+            bench.records(back, count)
+            assert bridge.end() == 0
+    output = '\n'.join(outputs)
+    for bad in ('STANDS STILL', 'FAILED TOO', 'NOT MET', 'Traceback'):
+        assert bad not in output
+    tried = re.findall(r'^(to_\w+): (\S+): flows', output, re.MULTILINE)
+    assert {route for route, _ in tried} == {'to_ros', 'to_kafka'}
+    assert len(set(tried)) > 50
+    assert set(values(bench.records(back, count))) == numbers(count)
+
+
+def numbers(count: int) -> set[bytes]:
+    """What was sent."""
+    return {b'%d' % number for number in range(count)}
+
+
+def arrived(file: Path) -> set[bytes]:
+    """What was read."""
+    return set(file.read_bytes().split())
