@@ -380,6 +380,6 @@ class KafkaToRos:
             self._source.commit_now(self._window.positions, _LAST_COMMIT_S)
             self._source.close()
             self._dead_letters.close()
-            self._window.positions.clear()
+            self._window.forget(frozenset(self._window.positions))
             self.counters.tell_end()
             self._take_snapshot(None)

@@ -61,6 +61,7 @@ class RecordWindow:
         self.max_entries = max_entries
         self.max_bytes = max_bytes
         self._confirmed = 0  # of those published since a reader was lost last
+        self._read_again: set[int] = set()  # partitions whose ends are not reached any more
 
     def __len__(self) -> int:
         return len(self.entries)
@@ -112,8 +113,13 @@ class RecordWindow:
         return ended
 
     def skip_to(self, ends: Mapping[int, int]) -> None:
-        """Move positions on behind what is no record, while nothing is held."""
+        """Move positions on behind what is no record, while nothing is held.
+
+        Not where something was given back: the end lies behind that, too.
+        """
         for partition, offset in ends.items():
+            if partition in self._read_again:
+                continue
             if self.positions.get(partition, offset) < offset:
                 self.positions[partition] = offset
 
@@ -152,13 +158,15 @@ class RecordWindow:
         for entry in entries:
             entry.outcome = Outcome.RETURNED
             self.size_bytes -= entry.size_bytes
+            self._read_again.add(entry.partition)
         self.entries = deque(e for e in self.entries if e.outcome is not Outcome.RETURNED)
         self.pending = deque(e for e in self.pending if e.outcome is None)
 
     def forget(self, partitions: frozenset[int]) -> None:
-        """Forget the positions of partitions that others read."""
+        """Forget partitions that others read, or this one from where they were left."""
         for partition in partitions:
             self.positions.pop(partition, None)
+        self._read_again -= partitions
 
     def holds_unconfirmed(self, partitions: frozenset[int]) -> bool:
         """Whether something of these partitions was published and has not ended."""

@@ -377,6 +377,23 @@ def test_a_drain_confirms_what_is_in_flight_and_gives_back_what_was_not_publishe
     assert (snapshot.confirmed, snapshot.returned, snapshot.in_flight) == (2, 1, 0)
 
 
+def test_a_drain_skips_nothing_that_it_has_given_back_behind_an_end_that_was_reached() -> None:
+    house = House(drain_s=1)
+    house.sink.acknowledging = False
+    house.sink.room = 1
+    house.give(b'a', b'b', b'c')
+    house.give(b'x', partition=1)
+    house.source.ends |= {0: 3, 1: 2}  # a mark of a transaction comes behind the last one
+    house.steps()
+    house.sink.acknowledging = True
+    stop = Stop()
+    stop.ask()
+    house.direction.run(stop)
+    assert house.sink.published == [b'cdr:a']
+    assert house.source.committed.get(0) == 1
+    assert house.source.committed.get(1, 0) == 0
+
+
 def test_after_a_failure_the_same_records_come_again_and_the_count_still_balances() -> None:
     house = House()
     house.sink.acknowledging = False
