@@ -4,7 +4,8 @@
 
 Everything taken and not ended is in the window, in the order of consumption. An entry waits in
 its `pending` until the history takes it, then in its `unconfirmed` until its readers have it. One
-that has ended leaves the window once all before it have: only then does its offset count.
+that has ended leaves the window once all before it have: only then does its offset count. What
+drop_oldest drops may leave sooner, and counts with what comes behind it.
 """
 
 import logging
@@ -235,7 +236,7 @@ class KafkaToRos:
         """Tell what keeps the bridge from reading on, None if nothing does."""
         if self._dead_letters.problem:
             return self._dead_letters.problem
-        if self._window.size_bytes > self._window.max_bytes:
+        if self._window.is_full:
             return 'the window is full (max_in_flight_bytes)'
         return None
 
@@ -243,18 +244,28 @@ class KafkaToRos:
         now_s = time.monotonic()
         if self._blocked_since_s is None:
             self._blocked_since_s = now_s
-        drops = self._route.when_full == 'drop_oldest' and not self._dead_letters.problem
-        if drops and obstacle != 'max_rate':
+        drops = self._may_drop(obstacle)
+        if drops and not self._window.is_full:
             self._poll(_BUSY_S)
-            self._count(self._window.drop_oldest())
         elif now_s - self._blocked_since_s > HOLD_AFTER_S:
             self._hold()
+        if drops:
+            self._count(self._window.drop_oldest())
         if obstacle == 'max_rate':
             time.sleep(min(_LONGEST_NAP_S, self._pace.wait_s))
             return
         time.sleep(self._nap_s)
         self._nap_s = min(_LONGEST_NAP_S, self._nap_s * 2)
         self._meter.waited_s += time.monotonic() - now_s
+
+    def _may_drop(self, obstacle: str) -> bool:
+        """Whether what waits may be dropped, for what comes behind it can be published."""
+        return (
+            self._route.when_full == 'drop_oldest'
+            and obstacle != 'max_rate'
+            and self._failure is None
+            and not self._dead_letters.problem
+        )
 
     # 3. confirmations -> positions -> commit
 

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from ros2_kafka_bridge.errors import RouteError
 
 _ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small records count too
+_PASSED = frozenset({Outcome.DROPPED, Outcome.SKIPPED})
 
 
 class Entry:
@@ -46,6 +47,7 @@ class RecordWindow:
 
     An entry waits in `pending` until the history takes it, then in `unconfirmed` until its readers
     have it. One that has ended leaves once all before it have: only then does its offset count.
+    One that was passed over may leave sooner: that of the next in its partition counts for both.
 
     Args:
         max_entries: How many may wait, where the oldest are dropped.
@@ -65,6 +67,11 @@ class RecordWindow:
 
     def __len__(self) -> int:
         return len(self.entries)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether no more is to be read."""
+        return self.size_bytes > self.max_bytes
 
     @property
     def value_bytes(self) -> int:
@@ -125,12 +132,36 @@ class RecordWindow:
 
     def drop_oldest(self) -> list[Entry]:
         """Drop what waits and is too much; returns what has left."""
-        pending, left = self.pending, []
+        pending = self.pending
         while (pending and pending[0].failure is None) and (
-            len(pending) > self.max_entries or self.size_bytes > self.max_bytes
+            len(pending) > self.max_entries or self.is_full
         ):
-            pending.popleft().outcome = Outcome.DROPPED
-            left += self.settle()
+            self._drop(pending.popleft())
+        left = self.settle()
+        if len(self.entries) - len(pending) - len(self.unconfirmed) > self.max_entries:
+            left += self._let_go_of_passed()
+        return left
+
+    def _drop(self, entry: Entry) -> None:
+        """End an entry, and keep nothing of its record."""
+        entry.outcome, entry.cdr = Outcome.DROPPED, b''
+        self.size_bytes -= entry.size_bytes
+        entry.size_bytes = 0
+
+    def _let_go_of_passed(self) -> list[Entry]:
+        """Let go of what was passed over, wherever it stands, but for the last of each partition.
+
+        That one holds its position. Behind a reader that does not take they would pile up; what
+        is read again of them, where those behind are given back, was not delivered before.
+        """
+        last = {entry.partition: entry for entry in self.entries}
+        kept: deque[Entry] = deque()
+        left: list[Entry] = []
+        for entry in self.entries:
+            goes = entry.outcome in _PASSED and last[entry.partition] is not entry
+            (left if goes else kept).append(entry)
+        self.entries = kept
+        self.size_bytes -= sum([entry.size_bytes for entry in left])
         return left
 
     # What is given back to Kafka

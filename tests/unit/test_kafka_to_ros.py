@@ -2,6 +2,8 @@
 
 import logging
 import time
+from collections import Counter, deque
+from random import Random
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -351,6 +353,53 @@ def test_drop_oldest_keeps_the_newest_and_counts_the_rest() -> None:
     assert house.positions() == {0: 5}
 
 
+def test_what_drop_oldest_drops_behind_an_unconfirmed_head_takes_no_memory() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=10, max_in_flight_bytes=50_000)
+    house.sink.acknowledging, house.sink.room = False, 10
+    window = house.direction._window
+    for first in range(0, 5000, 50):
+        house.give(*[b'%05d' % n + b'x' * 995 for n in range(first, first + 50)], first=first)
+        house.steps(1)
+    assert len(window) <= 3 * 10 + 50
+    assert window.size_bytes <= 50_000 + 50 * 1_400
+    assert house.source.waiting == deque()
+    house.sink.acknowledging, house.sink.room = True, 100
+    house.steps()
+    assert house.sink.published[-1].startswith(b'cdr:04999')
+    assert len(house.sink.published) == 20
+    assert house.direction.counters.snapshot(0).dropped == 4980
+    assert house.positions() == {0: 5000}
+
+
+def test_drop_oldest_reads_nothing_while_it_could_drop_only_what_it_reads() -> None:
+    house = House(when_full='drop_oldest', max_in_flight_bytes=1000)
+    house.sink.acknowledging = False
+    house.give(b'x' * 900)
+    house.steps(2)
+    house.give(b'newer', first=1)
+    house.steps()
+    assert len(house.source.waiting) == 1
+    assert house.direction.counters.snapshot(0).dropped == 0
+    house.sink.acknowledging = True
+    house.steps()
+    assert house.sink.published[-1] == b'cdr:newer'
+
+
+def test_drop_oldest_drops_nothing_for_a_record_that_ends_the_route() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=2, on_error='stop')
+    house.sink.acknowledging, house.sink.room = False, 1
+    house.give(b'a', b'b', b'bad')
+    house.steps(1)
+    house.give(b'c', b'd', first=3)
+    house.steps()
+    assert len(house.source.waiting) == 2
+    assert house.direction.counters.snapshot(0).dropped == 0
+    house.sink.acknowledging = True
+    with pytest.raises(RouteError, match='@2'):
+        house.steps()
+    assert house.sink.published == [b'cdr:a', b'cdr:b']
+
+
 def test_the_window_is_bounded_in_bytes() -> None:
     house = House(max_in_flight_bytes=1000)
     house.sink.acknowledging = False
@@ -541,6 +590,44 @@ def test_guarantee_1_no_offset_is_committed_before_all_up_to_it_have_ended(
         assert house.direction.snapshot.balanced
         confirmed = house.direction.snapshot.confirmed
         assert sum(o < committed for o in good) <= confirmed
+
+
+@settings(max_examples=300)
+@given(
+    strategies.lists(
+        strategies.sampled_from(['good', 'good', 'bad', 'mine', 'acknowledge', 'lose', 'look']),
+        max_size=60,
+    ),
+    strategies.randoms(use_true_random=False),
+)
+def test_what_is_dropped_in_between_moves_no_position_past_what_has_not_ended(
+    events: list[str], random: Random
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(settling, 'SETTLE_S', 0.0)
+        patch.setattr(time, 'sleep', lambda _: None)
+        house = House(when_full='drop_oldest', max_in_flight=1)
+        house.sink.room = 1
+        house.sink.acknowledging = house.letters.answering = False
+        window, given = house.direction._window, Counter[int]()
+        for event in events:
+            partition = random.choice([0, 0, 1])
+            value = b'bad' if event == 'bad' else b'x'
+            headers = [('bridge.origin', b'me')] if event == 'mine' else None
+            if event in {'good', 'bad', 'mine'}:
+                first = given[partition]
+                house.give(value, first=first, partition=partition, header_list=headers)
+                given[partition] += 1
+            elif event == 'acknowledge':
+                house.sink.acknowledge(1)
+            elif event == 'lose':
+                house.sink.lose_reader()
+            house.steps(random.choice([0, 1, 2]))
+            assert all(e.offset >= window.positions[e.partition] for e in window.entries)
+        house.sink.acknowledging = house.letters.answering = True
+        house.steps(len(events) + 3)
+        assert house.positions() == dict(given)
+        assert not window.size_bytes
 
 
 def test_who_is_asked_by_the_format_and_is_away_costs_nothing() -> None:
