@@ -151,13 +151,15 @@ class KafkaToRos:
         for record in self._source.hold():
             self._accept(record, taken_s)
 
-    def _accept(self, record: Record, taken_s: float) -> None:
-        window, value = self._window, record.value()
+    def _take(self, record: Record, value: bytes | None, taken_s: float) -> Entry:
         entry = Entry(record, value, taken_s)
         self.counters.taken += 1
-        window.positions.setdefault(entry.partition, entry.offset)
-        window.entries.append(entry)
-        window.size_bytes += entry.size_bytes
+        self._window.add(entry)
+        return entry
+
+    def _accept(self, record: Record, taken_s: float) -> None:
+        window, value = self._window, record.value()
+        entry = self._take(record, value, taken_s)
         if self._failure is not None:
             self._end_at(entry, self._failure)
             return
@@ -366,8 +368,10 @@ class KafkaToRos:
         self._give_back(self._window.unpublished())
         while self._window and time.monotonic() < deadline_s and not stop.at_once:
             self._confirm()
+            self._stay()
             self._give_back(self._window.unpublished())
             self._settle()
+            self._tick(None)
             time.sleep(_BUSY_S)
         left = len(self._window)
         patience_s = 0.0 if stop.at_once else max(1.0, deadline_s - time.monotonic())
@@ -378,6 +382,12 @@ class KafkaToRos:
             )
         if not committed:
             self._log.warning('the last offsets are not committed: some records are repeated')
+
+    def _stay(self) -> None:
+        """Stay in the group while the drain lasts; what still comes goes back as it is."""
+        taken_s = time.monotonic()
+        records = self._source.hold()
+        self._give_back([self._take(record, record.value(), taken_s) for record in records])
 
     @contextmanager
     def _opened(self) -> Iterator[None]:

@@ -78,6 +78,12 @@ class RecordWindow:
         """How large the values of its records were."""
         return sum(entry.value_bytes for entry in self.entries)
 
+    def add(self, entry: Entry) -> None:
+        """Hold one more, which comes behind all others."""
+        self.positions.setdefault(entry.partition, entry.offset)
+        self.entries.append(entry)
+        self.size_bytes += entry.size_bytes
+
     def grow(self, entry: Entry) -> None:
         """Count a message that is larger than the value which it was made of."""
         self.size_bytes += len(entry.cdr) - entry.size_bytes

@@ -3,6 +3,7 @@
 import logging
 import time
 from collections import Counter, deque
+from collections.abc import Mapping
 from random import Random
 from typing import TYPE_CHECKING, Any
 
@@ -441,6 +442,62 @@ def test_a_drain_skips_nothing_that_it_has_given_back_behind_an_end_that_was_rea
     assert house.sink.published == [b'cdr:a']
     assert house.source.committed.get(0) == 1
     assert house.source.committed.get(1, 0) == 0
+
+
+def test_a_long_drain_stays_in_the_group_and_commits_as_it_goes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    house = House(drain_s=0.6)
+    house.sink.acknowledging = False
+    house.give(b'a', b'b')
+    house.steps()
+    holds: list[float] = []
+    before_the_end: list[dict[int, int]] = []
+
+    def hold() -> tuple[()]:
+        holds.append(time.monotonic())
+        house.sink.acknowledge(1 if len(holds) == 1 else 0)
+        return ()
+
+    def commit_now(positions: Mapping[int, int], timeout_s: float) -> bool:
+        before_the_end.append(dict(house.source.committed))
+        return MemoryRecordSource.commit_now(house.source, positions, timeout_s)
+
+    monkeypatch.setattr(house.source, 'hold', hold)
+    monkeypatch.setattr(house.source, 'commit_now', commit_now)
+    stop = Stop()
+    stop.ask()
+    house.direction.run(stop)
+    assert before_the_end[0] == {0: 1}
+    assert len(holds) > 2
+    assert holds[-1] - holds[0] > 0.3
+
+
+def test_what_still_comes_in_a_drain_is_given_back_unseen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    house = House(drain_s=5)
+    house.sink.acknowledging = False
+    house.give(b'a')
+    house.steps()
+    late = [[MemoryRecord(b'bad', 1)], [MemoryRecord(b'x', 0, 1), MemoryRecord(b'away', 2)]]
+
+    def hold() -> list[MemoryRecord]:
+        house.source.ends |= {0: 3, 1: 1}
+        house.sink.acknowledging = not late
+        return late.pop(0) if late else []
+
+    monkeypatch.setattr(house.source, 'hold', hold)
+    stop = Stop()
+    stop.ask()
+    house.direction.run(stop)
+    assert late == []
+    assert house.sink.published == [b'cdr:a']
+    assert house.letters.records == []
+    assert house.source.committed == {0: 1, 1: 0}
+    snapshot = house.direction.snapshot
+    assert snapshot.balanced
+    assert (snapshot.taken, snapshot.confirmed, snapshot.returned) == (4, 1, 3)
 
 
 def test_after_a_failure_the_same_records_come_again_and_the_count_still_balances() -> None:
