@@ -11,12 +11,12 @@ drop_oldest drops may leave sooner, and counts with what comes behind it.
 import logging
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters
 from ros2_kafka_bridge.endpoints import HeaderList, MessageSink, Record, RecordSource
-from ros2_kafka_bridge.errors import RecordError, RouteError
+from ros2_kafka_bridge.errors import BridgeError, RecordError, RouteError
 from ros2_kafka_bridge.formats import Decode
 from ros2_kafka_bridge.kafka.headers import source_time_ns
 from ros2_kafka_bridge.logs import summed
@@ -340,16 +340,18 @@ class KafkaToRos:
     def revoked(self, partitions: frozenset[int]) -> None:
         """Wait for what these partitions have in flight, commit it, forget the rest."""
         deadline_s = time.monotonic() + REVOKE_S
-        while time.monotonic() < deadline_s and self._window.holds_unconfirmed(partitions):
-            self._confirm()
-            time.sleep(_BUSY_S)
+        with suppress(BridgeError):  # told by the next step: a hand-over has to be ended
+            while time.monotonic() < deadline_s and self._window.holds_unconfirmed(partitions):
+                self._confirm()
+                time.sleep(_BUSY_S)
         self._settle()
         self._source.commit_before_revoke(self._window.positions)
         self.lost(partitions)
 
     def lost(self, partitions: frozenset[int]) -> Mapping[int, int]:
         """Forget these partitions, others may have them already; tell the next to read of each."""
-        self._confirm()
+        with suppress(BridgeError):
+            self._confirm()
         self._settle()
         positions = {p: at for p, at in self._window.positions.items() if p in partitions}
         self._give_back(self._window.of(partitions))

@@ -14,6 +14,8 @@ from harness import PEERS, Bench, Process, eventually, to_kafka, to_ros, values
 from numbers_to_kafka import LATCHED, how_many
 
 WITHIN_S = '30'
+# Met where a full window has held reading back: unit tests let it fail.
+RARE = {('to_ros', 'Consumer.resume')}
 SABOTAGED = (sys.executable, str(PEERS / 'sabotaged_bridge.py'))  # cold: it replaces imports
 
 
@@ -48,11 +50,11 @@ def test_guarantee_5_each_call_of_rclpy_and_confluent_kafka_may_fail_and_its_rou
     ):
         outputs = [sabotaged()]
         at_start = re.findall(r'^at start: (\S+) (\S+)', outputs[0], re.MULTILINE)
-        outputs += [sabotaged(*call) for call in at_start]
+        outputs += [sabotaged(*call) for call in at_start if call not in RARE]
         until.touch()
         count = how_many(publisher)
         with bench.bridge(bench.config(routes)) as bridge:
-            bench.records(back, count)
+            eventually(lambda: held(bench, back) == numbers(count), 60, bridge.output)
             assert bridge.end() == 0
     output = '\n'.join(outputs)
     for bad in ('STANDS STILL', 'FAILED TOO', 'NOT MET', 'Traceback'):
@@ -60,12 +62,16 @@ def test_guarantee_5_each_call_of_rclpy_and_confluent_kafka_may_fail_and_its_rou
     tried = re.findall(r'^(to_\w+): (\S+): flows', output, re.MULTILINE)
     assert {route for route, _ in tried} == {'to_ros', 'to_kafka'}
     assert len(set(tried)) > 50
-    assert set(values(bench.records(back, count))) == numbers(count)
 
 
 def numbers(count: int) -> set[bytes]:
     """What was sent."""
     return {b'%d' % number for number in range(count)}
+
+
+def held(bench: Bench, topic: str) -> set[bytes]:
+    """What a topic holds; what failed with its route may be there twice."""
+    return set(values(bench.records(topic, bench.end_offset(topic))))
 
 
 def arrived(file: Path) -> set[bytes]:

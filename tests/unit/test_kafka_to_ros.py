@@ -103,6 +103,27 @@ def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
 
 
+@pytest.mark.parametrize('how', ['revoked', 'lost'])
+def test_guarantee_1_a_hand_over_ends_also_where_the_readers_cannot_be_asked(
+    how: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    house = House()
+    house.sink.acknowledging = False
+    house.give(b'a', b'b')
+    house.steps()
+
+    def fail() -> None:
+        raise RouteError('publisher of /orders: no')
+
+    monkeypatch.setattr(house.sink, 'readers', fail)
+    getattr(house.direction, how)(frozenset({0}))
+    house.check_balance()
+    assert house.direction.counters.snapshot(0).returned == 2
+    assert house.positions() == {}
+    with pytest.raises(RouteError, match='publisher of /orders: no'):
+        house.steps()
+
+
 def test_a_position_moves_on_only_when_its_message_is_confirmed() -> None:
     house = House()
     house.sink.acknowledging = False

@@ -147,6 +147,7 @@ class KafkaSink(Generic[Token]):
             return ()
         with suppress(KafkaException):  # fatal, and known
             self._producer.purge()
+        with suppress(KafkaException):
             self._producer.flush(1.0)
         self._producer = None
         delivered, self._confirmed, self._failed = self._confirmed, [], []
