@@ -56,6 +56,12 @@ class Summed:
         self._kinds: dict[str, _Kind] = {}
         self._lock = threading.Lock()
 
+    def info(
+        self, text: str, more: str = '', *, about: About | None = None, kind: str = ''
+    ) -> None:
+        """Say what may be worth knowing; see `warning`."""
+        self._say(_Kind(0.0, 0, 0, logging.INFO, text, more, about), kind)
+
     def warning(
         self, text: str, more: str = '', *, about: About | None = None, kind: str = ''
     ) -> None:

@@ -33,10 +33,16 @@ def test_a_gap_is_counted_once(sequences: Sequences) -> None:
     assert sequences.lost == 3
 
 
-def test_what_came_before_the_first_message_is_no_gap(sequences: Sequences) -> None:
-    sequences.offers({ONE: VOLATILE})
+def test_what_came_before_the_first_message_is_no_gap_and_is_said(
+    sequences: Sequences, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    sequences.offers({ONE: VOLATILE, TWO: VOLATILE})
     assert accepted(sequences, ONE, [7, 8], VOLATILE) == [7, 8]
+    assert accepted(sequences, TWO, [1, 2], VOLATILE) == [1, 2]
     assert sequences.lost == 0
+    [said] = caplog.messages
+    assert f'publisher {ONE.hex()} of /orders begins here with its message number 7' in said
 
 
 def test_publishers_are_counted_apart(sequences: Sequences) -> None:

@@ -96,8 +96,19 @@ class Sequences:
             return False
         if last:
             self._gap(gid, last, seq)
+        else:
+            self._say_before(gid, seq)
         publisher.last = seq
         return True
+
+    def _say_before(self, gid: bytes, seq: int) -> None:
+        """Say that a publisher is older than this run: what it sent before may be nowhere."""
+        self._occasional.info(
+            f'publisher {gid.hex()} of {self._topic} begins here with its message number {seq}: '
+            'those before it are in Kafka as far as an earlier run or another bridge has taken '
+            'them (ros.seq tells)',
+            about=About(ros_topic=self._topic, gid=gid.hex(), seq=seq),
+        )
 
     def _gap(self, gid: bytes, last: int, seq: int) -> None:
         count = seq - last - 1
