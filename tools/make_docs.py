@@ -87,12 +87,31 @@ them. The direction of a route is read from its `from` and `to`.
   a route says itself counts more.
 - Names with `{{`, `}}`, `*` or a leading `^` are refused: they are kept for templates and
   patterns.
+- The name of a bridge has no dot; that of a route may have one. Consumer groups and spools are
+  called `<bridge>.<route>`: bridge `a.b` with route `c` would share them with bridge `a` with
+  route `b.c`. [Below](#a-bridge-with-a-dot-in-its-name) is how a bridge that has one keeps what it
+  has.
 - Secrets (passwords, keys, tokens) are masked wherever a configuration is printed.
 - [`bridge.schema.json`](bridge.schema.json) lets an editor complete and check a file. For the
   YAML language server, begin the file with
   `# yaml-language-server: $schema=bridge.schema.json`.
 
 {tables}
+## A bridge with a dot in its name
+
+A dot was allowed once. Give the bridge the name that the mistake proposes, with dashes. It goes on
+where it was when
+
+1. each route from Kafka says its old group: `from: {{kafka: orders, group: plant.1.orders}}`;
+2. its spools are empty, or have the new name: stop the bridge while Kafka answers, look with
+   `ros2-kafka-bridge spool DIRECTORY`, and rename what is left, each file with its fellows:
+   `plant.1.orders.spool*` to `plant-1.orders.spool*`;
+3. all bridges that share an `exclusive` route are stopped before one of the new name starts;
+4. the ACLs name the new groups and the new lock topic ([security.md](security.md)).
+
+The ROS node keeps its name. Records that the bridge has written under its old name count as those
+of another one: where one of its routes reads them back, what it has not read yet is not skipped.
+
 ## Mistakes
 
 Every mistake in a file is reported at once, with file, line, field and what would be right;

@@ -14,6 +14,7 @@ from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.formats import Encode
 from ros2_kafka_bridge.kafka.admin import ensure_topic
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
+from ros2_kafka_bridge.kafka.names import tail_group
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.properties import consumer_properties, producer_properties
 from ros2_kafka_bridge.kafka.tail import Tail
@@ -243,7 +244,7 @@ class Wiring:
         return direction
 
     def _produced(self, route: RosToKafkaRoute, log: Log) -> Produced:
-        properties = self._consumer_properties(f'{self._config.name}.{route.name}.tail')
+        properties = self._consumer_properties(tail_group(self._config.name, route.name))
         return Produced(Tail(properties, route.sink.kafka), log)
 
     def _kafka_sink(self, route: RosToKafkaRoute, log: Log) -> KafkaSink[Entry]:

@@ -8,7 +8,7 @@ from ros2_kafka_bridge.commands.screen import Finding
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.errors import BridgeError, TransportError
 from ros2_kafka_bridge.kafka.broker import Broker, TopicView
-from ros2_kafka_bridge.kafka.lock import lock_group, lock_topic
+from ros2_kafka_bridge.kafka.names import lock_group, lock_topic
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
 from ros2_kafka_bridge.kafka.properties import common_properties
 from ros2_kafka_bridge.plural import count

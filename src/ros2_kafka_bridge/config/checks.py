@@ -73,8 +73,23 @@ def _placeholder(name: str) -> KeyPart:
     )
 
 
+def bridge_name(name: str) -> str:
+    """The name of a bridge, if it is legal.
+
+    Raises:
+        ValueError: It is not.
+    """
+    if '.' in simple_name(name):
+        raise ValueError(
+            "a bridge has no '.' in its name: groups and spools are called <bridge>.<route>, so "
+            f'another bridge could have the same; write {name.replace(".", "-")} '
+            '(docs/configuration.md: how to keep its groups and spools)'
+        )
+    return name
+
+
 def simple_name(name: str) -> str:
-    """The name of a bridge or a route, if it is legal.
+    """The name of a route, if it is legal; that of a bridge is one, too.
 
     Raises:
         ValueError: It is not.

@@ -32,6 +32,7 @@ from ros2_kafka_bridge.config.words import (
     near,
     refused,
 )
+from ros2_kafka_bridge.kafka.names import reading_group
 
 TEXT_TYPE = 'std_msgs/msg/String'
 
@@ -123,7 +124,7 @@ class KafkaToRosRoute(Route):
 
     def group(self, bridge: str) -> str:
         """The consumer group of this route in the bridge of that name."""
-        return self.source.group or f'{bridge}.{self.name}'
+        return self.source.group or reading_group(bridge, self.name)
 
     @property
     def dead_letter_topic(self) -> str:

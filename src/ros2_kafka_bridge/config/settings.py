@@ -16,6 +16,7 @@ from ros2_kafka_bridge.config.endpoints import (
     SpoolSettings,
 )
 from ros2_kafka_bridge.config.formats import JsonSettings, SchemaSettings
+from ros2_kafka_bridge.config.groups import group_mistakes
 from ros2_kafka_bridge.config.operations import MonitoringSettings, TracingSettings
 from ros2_kafka_bridge.config.registry import SchemaRegistrySettings
 from ros2_kafka_bridge.config.routes import (
@@ -27,7 +28,13 @@ from ros2_kafka_bridge.config.routes import (
     Route,
     model_of,
 )
-from ros2_kafka_bridge.config.values import CheckFormat, CheckKafka, Count, Name, Properties
+from ros2_kafka_bridge.config.values import (
+    BridgeName,
+    CheckFormat,
+    CheckKafka,
+    Count,
+    Properties,
+)
 from ros2_kafka_bridge.config.words import (
     MASK,
     Mistake,
@@ -71,8 +78,9 @@ _SAMPLES: dict[type[Settings], dict[str, Any]] = {
 class Config(Settings):
     """One bridge: a Kafka cluster, a ROS domain, and the routes between them."""
 
-    name: Name = Field(
-        description='Name of this bridge: in consumer groups, the origin header, the node name.'
+    name: BridgeName = Field(
+        description='Name of this bridge, without a dot: in consumer groups, the origin header, '
+        'the node name.'
     )
     kafka: Properties = Field(
         description='librdkafka properties, by their own names. bootstrap.servers is required.'
@@ -117,9 +125,11 @@ class Config(Settings):
         if isinstance(defaults, Mapping):
             yield from _default_mistakes(defaults)
         yield from _route_mistakes(routes)
+        merged = defaults if isinstance(defaults, Mapping) else {}
+        whole = [_with(merged, route) for route in routes]
+        yield from group_mistakes(str(given.get('name')), whole)
         if given.get('schema_registry') is None:
-            merged = defaults if isinstance(defaults, Mapping) else {}
-            yield from _registry_mistakes([_with(merged, route) for route in routes])
+            yield from _registry_mistakes(whole)
         yield from _extra_mistakes(given, context)
         if isinstance(kafka, Mapping):
             if not any(canonical(name) == 'bootstrap.servers' and kafka[name] for name in kafka):
@@ -172,10 +182,6 @@ def _default_mistake(model: type[Settings], name: str, value: Any) -> Iterator[M
 def _route_mistakes(routes: list[Any]) -> Iterator[Mistake]:
     for number, first in checks.repeats([look(route, 'name') for route in routes]).items():
         yield Mistake(('routes', number, 'name'), f'repeats the name of routes[{first}]')
-    readers = [(look(r, 'from', 'group'), look(r, 'from', 'kafka')) for r in routes]
-    for number, first in checks.repeats([r if r[0] else None for r in readers]).items():
-        text = f'routes[{first}] reads this topic in the same group: each would get a part only'
-        yield Mistake(('routes', number, 'from', 'group'), text)
     edges = [
         (number, str(source), str(sink))
         for number, route in enumerate(routes)

@@ -41,6 +41,7 @@ from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
 from ros2_kafka_bridge.kafka.admin import ensure_topic
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.health import BROKERS_LOST, Admin, ClientHealth, check_files
+from ros2_kafka_bridge.kafka.names import lock_group, lock_topic
 from ros2_kafka_bridge.kafka.properties import (
     common_properties,
     consumer_properties,
@@ -72,16 +73,6 @@ class _Useless(Enum):
     SHUT_OUT = 'the group has shut out its client'
     SILENT = 'Kafka has not said for long who runs this route'
     LOST = BROKERS_LOST
-
-
-def lock_topic(bridge: str) -> str:
-    """The topic of all locks of the bridges of a name."""
-    return f'{bridge}.lock'
-
-
-def lock_group(bridge: str, route: str) -> str:
-    """The group whose member with the partition runs the route."""
-    return f'{bridge}.{route}.lock'
 
 
 class GroupLock:
