@@ -20,7 +20,8 @@ class Backoff(NamedTuple):
         """The wait after one more failure.
 
         Args:
-            ran_s: How long it ran this time; what ran for long was well, and begins anew.
+            ran_s: How long it ran this time, 0 where it never did; what ran for long was well,
+                and begins anew.
         """
         if ran_s > _WELL_S:
             return Backoff(_FIRST_S)

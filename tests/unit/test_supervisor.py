@@ -18,6 +18,8 @@ from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.logs import summed
 from ros2_kafka_bridge.metrics import Counters, State, from_line, to_line
 from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.supervision import orders
+from ros2_kafka_bridge.supervision.orders import Begun
 from ros2_kafka_bridge.supervision.plan import Plan, RoutePlan, plan_of
 from ros2_kafka_bridge.supervision.shares import Share, share_out
 from ros2_kafka_bridge.supervision.supervisor import Supervisor
@@ -227,6 +229,50 @@ def test_a_dead_worker_is_due_after_its_wait_and_its_routes_say_so() -> None:
     orders = worker.snapshots['orders']
     assert orders.state is State.FAILED
     assert orders.reason == 'its worker was ended by SIGKILL and is started again'
+
+
+class Life:
+    """A worker whose process lives for as long as the clock of the test says."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now_s = 1000.0
+        self.worker = WorkerProcess(1, Share(('orders',), to_ros=True))
+        monkeypatch.setattr('time.monotonic', lambda: self.now_s)
+        monkeypatch.setattr(
+            'ros2_kafka_bridge.supervision.worker_process.start_child',
+            lambda *_: subprocess.Popen(['true'], stdin=subprocess.PIPE, bufsize=0),
+        )
+
+    def wait_after(self, starts_s: float, runs_s: float | None = None) -> float:
+        """The pause behind a life that begins after `starts_s`, if at all, and ends in failure."""
+        self.worker.start([], [])
+        self.now_s += starts_s
+        if runs_s is not None:
+            self.worker.hear(orders.to_line(Begun()))
+            self.now_s += runs_s
+        self.worker.kill()
+        self.worker.exit_status()
+        self.worker.close_pipe()
+        wait_s = self.worker.fail('ended with status 2')
+        self.now_s += wait_s
+        return wait_s
+
+
+@pytest.mark.parametrize('starts_s', [0.5, 40.0, 130.0])
+def test_the_pause_before_a_worker_that_fails_in_its_start_grows_however_long_that_takes(
+    starts_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    life = Life(monkeypatch)
+    assert [life.wait_after(starts_s) for _ in range(6)] == [1.0, 2.0, 4.0, 8.0, 10.0, 10.0]
+
+
+def test_only_the_time_that_a_worker_ran_makes_its_pause_short_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    life = Life(monkeypatch)
+    assert [life.wait_after(40.0, runs_s=1.0) for _ in range(3)] == [1.0, 2.0, 4.0]
+    assert life.wait_after(1.0, runs_s=40.0) == 1.0
+    assert life.wait_after(1.0) == 2.0
 
 
 def test_the_supervisor_loads_no_ros_no_kafka_client_and_no_settings() -> None:

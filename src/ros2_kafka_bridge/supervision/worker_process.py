@@ -50,7 +50,7 @@ class WorkerProcess:
         self.pipe = -1
         self._process: subprocess.Popen[bytes] | None = None
         self._backoff = Backoff()
-        self._started_s = self._start_at_s = self._heard_s = 0.0
+        self._started_s = self._start_at_s = self._heard_s = self._begun_s = 0.0
         self._asked = 0
         self._heard = b''
         self._untold = b''
@@ -163,7 +163,7 @@ class WorkerProcess:
             case Loaded():
                 self.loaded = True
             case Begun():
-                self.begun = True
+                self.begun, self._begun_s = True, time.monotonic()
             case Ended(routes):
                 self.forget(routes)
 
@@ -224,7 +224,8 @@ class WorkerProcess:
     def fail(self, how: str) -> float:
         """Note that it has to be started again; returns in how many seconds."""
         now_s = time.monotonic()
-        self._backoff = self._backoff.after(now_s - self._started_s)
+        # A start that fails is never a good time, however long it takes.
+        self._backoff = self._backoff.after(now_s - self._begun_s if self.begun else 0.0)
         self._start_at_s = now_s + self._backoff.wait_s
         self.problem = how
         for name, snapshot in self.snapshots.items():
