@@ -157,7 +157,7 @@ class RosToKafka:
             self._drain(stop)
 
     def _step(self) -> None:
-        self._spooling.step(self._sink.away or self._dead_letters.problem)
+        self._spooling.step(self._sink.away, self._dead_letters.problem)
         self._produce_pending()
         room = self._room()
         if room > 0:
@@ -177,7 +177,7 @@ class RosToKafka:
 
     def _rest(self) -> None:
         """Take nothing: DDS holds the publishers back. What was taken goes on to Kafka."""
-        self._spooling.step(self._sink.away or self._dead_letters.problem)
+        self._spooling.step(self._sink.away, self._dead_letters.problem)
         self._produce_pending()
         self._source.look()
         self._confirm(_FULL_S)
@@ -359,7 +359,7 @@ class RosToKafka:
         while time.monotonic() < deadline_s and not stop.at_once:
             if deadline_s == math.inf and (stop.is_end or self._spooling.takes):
                 deadline_s = time.monotonic() + self._route.drain_s
-            if deadline_s == math.inf:
+            if not self._spooling.takes:
                 self._spooling.step(self._sink.away)  # one that is full is emptied first
             self._spooling.begin_if_stuck(self._sink.away)
             empty = empty or self._take_last()

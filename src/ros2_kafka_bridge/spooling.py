@@ -1,6 +1,8 @@
 """The way over the disk: out of the window while Kafka does not take, back in order when it does.
 
 window -> [written] -> backlog -> [loaded] -> window
+
+What the disk does not take goes on without it, once nothing on disk is before it.
 """
 
 import logging
@@ -83,7 +85,7 @@ class Spooling:
         self._counters = counters
         self._log = log
         self._occasional = summed(log)
-        self._unwritten: list[Entry] = []  # to be on disk before anything else becomes of them
+        self._unwritten: list[Entry] = []  # to be on disk; those in line may end before
         self._former = _Former.NONE
         self._ended_before = 0  # how many had ended when the first of them was loaded
         self._full_since_s: float | None = None
@@ -176,18 +178,25 @@ class Spooling:
 
     # When messages go to disk
 
-    def step(self, away: str) -> None:
-        """Look whether messages have to go to disk, or can come back."""
+    def step(self, away: str, letters: str = '') -> None:
+        """Look whether messages have to go to disk, or can come back.
+
+        Args:
+            away: Why Kafka does not take; empty while it does.
+            letters: Why it does not take dead letters.
+        """
         if not self.exists:
             return
-        self.begin_if_stuck(away)
+        self.begin_if_stuck(away or letters)
         self._backlog.release(self._window.entries)
         if self.active:
             self.write()
             self._load()
             self._drop()
-            if not self._unwritten and not self._stuck(away):
-                self._backlog.end_if_empty()
+            if not away:
+                self._go_past()
+            if not self._stuck(away or letters) and not self._behind():
+                self._end_if_empty()
 
     def begin_if_stuck(self, away: str) -> None:
         """Let new messages go to disk, where Kafka is away or does not keep up."""
@@ -213,6 +222,11 @@ class Spooling:
         self._leave_the_line()
         self._unwritten = self._only_in_memory()
         self.write()
+
+    def _end_if_empty(self) -> None:
+        self._backlog.end_if_empty()
+        if not self.active:
+            self._unwritten = []
 
     def _leave_the_line(self) -> None:
         """Let wait on disk what the producer has not got, if it is behind all that it has."""
@@ -281,6 +295,23 @@ class Spooling:
             elif go_on and not entry.in_line:
                 self._put_in_line(entry)
 
+    def _behind(self) -> list[Entry]:
+        """What is not written and not in line either."""
+        held = self._window.entries
+        return [entry for entry in self._unwritten if not entry.in_line and entry.number in held]
+
+    def _go_past(self) -> None:
+        """Let go on what the disk does not take, where nothing on it is before that."""
+        if not self._unwritten or not self._backlog.lets_past:
+            return
+        room, room_bytes = self._room_in_line()
+        for entry in self._behind():
+            if room <= 0 or room_bytes <= 0:
+                return
+            self._put_in_line(entry)
+            room -= 1
+            room_bytes -= entry.size_bytes
+
     def holds_before(self, number: int) -> bool:
         """Whether a message before that one has not ended."""
         if min(self._window.entries, default=number) < number:
@@ -302,10 +333,8 @@ class Spooling:
     def _load(self) -> None:
         if not self.waiting:
             return
-        # What cannot be written, or waits behind a failure, must not keep out what is before it.
-        in_line = [entry.size_bytes for entry in self._window.entries.values() if entry.in_line]
-        room = min(self._window.max_entries - len(in_line), self._room_for_former())
-        room_bytes = self._window.max_bytes - sum(in_line)
+        room, room_bytes = self._room_in_line()
+        room = min(room, self._room_for_former())
         rows, lost = self._backlog.load(room, room_bytes, self._window.stop_at)
         self._lose(lost)
         if rows and self._former is _Former.UNKNOWN:
@@ -323,6 +352,12 @@ class Spooling:
             entry = from_row(row)
             self._window.put(entry)
             self._put_in_line(entry)
+
+    def _room_in_line(self) -> tuple[int, int]:
+        """How many entries the line has room for, and how many bytes."""
+        # What cannot be written, or waits behind a failure, must not keep out what is before it.
+        in_line = [entry.size_bytes for entry in self._window.entries.values() if entry.in_line]
+        return self._window.max_entries - len(in_line), self._window.max_bytes - sum(in_line)
 
     def _room_for_former(self) -> int:
         """How many rows of an earlier life may be loaded, before Kafka has said what it holds.
@@ -364,14 +399,12 @@ class Spooling:
 
     def _drop_unwritten(self) -> None:
         """Keep the newest of what the disk does not take."""
-        window, kept = self._window, []
-        excess = len(self._unwritten) - window.max_entries
-        for entry in self._unwritten:
-            too_many = excess > 0 or window.size_bytes > window.max_bytes
-            if too_many and not entry.in_line and entry.number in window.entries:
-                window.remove(entry)
-                self._counters.end(Outcome.DROPPED)
-                excess -= 1
-            else:
-                kept.append(entry)
-        self._unwritten = kept
+        window, behind = self._window, self._behind()
+        excess = len(behind) - window.max_entries
+        for entry in behind:
+            if excess <= 0 and window.size_bytes <= window.max_bytes:
+                break
+            window.remove(entry)
+            self._counters.end(Outcome.DROPPED)
+            excess -= 1
+        self._unwritten = [entry for entry in self._unwritten if entry.number in window.entries]

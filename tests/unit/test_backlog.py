@@ -125,6 +125,15 @@ class House:
                 return
         pytest.fail('it never ends')
 
+    def until_all_taken_are_confirmed(self) -> None:
+        for _ in range(1000):
+            self.steps(1)
+            if not self.source.waiting:
+                break
+        else:
+            pytest.fail('the robots are held back for ever')
+        self.until_all_confirmed()
+
     def check_balance(self) -> None:
         self.direction._take_snapshot()
         snapshot = self.direction.snapshot
@@ -430,6 +439,157 @@ def test_what_was_confirmed_while_the_disk_was_full_is_not_written_any_more(
     assert h.numbers() == [1, 2, 3]
 
 
+def refused(rows: Sequence[Row]) -> None:
+    del rows
+    raise TransportError('the disk is full')
+
+
+def fill(house: House) -> None:
+    """Let the disk take nothing from now on."""
+    house.spool.append = refused  # type: ignore[method-assign]
+
+
+def fill_while_away(house: House, *numbers: int) -> None:
+    """Let the disk fill up while Kafka is away, and the messages of those numbers come then."""
+    go_away(house)
+    house.give(0)
+    house.steps()
+    fill(house)
+    house.give(*numbers)
+    house.steps()
+
+
+def test_what_a_full_disk_did_not_take_goes_on_once_kafka_is_back(house: Make) -> None:
+    h = house(max_in_flight=3)
+    fill_while_away(h, *range(1, 101))
+    come_back(h)
+    h.give(*range(101, 201))
+    h.until_all_taken_are_confirmed()
+    assert h.numbers() == list(range(201))
+
+
+def test_what_a_full_disk_did_not_take_waits_for_what_is_on_it(house: Make) -> None:
+    h = house(max_in_flight=3)
+    go_away(h)
+    h.give(*range(1, 21))
+    h.steps()
+    fill(h)
+    h.give(*range(21, 31))
+    h.steps()
+    come_back(h)
+    h.give(*range(31, 41))
+    h.until_all_taken_are_confirmed()
+    assert h.numbers() == list(range(1, 41))
+
+
+@pytest.mark.parametrize('when_full', ['wait', 'drop_oldest'])
+def test_a_full_disk_lets_a_slow_kafka_have_no_more_than_the_window_and_one_take(
+    house: Make, monkeypatch: pytest.MonkeyPatch, when_full: str
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._AGAIN_S', 0.0)
+    h = house(max_in_flight=3, when_full=when_full)
+    fill_while_away(h, *range(1, 2001))
+    h.sink.away = ''  # it takes, and confirms nothing
+    for _ in range(20):
+        h.steps(1)
+        assert h.count('in_flight') <= 3 + 500
+    come_back(h)
+    h.until_all_taken_are_confirmed()
+    assert len(h.numbers()) + h.count('dropped') == 2001
+    assert h.numbers() == sorted(h.numbers())
+    assert h.count('dropped') == 0 or when_full == 'drop_oldest'
+
+
+def test_what_a_full_disk_did_not_take_is_on_it_once_it_has_room_and_kafka_is_away_again(
+    house: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._AGAIN_S', 0.0)
+    h = house(max_in_flight=3)
+    fill_while_away(h, *range(1, 11))
+    h.sink.away = ''
+    h.steps()
+    h.sink.away = 'Kafka is away'
+    del h.spool.append
+    h.steps()
+    h.crash()
+    again = house()
+    again.until_all_confirmed()
+    assert again.numbers() == list(range(11))
+
+
+def test_a_full_disk_is_said_again_when_kafka_is_away_again(
+    house: Make, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._AGAIN_S', 0.0)
+    h = house()
+    for number in (1, 2):
+        fill_while_away(h, number)
+        come_back(h)
+        h.until_all_confirmed()
+        h.steps()
+    assert [r.levelname for r in caplog.records].count('ERROR') == 2
+
+
+def test_always_lets_nothing_past_a_full_disk(
+    house: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._AGAIN_S', 0.0)
+    h = house({'mode': 'always'})
+    fill(h)
+    h.give(1, 2, 3)
+    h.steps(10)
+    assert h.numbers() == []
+    del h.spool.append
+    h.until_all_taken_are_confirmed()
+    assert h.numbers() == [1, 2, 3]
+
+
+def test_a_dead_letter_that_cannot_be_written_holds_up_nothing_that_a_full_disk_did_not_take(
+    house: Make,
+) -> None:
+    h = house()
+    h.letters.limit_bytes = -1  # its topic cannot be written
+    h.source.waiting.append(Message(b'bad', b'gid', 100, 0))
+    fill_while_away(h, 1, 2, 3)
+    come_back(h)
+    h.steps(10)
+    assert h.direction._dead_letters.problem
+    assert h.numbers() == [0, 1, 2, 3]
+
+
+def test_drop_oldest_keeps_the_newest_of_what_a_full_disk_does_not_take(house: Make) -> None:
+    h = house(when_full='drop_oldest', max_in_flight=3)
+    fill_while_away(h, *range(1, 101))
+    come_back(h)
+    h.until_all_taken_are_confirmed()
+    assert h.numbers() == [0, 98, 99, 100]
+    assert h.count('dropped') == 97
+
+
+def test_a_stop_gives_up_nothing_that_a_full_disk_did_not_take_where_kafka_takes_it(
+    house: Make,
+) -> None:
+    h = house(max_in_flight=3, drain_s=5)
+    fill_while_away(h, *range(1, 101))
+    come_back(h)
+    h.give(*range(101, 201))
+    h.drain()
+    assert h.numbers() == list(range(201))
+
+
+def test_a_stop_sends_what_is_on_a_full_disk_before_what_it_did_not_take(house: Make) -> None:
+    h = house(max_in_flight=3, drain_s=5)
+    go_away(h)
+    h.give(*range(1, 101))
+    h.steps()
+    fill(h)
+    h.give(*range(101, 111))
+    h.steps()
+    come_back(h)
+    h.drain()
+    assert h.numbers() == list(range(1, 111))
+
+
 def test_a_dead_letter_waits_on_disk_like_the_others(house: Make) -> None:
     h = house()
     go_away(h)
@@ -701,11 +861,6 @@ def test_whatever_happens_each_message_arrives_in_order(
         world.ends()
 
 
-def refused(rows: Sequence[Row]) -> None:
-    del rows
-    raise TransportError('the disk is full')
-
-
 class World:
     """A publisher that never repeats itself, and lives of the bridge one after the other."""
 
@@ -742,7 +897,7 @@ class World:
         elif what == 'refuse':
             house.sink.refusals = count
         elif what == 'full':
-            house.spool.append = refused  # type: ignore[method-assign]
+            fill(house)
         elif what == 'not full':
             house.spool.__dict__.pop('append', None)
         elif what == 'late':
@@ -772,7 +927,8 @@ class World:
 
     def ends(self) -> None:
         come_back(self._house)
-        self._house.spool.__dict__.pop('append', None)
+        if self._mode == 'always':  # otherwise a disk that takes nothing holds up nothing
+            self._house.spool.__dict__.pop('append', None)
         for _ in range(100):
             self._house.steps(10)
             if not self._house.source.waiting:

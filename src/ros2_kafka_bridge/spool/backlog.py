@@ -147,11 +147,17 @@ class Backlog:
 
     def end_if_empty(self) -> None:
         """Let new messages go past the disk again, if none waits there."""
-        if self.active and not self._always and not self.waiting:
+        if self.active and self.lets_past:
             self.active = False
+            self.problem = ''  # it is said again, should it last until the next time
             if self._since_s:
                 took_s = time.monotonic() - self._since_s
                 self._log.info('the spool is empty again, after %.0f s', took_s)
+
+    @property
+    def lets_past(self) -> bool:
+        """Whether a message may go on without having been on disk: none waits there before it."""
+        return not self._always and not self.waiting
 
     @property
     def _always(self) -> bool:
