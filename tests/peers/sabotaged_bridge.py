@@ -139,12 +139,14 @@ class Trial:
         self._saboteur.met.clear()
         again = self._let_be_met()
         tried: set[Call] = set()
+        hit: set[Call] = set()
         # One that fails can make others be met, those of a new client for instance.
         while left := [call for call in (*again, *self._saboteur.met) if call not in tried]:
             tried.add(left[0])
-            self._try(*left[0])
-        for route, name in first:
-            if (route, name) not in tried:
+            if self._try(*left[0]):
+                hit.add(left[0])
+        for route, name in dict.fromkeys((*first, *self._saboteur.met)):
+            if (route, name) not in hit:
                 say(f'at start: {route} {name}')
 
     def _let_be_met(self) -> list[Call]:
@@ -157,8 +159,8 @@ class Trial:
             self._flows(route)
         return list(self._saboteur.met)
 
-    def _try(self, route: str, name: str) -> None:
-        """Let a call of a running bridge fail."""
+    def _try(self, route: str, name: str) -> bool:
+        """Let a call of a running bridge fail; tells whether it was made."""
         call, provoked = (route, name), (route, _PROVOKED_BY[route])
         armed = self._saboteur.armed
         armed.add(call)
@@ -166,10 +168,11 @@ class Trial:
             armed.add(provoked)
             wait(_MEET_S, lambda: call not in armed)
             armed.discard(provoked)
-        if call in armed:  # of an accident that does not come again
-            armed.discard(call)
-        else:
+        is_hit = call not in armed
+        armed.discard(call)
+        if is_hit:
             self.fare(route, name)
+        return is_hit
 
     def fare(self, route: str, name: str) -> None:
         """Say how a route fares one of whose calls has failed."""

@@ -14,8 +14,13 @@ from harness import PEERS, Bench, Process, eventually, to_kafka, to_ros, values
 from numbers_to_kafka import LATCHED, how_many
 
 WITHIN_S = '30'
-# Met where a full window has held reading back: unit tests let it fail.
-RARE = {('to_ros', 'Consumer.resume')}
+# Met while nothing comes, behind a full window, or at the very end: unit tests let them fail.
+RARE = {
+    ('to_ros', 'Consumer.offsets_for_times'),
+    ('to_ros', 'Consumer.position'),
+    ('to_ros', 'Consumer.resume'),
+    ('to_ros', 'Destroyable.destroy_when_not_in_use'),
+}
 SABOTAGED = (sys.executable, str(PEERS / 'sabotaged_bridge.py'))  # cold: it replaces imports
 
 
