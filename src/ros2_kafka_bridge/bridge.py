@@ -23,7 +23,7 @@ from ros2_kafka_bridge.pause import Pause
 from ros2_kafka_bridge.plural import count
 from ros2_kafka_bridge.ros.node import RosNode, middleware, open_node, worker_name
 from ros2_kafka_bridge.ros.probe import Abilities, limits, probe, probe_topic
-from ros2_kafka_bridge.status import totals
+from ros2_kafka_bridge.status import left, totals
 from ros2_kafka_bridge.status_log import StatusLog
 from ros2_kafka_bridge.stop import Part, Stop
 from ros2_kafka_bridge.supervision.orders import Begun, Ended, Event, Failed, Loaded
@@ -357,28 +357,39 @@ class Bridge:
         """Drain the routes to ROS, then those from ROS; what does not end in time is left."""
         if not self._worker and any(lane.runs for lane in self._lanes):
             self._log.info('stopping: draining; once more stops at once')
-        longest_s = max((lane.route.drain_s for lane in self._lanes), default=0.0)
-        overlap_s = OVERLAP_S if any(lane.lock is not None for lane in self._lanes) else 0.0
-        deadline_s = time.monotonic() + longest_s + overlap_s + _CLOSING_S
-        self._join([x for x in self._lanes if isinstance(x.route, KafkaToRosRoute)], deadline_s)
+        to_ros = [lane for lane in self._lanes if isinstance(lane.route, KafkaToRosRoute)]
+        self._join(to_ros)
         self._stop_takers.ask()
-        self._join(self._lanes, deadline_s)
+        self._join([lane for lane in self._lanes if lane not in to_ros])
         for log in self._logs():
             log.close()
+        late = [lane for lane in self._lanes if lane.runs]
         for lane in self._lanes:
-            lane.log.info('stopped: %s', totals(lane.snapshot()))
-        if any(lane.runs for lane in self._lanes):
-            self._log.error('some routes did not end in time and were left')
+            _say_end(lane, late=lane in late)
+        if late:
             logging.shutdown()
             os._exit(1)
 
-    def _join(self, lanes: list[Lane], deadline_s: float) -> None:
+    def _join(self, lanes: list[Lane]) -> None:
+        """Wait for routes of one direction: what another has used up takes nothing from them."""
+        longest_s = max((lane.route.drain_s for lane in lanes), default=0.0)
+        overlap_s = OVERLAP_S if any(lane.lock is not None for lane in lanes) else 0.0
+        deadline_s = time.monotonic() + longest_s + overlap_s + _CLOSING_S
         while any(lane.runs for lane in lanes) and time.monotonic() < deadline_s:
             if self.stop.at_once:
                 self._stop_takers.ask()
                 self._stop_takers.ask()
                 deadline_s = min(deadline_s, time.monotonic() + _AT_ONCE_S)
             time.sleep(0.02)
+
+
+def _say_end(lane: Lane, *, late: bool) -> None:
+    now = lane.snapshot()
+    if late:
+        held = left(now, to_ros=isinstance(lane.route, KafkaToRosRoute))
+        lane.log.error('did not end in time: it is left with %s', held)
+    else:
+        lane.log.info('stopped: %s', totals(now))
 
 
 def _lock_of(route: Route, config: Config) -> GroupLock | None:

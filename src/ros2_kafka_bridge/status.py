@@ -1,6 +1,7 @@
 """What a person reads of the counters."""
 
 from ros2_kafka_bridge.metrics import Snapshot
+from ros2_kafka_bridge.plural import count
 
 
 def status_line(now: Snapshot, before: Snapshot, period_s: float) -> str:
@@ -26,6 +27,18 @@ def totals(snapshot: Snapshot) -> str:
     )
 
 
+def left(snapshot: Snapshot, *, to_ros: bool) -> str:
+    """One line that says what a route still held that did not end in time, and what it costs."""
+    if not snapshot.in_flight:
+        what = 'nothing in flight'
+    elif to_ros:
+        what = f'{count(snapshot.in_flight, "record")} in flight, read again next time'
+    else:
+        held = count(snapshot.in_flight, 'message')
+        what = f'{held} in flight, lost unless the publisher is TRANSIENT_LOCAL'
+    return f'{what} ({totals(snapshot)})'
+
+
 def _rare(snapshot: Snapshot) -> str:
     counts: dict[str, int] = {
         'dropped': snapshot.dropped,
@@ -36,4 +49,4 @@ def _rare(snapshot: Snapshot) -> str:
         'published again': snapshot.repeated,
         'lost before the bridge': snapshot.lost_upstream,
     }
-    return ''.join(f', {count} {name}' for name, count in counts.items() if count)
+    return ''.join(f', {number} {name}' for name, number in counts.items() if number)

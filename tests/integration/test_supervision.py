@@ -42,6 +42,7 @@ routes:
   - {name: a, from: {ros: /a}, to: {kafka: a}, drain_s: 0.1}
   - {name: b, from: {ros: /b}, to: {kafka: b}, drain_s: 0.1}
 """
+LONG = RoutePlan('orders', to_ros=True, drain_s=600.0)
 ONE = Plan('x', '', {}, (RoutePlan('orders', to_ros=True, drain_s=0.1),))
 LOADED = '{"type":"loaded"}'
 BEGUN = '{"type":"begun"}'
@@ -172,7 +173,7 @@ def test_a_stop_ends_at_once_who_waits_to_begin_and_keeps_the_counters_of_who_ru
     house.turn()
     assert house.crew.workers[1].runs
     assert [snapshot.taken for snapshot in house.crew.snapshots()] == [7]
-    for turns, _ in enumerate(house.crew.drain(600.0, lambda: False)):
+    for turns, _ in enumerate(house.crew.drain([LONG], lambda: False)):
         house.crew.tick()
         assert turns < 10, 'it is waited for'
     assert house.crew.last['orders'].taken == 7

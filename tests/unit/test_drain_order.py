@@ -3,13 +3,19 @@
 What a route to ROS has published last, and its reader here has acknowledged, is still taken.
 """
 
+import logging
+import os
 import threading
 import time
+from typing import Any
 
+import pytest
+
+from ros2_kafka_bridge import bridge as bridge_module
 from ros2_kafka_bridge.bridge import Bridge
 from ros2_kafka_bridge.config.settings import Config
 
-CONTENT = {
+CONTENT: dict[str, Any] = {
     'name': 'test',
     'kafka': {'bootstrap.servers': 'localhost:1'},
     'routes': [
@@ -50,3 +56,74 @@ def test_guarantee_7_routes_from_ros_stop_only_once_those_to_ros_have_ended() ->
     assert asked_meanwhile == [False]
     assert to_kafka.stop.asked
     assert not bridge.runs
+
+
+def content(to_ros_s: float, to_kafka_s: float) -> dict[str, Any]:
+    to_ros, to_kafka = CONTENT['routes']
+    return CONTENT | {
+        'routes': [{**to_ros, 'drain_s': to_ros_s}, {**to_kafka, 'drain_s': to_kafka_s}]
+    }
+
+
+@pytest.fixture
+def exits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """With what status the process was to end at once."""
+    statuses: list[int] = []
+    monkeypatch.setattr(os, '_exit', statuses.append)
+    monkeypatch.setattr(logging, 'shutdown', lambda: None)
+    monkeypatch.setattr(bridge_module, '_CLOSING_S', 0.2)
+    return statuses
+
+
+def test_a_route_from_ros_has_its_whole_drain_however_long_one_to_ros_takes(
+    exits: list[int], caplog: pytest.LogCaptureFixture
+) -> None:
+    bridge = Bridge(Config.model_validate(content(0.2, 0.6)))
+    to_ros, to_kafka = bridge._lanes
+    let_go = threading.Event()
+
+    def drain() -> None:
+        assert to_kafka.stop.wait(30)
+        time.sleep(0.5)
+
+    to_ros.thread = threading.Thread(target=let_go.wait, args=(30,), daemon=True)
+    to_kafka.thread = threading.Thread(target=drain, daemon=True)
+    for lane in bridge._lanes:
+        assert lane.thread is not None
+        lane.thread.start()
+    bridge.stop.ask()
+    began_s = time.monotonic()
+    bridge._shut_down()
+    took_s = time.monotonic() - began_s
+    assert to_ros.runs
+    assert not to_kafka.runs
+    let_go.set()
+    assert exits == [1]
+    assert took_s < 0.2 + 0.2 + 0.6 + 0.2
+    assert [vars(r)['route'] for r in caplog.records if r.levelname == 'ERROR'] == ['to_ros']
+
+
+def test_what_a_route_leaves_that_does_not_end_in_time_is_said_of_it(
+    exits: list[int], caplog: pytest.LogCaptureFixture
+) -> None:
+    bridge = Bridge(Config.model_validate(content(0.0, 0.0)))
+    let_go = threading.Event()
+    for lane, held in zip(bridge._lanes, (1, 2), strict=True):
+        lane._work = lane._work._replace(
+            before=lane._work.before._replace(taken=3, confirmed=3 - held, in_flight=held)
+        )
+        lane.thread = threading.Thread(target=let_go.wait, args=(30,), daemon=True)
+        lane.thread.start()
+    bridge.stop.ask()
+    bridge._shut_down()
+    let_go.set()
+    assert exits == [1]
+    one, two = [record.getMessage() for record in caplog.records if record.levelname == 'ERROR']
+    assert one == (
+        'did not end in time: it is left with 1 record in flight, read again next time '
+        '(3 taken, 2 confirmed, 0 dead-lettered, 1 given up)'
+    )
+    assert two == (
+        'did not end in time: it is left with 2 messages in flight, lost unless the publisher is '
+        'TRANSIENT_LOCAL (3 taken, 1 confirmed, 0 dead-lettered, 2 given up)'
+    )

@@ -1,30 +1,37 @@
 """How routes are shared out among workers, when one is started again, what its pipe carries."""
 
 import logging
+import math
+import selectors
 import signal
 import subprocess
 import sys
 import threading
+import time
 from collections import Counter
 from pathlib import Path
+from typing import cast
 
 import pytest
 from harness import eventually
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ros2_kafka_bridge import bridge
 from ros2_kafka_bridge.backoff import Backoff
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.logs import summed
 from ros2_kafka_bridge.metrics import Counters, State, from_line, to_line
 from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.supervision import orders
+from ros2_kafka_bridge.supervision.crew import CLOSING_S, Crew
 from ros2_kafka_bridge.supervision.orders import Begun
 from ros2_kafka_bridge.supervision.plan import Plan, RoutePlan, plan_of
-from ros2_kafka_bridge.supervision.shares import Share, share_out
+from ros2_kafka_bridge.supervision.shares import Rank, Share, share_out
 from ros2_kafka_bridge.supervision.supervisor import Supervisor
 from ros2_kafka_bridge.supervision.systemd import Systemd
 from ros2_kafka_bridge.supervision.worker_process import WorkerProcess
+from ros2_kafka_bridge.term import OVERLAP_S
 
 CONFIG = """\
 name: test
@@ -158,6 +165,80 @@ def test_a_worker_that_failed_unasked_makes_the_end_a_failure_and_one_that_was_k
         supervisor.stop.ask()
         thread.join(30)
     assert ended == [expected]
+
+
+class SlowWorker:
+    """A worker that ends so long after it was asked to drain."""
+
+    waits = away = over = is_first = False
+    pipe = -1
+
+    def __init__(self, route: str, rank: Rank, ends_after_s: float) -> None:
+        snapshot = Counters(route, taken=7).snapshot(7)
+        self.snapshots = {route: snapshot}
+        self.rank = rank
+        self.killed = False
+        self._name = route
+        self._ends_after_s = ends_after_s
+        self._asked_s = math.inf
+
+    def __str__(self) -> str:
+        return f'worker ({self._name})'
+
+    @property
+    def runs(self) -> bool:
+        return not self.killed and time.monotonic() < self._asked_s + self._ends_after_s
+
+    def ask(self, _times: int) -> None:
+        self._asked_s = min(self._asked_s, time.monotonic())
+
+    def kill(self) -> None:
+        self.killed = True
+
+
+def drained(
+    monkeypatch: pytest.MonkeyPatch, workers: list[SlowWorker], routes: list[RoutePlan]
+) -> float:
+    """Drain these workers by a clock that does not wait; tells how long it took."""
+    now_s = [1000.0]
+    monkeypatch.setattr('time.monotonic', lambda: now_s[0])
+    with selectors.DefaultSelector() as selector:
+        crew = Crew([], selector, Stop())
+        crew.workers += [cast('WorkerProcess', worker) for worker in workers]
+        for _ in crew.drain(routes, lambda: False):
+            now_s[0] += 0.1
+        crew.close()
+    return now_s[0] - 1000
+
+
+def test_workers_from_ros_have_their_whole_drain_however_long_those_to_ros_take(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    stuck = SlowWorker('a', Rank.TO_ROS, math.inf)
+    slow = SlowWorker('b', Rank.FROM_ROS, 70.0)
+    routes = [RoutePlan('a', to_ros=True, drain_s=60), RoutePlan('b', to_ros=False, drain_s=60)]
+    took_s = drained(monkeypatch, [stuck, slow], routes)
+    assert stuck.killed
+    assert not slow.killed
+    assert took_s < 2 * 60 + 50
+    of_worker, of_route = caplog.records
+    assert of_worker.getMessage() == 'worker (a) did not end in time and was killed'
+    assert vars(of_route)['route'] == 'a'
+    assert of_route.getMessage() == (
+        'its worker was killed: it is left with 7 records in flight, read again next time '
+        '(7 taken, 0 confirmed, 0 dead-lettered, 7 given up)'
+    )
+
+
+def test_a_worker_of_both_directions_has_the_time_of_both(monkeypatch: pytest.MonkeyPatch) -> None:
+    both = SlowWorker('a', Rank.BOTH, 60 + bridge._CLOSING_S + 8 + OVERLAP_S + bridge._CLOSING_S)
+    routes = [RoutePlan('a', to_ros=True, drain_s=60), RoutePlan('b', to_ros=False, drain_s=8)]
+    drained(monkeypatch, [both], routes)
+    assert not both.killed
+
+
+def test_a_worker_is_given_more_time_than_it_takes_itself() -> None:
+    assert CLOSING_S > bridge._CLOSING_S + OVERLAP_S
 
 
 def test_an_error_that_stays_is_said_once_and_a_new_one_at_once(

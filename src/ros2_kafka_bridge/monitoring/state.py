@@ -12,7 +12,7 @@ import msgspec
 
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.routes import AnyRoute
-from ros2_kafka_bridge.config.settings import Config
+from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.monitoring.history import History
 from ros2_kafka_bridge.monitoring.protocol import (
@@ -35,7 +35,7 @@ class Watch:
 
     Args:
         write: Sends one line to the supervisor.
-        patience_s: How long `ask` waits for an answer, beside the longest drain.
+        patience_s: How long `ask` waits for an answer, beside the longest drains.
     """
 
     def __init__(self, write: Callable[[bytes], None], patience_s: float = _PATIENCE_S) -> None:
@@ -118,8 +118,7 @@ class Watch:
             ConfigError: The configuration is not known yet.
         """
         answer: Future[Answer] = Future()
-        drain_s = max(route.drain_s for route in self.config.routes) if do in _DRAINING else 0.0
-        patience_s = self._patience_s + drain_s
+        patience_s = self._patience_s + (_drains_s(self.config) if do in _DRAINING else 0.0)
         number = next(self._numbers)
         with self._lock:
             if self._ended:
@@ -144,6 +143,13 @@ class Watch:
         if known is None:
             raise ConfigError(['the bridge has not told its configuration yet'])
         return known
+
+
+def _drains_s(config: Config) -> float:
+    """The longest drain of the routes to ROS, and behind it that of those from ROS."""
+    to_ros = [r.drain_s for r in config.routes if isinstance(r, KafkaToRosRoute)]
+    from_ros = [r.drain_s for r in config.routes if not isinstance(r, KafkaToRosRoute)]
+    return max(to_ros, default=0.0) + max(from_ros, default=0.0)
 
 
 def _no_answer(number: int) -> Answer:

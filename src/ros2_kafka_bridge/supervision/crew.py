@@ -4,20 +4,24 @@ import os
 import selectors
 import signal
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from typing import Final
 
 from ros2_kafka_bridge import logs
 from ros2_kafka_bridge.metrics import Snapshot
+from ros2_kafka_bridge.status import left
 from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.supervision.local_worker import LocalWorker
 from ros2_kafka_bridge.supervision.orders import Pause, Resume
+from ros2_kafka_bridge.supervision.plan import RoutePlan
 from ros2_kafka_bridge.supervision.shares import Rank, Share
 from ros2_kafka_bridge.supervision.worker_process import WorkerProcess
 from ros2_kafka_bridge.term import OVERLAP_S
 
-CLOSING_S: Final = 10.0 + OVERLAP_S
+# More than a worker gives itself: it knows best what it leaves, and says so.
+_ENDING_S: Final = 12.0
+CLOSING_S: Final = _ENDING_S + OVERLAP_S
 _AT_ONCE_S: Final = 5.0
 _PIPE_BYTES: Final = 65_536
 
@@ -189,11 +193,13 @@ class Crew:
 
     # Ends
 
-    def drain(self, drain_s: float, at_once: Callable[[], bool]) -> Iterator[None]:
+    def drain(self, routes: Collection[RoutePlan], at_once: Callable[[], bool]) -> Iterator[None]:
         """Drain the workers to ROS, then those from ROS; what does not end in time is killed.
 
+        Each direction has a time of its own, whatever the other has used up.
+
         Args:
-            drain_s: The longest drain of all routes.
+            routes: All that may run.
             at_once: Whether to give up what is still in flight.
         """
         self._end_waiting()
@@ -201,17 +207,24 @@ class Crew:
             self.status = max(self.status, FAILED)
         for worker in self.workers:
             worker.over = worker.over or not worker.runs
-        deadline_s = time.monotonic() + drain_s + CLOSING_S
         for rank in Rank:
-            if rank == Rank.FROM_ROS:
-                deadline_s = max(deadline_s, time.monotonic() + _AT_ONCE_S)
+            deadline_s = time.monotonic() + _limit_s(rank, routes)
             yield from self._drain(rank, deadline_s, at_once)
+        to_ros = {route.name for route in routes if route.to_ros}
         for worker in self.workers:
             if worker.runs:
-                worker.kill()
-                self.status = max(self.status, FAILED)
-                self._log.error('%s did not end in time and was killed', worker)
+                self._kill(worker, to_ros)
         self.last |= {snapshot.route: snapshot for snapshot in self.snapshots()}
+
+    def _kill(self, worker: Worker, to_ros: Collection[str]) -> None:
+        worker.kill()
+        self.status = max(self.status, FAILED)
+        self._log.error('%s did not end in time and was killed', worker)
+        if worker.is_first:  # which says it itself
+            return
+        for name, snapshot in worker.snapshots.items():
+            held = left(snapshot, to_ros=name in to_ros)
+            logs.route_log(name).error('its worker was killed: it is left with %s', held)
 
     def _end_waiting(self) -> None:
         """End those of a reload that have not begun: they hold nothing that could be drained."""
@@ -223,7 +236,7 @@ class Crew:
                 worker.exit_status()  # whatever it is
 
     def _drain(self, rank: Rank, deadline_s: float, at_once: Callable[[], bool]) -> Iterator[None]:
-        workers = [worker for worker in self.workers if worker.rank <= rank]
+        workers = [worker for worker in self.workers if worker.rank == rank]
         for worker in workers:
             worker.ask(1)
         while any(worker.runs for worker in workers) and time.monotonic() < deadline_s:
@@ -264,6 +277,21 @@ class Crew:
         while any(worker.leaving for worker in others):
             yield
         return sorted(name for w in concerned if w.is_first for name in w.leaving & names)
+
+
+def _limit_s(rank: Rank, routes: Iterable[RoutePlan]) -> float:
+    """How long workers of a rank may take to drain and end."""
+    longest_s = {True: 0.0, False: 0.0}
+    for route in routes:
+        longest_s[route.to_ros] = max(longest_s[route.to_ros], route.drain_s)
+    to_ros_s, from_ros_s = longest_s[True] + _ENDING_S, longest_s[False] + CLOSING_S
+    match rank:
+        case Rank.TO_ROS:
+            return to_ros_s
+        case Rank.FROM_ROS:
+            return from_ros_s
+        case Rank.BOTH:
+            return to_ros_s + from_ros_s
 
 
 def _how(status: int) -> str:

@@ -224,7 +224,7 @@ class Operations:
         self._log.info('deactivated: draining')
         before, self._crew.status = self._crew.status, 0
         try:
-            yield from self._crew.drain(self.plan.drain_s, lambda: False)
+            yield from self._crew.drain(self.plan.routes, lambda: False)
         finally:  # a stop may come in between
             gave_up, self._crew.status = self._crew.status, max(before, self._crew.status)
         self._crew.dismiss()

@@ -216,8 +216,8 @@ class Supervisor:
         says_it_itself = self._local is not None and self._local.moves
         if not says_it_itself and any(worker.runs for worker in self.crew.workers):
             self._log.info('stopping: draining; once more stops at once')
-        drain_s = self.operations.plan.drain_s
-        for _ in self.crew.drain(drain_s, lambda: self.stop.at_once):
+        routes = self.operations.plan.routes
+        for _ in self.crew.drain(routes, lambda: self.stop.at_once):
             self._turn()
         self.operations.lifecycle = Lifecycle.FINALIZED
         self._report()

@@ -34,6 +34,13 @@ def test_an_answer_that_does_not_come_is_said_to_be_missing(told: Told) -> None:
     assert 'has not answered' in answer.text
 
 
+def test_who_asks_for_a_drain_waits_for_both_directions(told: Told) -> None:
+    told.answer = lambda _: None
+    drains = CONFIG.replace('format: text', 'format: text\n    drain_s: 0.1')
+    told.tell(Configured(drains, '/etc/bridge.yaml'))
+    assert 'within 0.4 s' in told.watch.ask(Do.DEACTIVATE).text
+
+
 def test_at_the_end_of_the_bridge_nobody_waits(told: Told) -> None:
     told.answer = lambda _: patient.close()
     patient = Watch(told._hear, patience_s=1e6)  # which no test may take
