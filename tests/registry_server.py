@@ -510,6 +510,8 @@ class _Server(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = 'HTTP/1.1'
+    # Headers and body are two small packets: the second one would wait 40 ms for an answer.
+    disable_nagle_algorithm = True
     server: _Server
 
     def _answer(self) -> None:
