@@ -2,7 +2,7 @@
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from decimal import Decimal
 from typing import Any, Final
 
@@ -52,9 +52,14 @@ def scope_of(
 
 def cdr_from(layout: Layout, fields: Mapping[str, Any]) -> bytes:
     """The CDR bytes of a message; the fields that are not given are as the definition says."""
+    return make_cdr_from(layout)(fields)
+
+
+def make_cdr_from(layout: Layout) -> Callable[[Mapping[str, Any]], bytes]:
+    """Make `cdr_from` of one type: that takes longer than to call it."""
     struct = make_structs(layout, STYLE)[layout.type_name]
-    made = msgspec.convert(fields, struct, builtin_types=(bytes, Decimal))
-    return make_write(layout, STYLE)(made)
+    write = make_write(layout, STYLE)
+    return lambda fields: write(msgspec.convert(fields, struct, builtin_types=(bytes, Decimal)))
 
 
 def fields_of(value: bytes, layout: Layout) -> Any:

@@ -17,6 +17,7 @@ from avro_messages import (
     fields_of,
     framed,
     json_text,
+    make_cdr_from,
     scope_of,
 )
 from confluent_kafka.schema_registry import SchemaRegistryClient
@@ -28,7 +29,15 @@ from registry_server import RegistryServer, Request
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, RouteError
 from ros2_kafka_bridge.formats.avro import make_decode, make_encode
 from ros2_kafka_bridge.formats.avro.schema import avro_schema
-from ros2_kafka_bridge.formats.layout import Array, Field, Layout, Primitive, Sequence, String
+from ros2_kafka_bridge.formats.layout import (
+    Array,
+    Field,
+    Kind,
+    Layout,
+    Primitive,
+    Sequence,
+    String,
+)
 from ros2_kafka_bridge.message_types import load_layout, type_names
 
 STRING = load_layout('std_msgs/msg/String')
@@ -237,6 +246,84 @@ def test_a_default_within_a_nested_message_is_as_the_definition_says(
         'one': {'a': 1, 'raw': b'\x07\xc8'},
         'all': [{'a': 2, 'raw': b'\x07\xc8'}, {'a': 3, 'raw': b'\x07\xc8'}],
     }
+
+
+def within(layout: Layout) -> Iterator[Layout]:
+    """A type and all types in it, at any depth."""
+    yield layout
+    for field in layout.fields:
+        kind = field.kind.item if isinstance(field.kind, Array | Sequence) else field.kind
+        if isinstance(kind, Layout):
+            yield from within(kind)
+
+
+def older(kind: Kind, changed_type: str, without: str) -> Kind:
+    """A kind as it was before a type in it had a field."""
+    match kind:
+        case Array():
+            return Array(older(kind.item, changed_type, without), kind.length)
+        case Sequence():
+            return Sequence(older(kind.item, changed_type, without), kind.bound)
+        case Layout():
+            lacks = without if kind.type_name == changed_type else ''
+            kept = [field for field in kind.fields if field.name != lacks]
+            fields = [f._replace(kind=older(f.kind, changed_type, without)) for f in kept]
+            return Layout(kind.type_name, tuple(fields))
+        case _:
+            return kind
+
+
+def as_written(found: Any, kind: Kind) -> Any:
+    """The fields that a version of a type has."""
+    match kind:
+        case Array() | Sequence() if isinstance(kind.item, Layout):
+            return [as_written(item, kind.item) for item in found]
+        case Layout():
+            return {f.name: as_written(found[f.name], f.kind) for f in kind.fields}
+        case _:
+            return found
+
+
+@pytest.mark.parametrize('name', type_names())
+def test_every_field_that_the_writer_lacks_at_any_depth_is_as_the_definition_says(
+    name: str, server: RegistryServer
+) -> None:
+    """One writer for each field of each type within."""
+    layout = layout_of(name)
+    found = fields_of(extremes(name)[0], layout)
+    decode, cdr_of = make_decode(layout, scope_of(server.url)), make_cdr_from(layout)
+    fields = {(one.type_name, field.name) for one in within(layout) for field in one.fields}
+    for place in sorted(fields):
+        written = older(layout, *place)
+        assert isinstance(written, Layout)
+        schema, values = avro_schema(written), as_written(found, written)
+        schema_id = server.register('robots-value', json_text(schema))
+        value = framed(schema_id, avro_bytes(schema, values))
+        assert decode(value) == cdr_of(values), place
+
+
+def test_a_default_deep_within_a_branch_of_a_union_is_as_the_definition_says(
+    server: RegistryServer,
+) -> None:
+    """Only the value tells which version of the message it is."""
+    stamp = Layout('demo_msgs/msg/Stamp', (Field('raw', Array(Primitive('uint8'), 2), (7, 200)),))
+    mark = Layout(
+        'demo_msgs/msg/Mark', (Field('stamp', stamp), Field('id', Primitive('uint64'), 9))
+    )
+    ours = Layout('demo_msgs/msg/Whole', (Field('mark', mark),))
+    fields = avro_schema(ours)['fields'][0]['type']['fields']
+    some = [
+        {'type': 'record', 'name': f'{package}.msg.Mark', 'fields': kept}
+        for package, kept in (('old_msgs', fields[:1]), ('new_msgs', fields[1:]))
+    ]
+    writer = avro_schema(ours) | {'fields': [{'name': 'mark', 'type': some}]}
+    schema_id = server.register('robots-value', json_text(writer))
+    decode = make_decode(ours, scope_of(server.url))
+    for branch, payload, read in (
+        (b'\x00', b'\x04\x01\x02', {'stamp': {'raw': b'\x01\x02'}, 'id': 9}),
+        (b'\x02', bytes(8) + b'\x05', {'stamp': {'raw': b'\x07\xc8'}, 'id': 5}),
+    ):
+        assert fields_of(decode(framed(schema_id, branch + payload)), ours) == {'mark': read}
 
 
 def test_a_field_that_is_not_here_any_more_is_passed_over(server: RegistryServer) -> None:

@@ -18,7 +18,7 @@ from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
 from ros2_kafka_bridge.formats.avro.schema import avro_schema, full_name
 from ros2_kafka_bridge.formats.avro.versions import (
     Version,
-    make_forget,
+    reader_of,
     schema_faults,
     text_in,
     version_of,
@@ -191,12 +191,11 @@ def _by_id(layout: Layout, scope: Scope) -> Callable[[bytes], Any]:
     by which it reads, reads a value.
     """
     registry = open_registry(scope)
-    from fastavro import parse_schema, schemaless_reader  # noqa: PLC0415 -- of an extra
+    from fastavro import schemaless_reader  # noqa: PLC0415 -- of an extra
 
     schema = avro_schema(layout)
-    reader = parse_schema(schema)
+    reader = reader_of(schema)
     versions: dict[int, Version] = {}
-    forget = make_forget(layout)
     faults = schema_faults()
 
     def from_avro(value: bytes) -> Any:
@@ -213,8 +212,6 @@ def _by_id(layout: Layout, scope: Scope) -> Callable[[bytes], Any]:
         except faults as error:
             raise DecodeError(f'not a value of schema {schema_id}: {_why(error)}') from None
         _check_end(stream, f'schema {schema_id}')
-        if not version.ours:
-            forget(found)
         return found
 
     registry.close_with(from_avro)

@@ -6,12 +6,11 @@ value is read, and so is what Avro's resolution cannot read as the message type.
 """
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from decimal import Decimal
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from ros2_kafka_bridge.formats.layout import Array, Kind, Layout, Primitive, Sequence
 from ros2_kafka_bridge.formats.registry import NO_SCHEMA, text_of
-from ros2_kafka_bridge.formats.values.structs import is_byte
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.formats.registry import Registry
@@ -301,39 +300,35 @@ def _shown(schema: Any) -> str:
     return f'{kind} {schema["name"]}' if kind in _NAMED else kind
 
 
-def make_forget(layout: Layout) -> Callable[[Any], None]:
-    """Make the function that takes defaults which are still in JSON's spelling out of a value.
+def reader_of(ours: dict[str, Any]) -> Any:
+    """The schema of the message type as fastavro reads other versions with it.
 
     fastavro fills in the default of a field that the writer did not have as it stands in the
-    schema, and Avro spells bytes there as text. The struct has the same defaults.
+    schema, and Avro spells bytes there as text. Here the defaults stand as they are read, so
+    that nothing is left to mend in a value.
+
+    Args:
+        ours: The schema, as JSON has it.
     """
-    steps = [(one.name, step) for one in layout.fields if (step := _step(one.kind))]
+    from fastavro import parse_schema  # noqa: PLC0415 -- of an extra
 
-    def forget(value: Any) -> None:
-        for name, step in steps:
-            if step(value.get(name)):
-                del value[name]
+    types: dict[str, Any] = {}
+    reader = parse_schema(ours, types)
+    for schema in types.values():
+        for field in schema.get('fields', ()):
+            if 'default' in field:
+                field['default'] = _read_as(field['type'], field['default'], types)
+    return reader
 
-    return forget
 
-
-def _step(kind: Kind) -> Callable[[Any], object] | None:
-    """What says whether a field's value is such a default; None where it cannot be one."""
-    match kind:
-        case Primitive('uint64'):
-            return lambda value: isinstance(value, str)
-        case Array() | Sequence() if is_byte(kind.item):
-            return lambda value: isinstance(value, str)
-        case Array() | Sequence() if kind.item == Primitive('uint64'):
-            return lambda value: bool(value) and isinstance(value[0], str)
-        case Array() | Sequence() if isinstance(kind.item, Layout) and _has_step(kind.item):
-            each = make_forget(kind.item)
-            return lambda value: [each(item) for item in value or ()] and None
-        case Layout() if _has_step(kind):
-            return make_forget(kind)
+def _read_as(schema: Any, default: Any, types: Types) -> Any:
+    """A default as fastavro reads such a value."""
+    match _kind(_resolved(schema, types)):
+        case 'array':
+            return [_read_as(schema['items'], item, types) for item in default]
+        case 'bytes':
+            return default.encode('latin-1')
+        case 'fixed':
+            return Decimal(int.from_bytes(default.encode('latin-1'), 'big'))
         case _:
-            return None
-
-
-def _has_step(layout: Layout) -> bool:
-    return any(_step(field.kind) for field in layout.fields)
+            return default
