@@ -5,7 +5,7 @@
 Everything taken and not ended is in the window, in the order of consumption. An entry waits in
 its `pending` until the history takes it, then in its `unconfirmed` until its readers have it. One
 that has ended leaves the window once all before it have: only then does its offset count. What
-drop_oldest drops may leave sooner, and counts with what comes behind it.
+drop_oldest drops leaves at once, and counts with what is before it.
 """
 
 import logging

@@ -27,13 +27,14 @@ class Entry:
     made_ms: int  # since 1970, by the record or its publisher; not above 0 where that is unknown
 
     __slots__ = (
-        'cdr', 'failure', 'made_ms', 'offset', 'outcome', 'partition', 'size_bytes', 'taken_s',
-        'timestamp', 'value_bytes',
+        'cdr', 'end', 'failure', 'made_ms', 'offset', 'outcome', 'partition', 'size_bytes',
+        'taken_s', 'timestamp', 'value_bytes',
     )  # fmt: skip
 
     def __init__(self, record: Record, value: bytes | None, taken_s: float) -> None:
         self.partition = record.partition() or 0
         self.offset = record.offset() or 0
+        self.end = self.offset + 1  # of what is behind it and was dropped, too
         self.value_bytes = size_bytes = 0 if value is None else len(value)
         self.size_bytes = size_bytes + _ENTRY_BYTES
         self.taken_s = taken_s
@@ -47,7 +48,7 @@ class RecordWindow:
 
     An entry waits in `pending` until the history takes it, then in `unconfirmed` until its readers
     have it. One that has ended leaves once all before it have: only then does its offset count.
-    One that was passed over may leave sooner: that of the next in its partition counts for both.
+    One that was passed over may leave sooner: what is before it in its partition counts for both.
 
     Args:
         max_entries: How many may wait, where the oldest are dropped.
@@ -121,7 +122,7 @@ class RecordWindow:
         while entries and entries[0].outcome is not None:
             ended.append(entries.popleft())
         if ended:
-            self.positions |= {entry.partition: entry.offset + 1 for entry in ended}
+            self.positions |= {entry.partition: entry.end for entry in ended}
             self.size_bytes -= sum([entry.size_bytes for entry in ended])
         return ended
 
@@ -137,35 +138,38 @@ class RecordWindow:
                 self.positions[partition] = offset
 
     def drop_oldest(self) -> list[Entry]:
-        """Drop what waits and is too much; returns what has left."""
+        """Drop what waits and is too much; returns what has left.
+
+        It leaves at once, also where others before it stay for long: there is no end to what
+        comes behind a subscriber that does not take.
+        """
         pending = self.pending
+        is_too_much = self.is_full
         while (pending and pending[0].failure is None) and (
             len(pending) > self.max_entries or self.is_full
         ):
-            self._drop(pending.popleft())
-        left = self.settle()
-        if len(self.entries) - len(pending) - len(self.unconfirmed) > self.max_entries:
-            left += self._let_go_of_passed()
-        return left
+            entry = pending.popleft()
+            entry.outcome = Outcome.DROPPED
+            self.size_bytes -= entry.size_bytes
+            entry.size_bytes = 0
+            is_too_much = True
+        return self._close_up() if is_too_much else []
 
-    def _drop(self, entry: Entry) -> None:
-        """End an entry, and keep nothing of its record."""
-        entry.outcome, entry.cdr = Outcome.DROPPED, b''
-        self.size_bytes -= entry.size_bytes
-        entry.size_bytes = 0
-
-    def _let_go_of_passed(self) -> list[Entry]:
-        """Let go of what was passed over, wherever it stands, but for the last of each partition.
-
-        That one holds its position. Behind a reader that does not take they would pile up; what
-        is read again of them, where those behind are given back, was not delivered before.
-        """
-        last = {entry.partition: entry for entry in self.entries}
+    def _close_up(self) -> list[Entry]:
+        """Let go of what was passed over; what is before it in its partition moves on for it."""
         kept: deque[Entry] = deque()
         left: list[Entry] = []
+        last: dict[int, Entry] = {}  # of each partition
         for entry in self.entries:
-            goes = entry.outcome in _PASSED and last[entry.partition] is not entry
-            (left if goes else kept).append(entry)
+            if entry.outcome not in _PASSED:
+                kept.append(entry)
+                last[entry.partition] = entry
+                continue
+            left.append(entry)
+            if entry.partition in last:
+                last[entry.partition].end = entry.end
+            else:
+                self.positions[entry.partition] = entry.end
         self.entries = kept
         self.size_bytes -= sum([entry.size_bytes for entry in left])
         return left

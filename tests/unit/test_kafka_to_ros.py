@@ -15,7 +15,7 @@ from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters
 from ros2_kafka_bridge.errors import DecodeError, RouteError
 from ros2_kafka_bridge.formats import limited
-from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
+from ros2_kafka_bridge.kafka_to_ros import BATCH, KafkaToRos
 from ros2_kafka_bridge.metrics import State
 from ros2_kafka_bridge.pause import Pause
 from ros2_kafka_bridge.stop import Stop
@@ -430,6 +430,60 @@ def test_the_window_is_bounded_in_bytes() -> None:
         house.steps(2)
     assert len(house.sink.published) == 1
     assert len(house.source.waiting) == 4
+
+
+def test_what_is_in_flight_to_ros_is_bounded_by_bytes_and_a_batch() -> None:
+    house = House(max_in_flight=2, max_in_flight_bytes=401_000)  # 1000 of one byte
+    house.sink.room = 10_000  # most of it acknowledged, and too young to be confirmed
+    house.sink.acknowledging = False
+    house.give(*[b'a'] * 5000)
+    house.steps(20)
+    house.direction._take_snapshot(None)
+    assert house.direction.snapshot.in_flight == 1000 + BATCH
+
+
+def test_where_the_oldest_are_dropped_as_many_wait_as_are_not_acknowledged() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=600)
+    house.sink.room = 600
+    house.sink.acknowledging = False
+    house.give(*[b'a'] * 5000)
+    house.steps(20)
+    house.direction._take_snapshot(None)
+    assert house.direction.snapshot.in_flight == 1200
+    assert house.direction._window.size_bytes == 1200 * 401
+    assert house.positions() == {0: 0}
+    house.sink.acknowledge(599)
+    house.direction._confirm()
+    assert house.positions() == {0: 599}
+    house.sink.acknowledging = True
+    house.steps(3)
+    assert house.positions() == {0: 5000}
+    assert len(house.sink.published) == 1200
+    assert house.direction.counters.snapshot(0).dropped == 3800
+
+
+def test_what_is_dropped_takes_no_room_from_the_newest() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=2, max_in_flight_bytes=2000)
+    house.sink.room = 2
+    house.sink.acknowledging = False
+    house.give(*[b'%d' % number for number in range(2000)])
+    house.steps(8)
+    house.sink.acknowledging = True
+    house.steps(3)
+    assert house.sink.published == [b'cdr:0', b'cdr:1', b'cdr:1998', b'cdr:1999']
+
+
+def test_what_is_dropped_moves_on_its_own_partition_only() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=1)
+    house.sink.room = 1
+    house.sink.acknowledging = False
+    house.give(b'a', b'b', first=7)
+    house.give(b'c', b'd', b'e', partition=1, first=3)
+    house.steps()
+    assert house.positions() == {0: 7, 1: 5}
+    house.sink.acknowledging = True
+    house.steps(2)
+    assert house.positions() == {0: 9, 1: 6}
 
 
 def test_a_drain_confirms_what_is_in_flight_and_gives_back_what_was_not_published() -> None:
