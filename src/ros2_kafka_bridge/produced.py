@@ -7,13 +7,14 @@ from typing import Final, Protocol
 
 from ros2_kafka_bridge.dedup import Numbers
 from ros2_kafka_bridge.endpoints import Message
-from ros2_kafka_bridge.errors import RouteError, TransportError
+from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
 from ros2_kafka_bridge.ros.subscription import Offer
 
 FIRST_RECORDS: Final = 10_000
 MAX_RECORDS: Final = 1_000_000
 _FIRST_S: Final = 60.0
 _FURTHER_S: Final = 30.0
+_LETTERS_S: Final = 5.0
 _SKEW_NS: Final = 60_000_000_000  # between the clocks of a publisher and of what writes to Kafka
 
 
@@ -47,17 +48,24 @@ class Produced:
     """Tells which messages Kafka holds, where publishers send their history (TRANSIENT_LOCAL).
 
     It reads the last 10,000 records of each partition, and further back, twice as far each time,
-    while a message comes that may lie before them: up to a million records or 30 s in all.
+    while a message comes that may lie before them: up to a million records or 30 s in all. Of the
+    dead letters it reads the last 10,000, for 5 s at most: a repeated one does no harm.
 
     Args:
         tail: Of the topic that the route writes.
+        letters: The end of its dead-letter topic, with what the route has refused.
         log: Where to say how far was read.
     """
 
-    def __init__(self, tail: Tail, log: logging.LoggerAdapter[logging.Logger]) -> None:
+    def __init__(
+        self, tail: Tail, letters: Tail, log: logging.LoggerAdapter[logging.Logger]
+    ) -> None:
         self._tail = tail
+        self._letters = letters
         self._log = log
         self._looked = False
+        self._looked_ns = 0
+        self._looked_at_letters = False
         self._ends = False  # nothing is read any further
         self._spent_s = 0.0
         self._others: dict[bytes, Numbers] = {}
@@ -72,6 +80,7 @@ class Produced:
         if offer.durability == 'transient_local' and not self._looked:
             self.look_at_end()
             self._looked = True
+            self._looked_ns = time.time_ns()
 
     def look_at_end(self) -> None:
         """Read the end of the topic, for `holds`.
@@ -87,6 +96,28 @@ class Produced:
         """Whether a message is in the part of the topic that was read."""
         numbers = self._tail.numbers.get(gid)
         return numbers is not None and seq in numbers
+
+    def holds_letter(self, gid: bytes, seq: int, made_ns: int) -> bool:
+        """Whether a message that is refused now was made a dead letter before.
+
+        Args:
+            gid: Of its publisher.
+            seq: Its number.
+            made_ns: When it was published, since 1970.
+        """
+        if not self._looked or made_ns > self._looked_ns + _SKEW_NS:
+            return False  # it is no part of a history
+        if not self._looked_at_letters:
+            self._looked_at_letters = True
+            self._look_at_letters()
+        numbers = self._letters.numbers.get(gid)
+        return numbers is not None and seq in numbers
+
+    def _look_at_letters(self) -> None:
+        try:
+            self._letters.read(FIRST_RECORDS, _LETTERS_S)
+        except BridgeError as error:
+            self._log.info('%s, so a dead letter of before may come again', error)
 
     def also(self, numbers: Iterable[tuple[bytes, int]]) -> None:
         """Count further messages, by publisher and number, as being there (those of a spool)."""

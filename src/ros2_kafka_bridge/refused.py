@@ -4,7 +4,9 @@ from typing import NamedTuple
 
 from ros2_kafka_bridge.about import About
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.dead_letter_topic.letter import Letter, parse
 from ros2_kafka_bridge.dead_letters import explain, from_kafka, from_ros, without_value
+from ros2_kafka_bridge.dedup import place_of
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, Record
 from ros2_kafka_bridge.errors import RecordError, RecordTooLargeError, RouteError
 from ros2_kafka_bridge.record_window import Entry
@@ -94,3 +96,19 @@ def letter_of_message(route: RosToKafkaRoute, record: Outgoing, error: RecordErr
     origin = from_ros(route.name, route.source.ros, route.sink.kafka)
     letter = explain(record, error, origin)
     return without_value(letter) if isinstance(error, RecordTooLargeError) else letter
+
+
+def message_of_letter(route: RosToKafkaRoute, record: Record) -> tuple[bytes, int] | None:
+    """Publisher and number of a message that the route has refused.
+
+    Args:
+        route: The route.
+        record: Of its dead-letter topic. Of the letters of another route, which may share that
+            topic, and of anything else it tells nothing.
+    """
+    found = parse(route.dead_letter_topic, record)
+    about = found.about if isinstance(found, Letter) else None
+    way = (route.name, route.source.ros, route.sink.kafka)
+    if about is None or (about.route, about.ros_topic, about.topic) != way:
+        return None
+    return place_of(record)

@@ -245,6 +245,9 @@ class RosToKafka:
                 self._window.stop_at = entry.number
                 self._failed = refused
             return
+        if self._in_kafka.holds_letter(entry.gid, entry.seq, entry.made_ns):
+            self._end(entry, Outcome.SKIPPED, error)
+            return
         self._occasional.warning(f'{self._route.on_error}: {refused.text}', about=refused.about)
         if self._route.on_error == 'drop':
             self._end(entry, Outcome.DROPPED, error)

@@ -45,6 +45,10 @@ class InKafka(Protocol):
         """Whether a message is in the part of the topic that was read."""
         ...
 
+    def holds_letter(self, gid: bytes, seq: int, made_ns: int) -> bool:
+        """Whether a message that is refused now was made a dead letter before."""
+        ...
+
 
 class _Former(Enum):
     """What is known of the messages that an earlier life has left on disk."""

@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from ros2_kafka_bridge.kafka.tail import Tail
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.labels import make_headers, make_key
 from ros2_kafka_bridge.produced import Produced
+from ros2_kafka_bridge.refused import message_of_letter
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
 from ros2_kafka_bridge.ros.profile import Endpoints
@@ -245,7 +247,8 @@ class Wiring:
 
     def _produced(self, route: RosToKafkaRoute, log: Log) -> Produced:
         properties = self._consumer_properties(tail_group(self._config.name, route.name))
-        return Produced(Tail(properties, route.sink.kafka), log)
+        letters = Tail(properties, route.dead_letter_topic, partial(message_of_letter, route))
+        return Produced(Tail(properties, route.sink.kafka), letters, log)
 
     def _kafka_sink(self, route: RosToKafkaRoute, log: Log) -> KafkaSink[Entry]:
         properties = self._producer_properties(route)

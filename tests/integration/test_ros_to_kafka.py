@@ -9,6 +9,7 @@ import signal
 import struct
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -435,6 +436,25 @@ def test_text_that_is_not_utf8_is_a_dead_letter_as_it_came_guarantee_5(
     found = headers(letter)
     assert found['dead_letter.error'] == 'EncodeError: data: not UTF-8 at byte 3: 0xe9'
     assert (found['dead_letter.source'], found['ros.seq']) == ('/orders', '2')
+
+
+def test_what_was_refused_of_a_history_is_no_second_dead_letter_after_a_restart_guarantee_5(
+    bench: Bench, topic_name: str
+) -> None:
+    sent = [text(b'before'), text(b'caf\xe9'), *(text(b'%d' % number) for number in range(2000))]
+    latched = ('--durability', 'transient_local', '--readers', '0', '--period', '0.02')
+    config = bench.config([to_kafka('/orders', topic_name)])
+    bench.create_topic(topic_name)
+    with publish(bench, '/orders', sent, *latched):
+        for letters in (1, 0):
+            reaches_more = partial(bench.reaches, topic_name, bench.end_offset(topic_name) + 9)
+            with bench.bridge(config) as bridge:
+                eventually(reaches_more, 60, bridge.output)
+                assert bridge.end() == 0
+            assert totals(bridge, 'to_kafka')['dead-lettered'] == letters
+    assert bench.end_offset(f'{topic_name}.dead-letters') == 1
+    identity = identities(bench.records(topic_name, bench.end_offset(topic_name)))
+    assert [seq for _, seq in identity] == [1, *range(3, len(identity) + 2)]
 
 
 def test_on_error_drop_counts_what_it_drops_and_goes_on_guarantee_6(

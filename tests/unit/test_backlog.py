@@ -95,7 +95,7 @@ class House:
         self.direction = RosToKafka(
             route,
             self.source,
-            Produced(self.tail, LOG),
+            Produced(self.tail, NoTail(), LOG),
             self.sink,
             lambda: limited(encode, route.max_message_bytes),
             lambda _: b'key',

@@ -9,11 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ros2_kafka_bridge import produced as under_test
+from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.dedup import Numbers
-from ros2_kafka_bridge.endpoints import Message
-from ros2_kafka_bridge.errors import RouteError, TransportError
+from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing
+from ros2_kafka_bridge.errors import EncodeError, RouteError, TransportError
 from ros2_kafka_bridge.produced import Produced
+from ros2_kafka_bridge.refused import letter_of_message, message_of_letter
 from ros2_kafka_bridge.ros.subscription import Offer
+from ros2_kafka_bridge.testing.memory import MemoryRecord
 
 LOG = logging.LoggerAdapter(logging.getLogger('test.produced'), {})
 LATCHED = Offer('reliable', 'transient_local')
@@ -77,8 +80,8 @@ def message(seq: int, gid: bytes = ROBOT, at_ns: int = NOW_NS) -> Message:
     return Message(b'', gid, seq, at_ns)
 
 
-def looked(tail: MemoryTail) -> Produced:
-    found = Produced(tail, LOG)
+def looked(tail: MemoryTail, letters: MemoryTail | None = None) -> Produced:
+    found = Produced(tail, letters or MemoryTail(), LOG)
     found.look(LATCHED)
     return found
 
@@ -138,14 +141,15 @@ def test_a_message_not_produced_among_others_of_its_publisher_costs_no_reading()
 
 def test_nothing_is_read_for_publishers_that_send_no_history() -> None:
     tail = MemoryTail(rows(10))
-    found = Produced(tail, LOG)
+    found = Produced(tail, tail, LOG)
     found.look(Offer('reliable', 'volatile'))
     assert not found.contains(message(10))
+    assert not found.holds_letter(ROBOT, 10, NOW_NS)
     assert tail.reads == 0
 
 
 def test_what_a_spool_holds_counts_as_produced() -> None:
-    found = Produced(MemoryTail([]), LOG)
+    found = Produced(MemoryTail([]), MemoryTail(), LOG)
     found.also({(ROBOT, 7)})
     found.also({(ROBOT, 8)})
     assert [found.contains(message(seq)) for seq in (6, 7, 8)] == [False, True, True]
@@ -176,3 +180,73 @@ def test_a_topic_that_cannot_be_read_any_further_loses_no_message(
     tail.failure = error
     assert not found.contains(message(1))
     assert str(error) in caplog.text
+
+
+def test_what_a_publisher_sends_again_is_looked_for_among_the_dead_letters_once() -> None:
+    letters = MemoryTail([(ROBOT, 2, NOW_NS)])
+    found = looked(MemoryTail([]), letters)
+    assert letters.reads == 0, 'not before a message is refused'
+    assert [found.holds_letter(ROBOT, seq, NOW_NS) for seq in (1, 2, 3)] == [False, True, False]
+    assert not found.holds_letter(CAMERA, 2, NOW_NS)
+    assert letters.reads == 1
+
+
+def test_no_further_than_the_end_of_the_dead_letters_is_read() -> None:
+    letters = MemoryTail(rows(1000))
+    found = looked(MemoryTail([]), letters)
+    assert not found.holds_letter(ROBOT, 1, NOW_NS), 'it may be repeated'
+    assert found.holds_letter(ROBOT, 1000, NOW_NS)
+    assert letters.records == 2
+
+
+def test_a_message_published_since_the_start_is_not_looked_for_among_the_dead_letters() -> None:
+    letters = MemoryTail(rows(10))
+    assert not looked(MemoryTail([]), letters).holds_letter(ROBOT, 11, NOW_NS + HOUR_NS)
+    assert letters.reads == 0
+
+
+def test_without_a_dead_letter_topic_no_message_is_a_dead_letter() -> None:
+    assert not looked(MemoryTail([]), MemoryTail()).holds_letter(ROBOT, 1, NOW_NS)
+
+
+@pytest.mark.parametrize('error', [RouteError('no right'), TransportError('away')])
+def test_dead_letters_that_cannot_be_read_stop_nothing(
+    error: Exception, caplog: pytest.LogCaptureFixture
+) -> None:
+    letters = MemoryTail(rows(10))
+    letters.failure = error
+    found = looked(MemoryTail([]), letters)
+    caplog.set_level(logging.INFO)
+    for seq in (9, 10):
+        assert not found.holds_letter(ROBOT, seq, NOW_NS)
+    assert letters.reads == 1, 'each costs seconds'
+    assert f'{error}, so a dead letter of before may come again' in caplog.text
+
+
+ROUTE = RosToKafkaRoute.model_validate(
+    {'name': 'orders', 'from': {'ros': '/orders'}, 'to': {'kafka': 'orders'}, 'format': 'text'}
+)
+
+
+def letter_of(route: RosToKafkaRoute, **more: str) -> MemoryRecord:
+    """A letter of a message of that route, as Kafka's client shows it."""
+    headers: HeaderList = [('ros.gid', ROBOT.hex()), ('ros.seq', '7')]
+    refused = Outgoing('orders', None, b'bad', headers)
+    letter = letter_of_message(route, refused, EncodeError('bad'))
+    told = [(name, more.get(name, value)) for name, value in letter.headers]
+    return MemoryRecord(b'bad', header_list=[(n, str(value).encode()) for n, value in told])
+
+
+def test_a_letter_of_the_route_tells_which_message_it_is() -> None:
+    assert message_of_letter(ROUTE, letter_of(ROUTE)) == (ROBOT, 7)
+
+
+@pytest.mark.parametrize('name', ['dead_letter.route', 'dead_letter.topic', 'dead_letter.source'])
+def test_a_letter_of_another_way_says_nothing_of_this_one(name: str) -> None:
+    assert message_of_letter(ROUTE, letter_of(ROUTE, **{name: 'another'})) is None
+
+
+def test_a_record_that_is_no_letter_says_nothing() -> None:
+    headers: HeaderList = [('ros.gid', ROBOT.hex().encode()), ('ros.seq', b'7')]
+    assert message_of_letter(ROUTE, MemoryRecord(b'', header_list=headers)) is None
+    assert message_of_letter(ROUTE, MemoryRecord(b'')) is None

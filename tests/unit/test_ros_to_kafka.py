@@ -38,10 +38,11 @@ def encode(cdr: bytes) -> bytes:
 
 
 class InKafka:
-    """Kafka holds the messages of these numbers, of whichever publisher."""
+    """Kafka holds the messages and the dead letters of these numbers, whoever published them."""
 
-    def __init__(self, numbers: frozenset[int]) -> None:
+    def __init__(self, numbers: frozenset[int], letters: frozenset[int]) -> None:
         self.numbers = set(numbers)
+        self.letters = letters
 
     def contains(self, message: Message) -> bool:
         return message.seq in self.numbers
@@ -55,11 +56,19 @@ class InKafka:
     def holds(self, _gid: bytes, _seq: int) -> bool:
         return False
 
+    def holds_letter(self, _gid: bytes, seq: int, _made_ns: int) -> bool:
+        return seq in self.letters
+
 
 class House:
     """A direction with its ends."""
 
-    def __init__(self, seen: frozenset[int] = frozenset(), **settings: Any) -> None:
+    def __init__(
+        self,
+        seen: frozenset[int] = frozenset(),
+        refused: frozenset[int] = frozenset(),
+        **settings: Any,
+    ) -> None:
         self.source = MemoryMessageSource()
         self.sink: MemoryRecordSink[Entry] = MemoryRecordSink()
         self.letters: MemoryRecordSink[Any] = MemoryRecordSink()
@@ -76,7 +85,7 @@ class House:
         self.direction = RosToKafka(
             route,
             self.source,
-            InKafka(seen),
+            InKafka(seen, refused),
             self.sink,
             lambda: limited(encode, route.max_message_bytes),
             lambda _: b'key',
@@ -260,6 +269,22 @@ def test_what_kafka_holds_from_before_a_restart_is_skipped_and_counted() -> None
     house.steps()
     assert house.values() == [b'c']
     assert house.count('skipped') == 2
+
+
+def test_what_was_a_dead_letter_before_a_restart_is_no_second_one() -> None:
+    house = House(refused=frozenset({1, 2}), max_message_bytes=5)
+    house.give(b'bad 1', b'longer', b'bad 3')
+    house.steps()
+    [letter] = house.letters.records
+    assert letter.value == b'bad 3'
+    assert (house.count('skipped'), house.count('dead_lettered')) == (2, 1)
+
+
+def test_what_was_a_dead_letter_before_a_restart_goes_to_kafka_once_it_can() -> None:
+    house = House(refused=frozenset({1}))
+    house.give(b'mended')
+    house.steps()
+    assert house.values() == [b'mended']
 
 
 def test_on_error_drop_counts_and_goes_on() -> None:

@@ -3,7 +3,7 @@
 import logging
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Final, NamedTuple
 
@@ -18,6 +18,8 @@ from ros2_kafka_bridge.kafka.health import check_files
 _REQUEST_S: Final = 2.0
 _BATCH: Final = 1000
 _MAX_GAPS: Final = 1_000_000
+
+PlaceOf = Callable[[Message], tuple[bytes, int] | None]
 
 
 class _Start(NamedTuple):
@@ -40,10 +42,14 @@ class Tail:
     Args:
         properties: librdkafka properties of a consumer with its group.
         topic: The topic.
+        place_of: Tells publisher and number of a record that counts.
     """
 
-    def __init__(self, properties: Mapping[str, Any], topic: str) -> None:
+    def __init__(
+        self, properties: Mapping[str, Any], topic: str, place_of: PlaceOf = place_of
+    ) -> None:
         self.topic = topic
+        self._place_of = place_of
         self.records = 0  # read so far
         self.numbers: dict[bytes, Numbers] = {}  # of each publisher whose records were read
         # What a broker deletes meanwhile is not missed.
@@ -109,7 +115,7 @@ class Tail:
     def _read(
         self, consumer: Consumer, ranges: Mapping[int, range], deadline_s: float
     ) -> '_Reading':
-        reading = _Reading(ranges, self.numbers)
+        reading = _Reading(ranges, self.numbers, self._place_of)
         places = [TopicPartition(self.topic, p, ranges[p].start) for p in reading.left]
         consumer.assign(places)
         while reading.left:
@@ -137,12 +143,15 @@ class Tail:
 class _Reading:
     """Some offsets of each partition, while they are read into `numbers`."""
 
-    def __init__(self, ranges: Mapping[int, range], numbers: dict[bytes, Numbers]) -> None:
+    def __init__(
+        self, ranges: Mapping[int, range], numbers: dict[bytes, Numbers], place_of: PlaceOf
+    ) -> None:
         self.left = {partition for partition, offsets in ranges.items() if offsets}
         self.records = 0
         self.times_ns: dict[int, float] = {}  # of the first record in each partition
         self._ranges = ranges
         self._numbers = numbers
+        self._place_of = place_of
 
     def note(self, message: Message) -> bool:
         """Take in a record, or the end of a partition; tells whether the partition is through."""
@@ -160,7 +169,7 @@ class _Reading:
         self.records += 1
         if partition not in self.times_ns:
             self.times_ns[partition] = _time_ns(message)
-        if (place := place_of(message)) is not None:
+        if (place := self._place_of(message)) is not None:
             gid, seq = place
             if (numbers := self._numbers.get(gid)) is None:
                 numbers = self._numbers[gid] = Numbers(_MAX_GAPS)
