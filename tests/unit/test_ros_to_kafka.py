@@ -173,6 +173,17 @@ def test_a_full_window_stops_the_taking() -> None:
     assert house.values() == [b'a', b'b', b'c', b'd', b'e']
 
 
+def test_where_the_oldest_are_dropped_as_many_wait_as_are_with_the_producer() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=600)
+    house.sink.room = 600
+    house.sink.answering = False
+    house.give(*[b'a'] * 5000)
+    house.steps(20)
+    house.direction._room()
+    house.direction._take_snapshot()
+    assert house.direction.snapshot.in_flight == 1200
+
+
 def test_the_window_is_bounded_in_bytes() -> None:
     house = House(max_in_flight_bytes=1000)
     house.sink.answering = False

@@ -16,12 +16,20 @@ from ros2_kafka_bridge.commands.screen import (
     show_notes,
     wait_for_discovery,
 )
-from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, masked, warnings
+from ros2_kafka_bridge.config.settings import (
+    Config,
+    KafkaToRosRoute,
+    RosToKafkaRoute,
+    masked,
+    warnings,
+)
+from ros2_kafka_bridge.kafka_to_ros import BATCH as TO_ROS_BATCH
 from ros2_kafka_bridge.logs import keep_clients_quiet
 from ros2_kafka_bridge.plural import count
 from ros2_kafka_bridge.ros.node import RosNode, open_node
 from ros2_kafka_bridge.ros.probe import SAMPLES, probe_topic
 from ros2_kafka_bridge.ros.profile import Endpoints
+from ros2_kafka_bridge.ros_to_kafka import BATCH as TO_KAFKA_BATCH
 
 
 def report(config: Config, file: Path, *, connect: bool) -> int:
@@ -138,7 +146,7 @@ def _route_findings(
         ]
     return [
         *found,
-        _window_finding(route),
+        window_finding(route),
         *(check_kafka.dead_letter_findings(route, kafka) if asks else ()),
     ]
 
@@ -154,8 +162,49 @@ def _pace_finding(route: KafkaToRosRoute) -> Finding:
     )
 
 
-def _window_finding(route: AnyRoute) -> Finding:
-    full = f'at most {route.max_in_flight} messages in flight, then'
-    if route.when_full == 'drop_oldest':
-        return Finding('note', 'window', f'{full} the oldest are dropped (when_full)')
-    return Finding('ok', 'window', f'{full} the route waits (max_in_flight)')
+def window_finding(route: AnyRoute) -> Finding:
+    """How much may be in flight, as the counters show it, and what happens then."""
+    drops = route.when_full == 'drop_oldest'
+    if isinstance(route, KafkaToRosRoute):
+        text = _window_to_ros(route, drops=drops)
+    elif route.spool is not None:
+        text = _window_with_spool(route, drops=drops)
+    else:
+        text = _window_to_kafka(route, drops=drops)
+    return Finding('note' if drops else 'ok', 'window', text)
+
+
+def _window_to_ros(route: KafkaToRosRoute, *, drops: bool) -> str:
+    most, size_bytes = route.max_in_flight, route.max_in_flight_bytes
+    waiting = f' and {most:,} waiting' if drops else ''
+    return (
+        f'at most {size_bytes:,} bytes in flight and a batch of {TO_ROS_BATCH} '
+        f'(max_in_flight_bytes), of it {most:,} messages not acknowledged{waiting} '
+        f'(max_in_flight), then {_then(drops=drops)}'
+    )
+
+
+def _window_to_kafka(route: RosToKafkaRoute, *, drops: bool) -> str:
+    most, size_bytes = route.max_in_flight, route.max_in_flight_bytes
+    messages = f'{most:,} messages in flight'
+    if drops:
+        messages = (
+            f'{2 * most:,} messages in flight, {most:,} with the producer and {most:,} waiting'
+        )
+    return (
+        f'at most {messages} (max_in_flight), or {size_bytes:,} bytes and a batch of '
+        f'{TO_KAFKA_BATCH} (max_in_flight_bytes), then {_then(drops=drops)}'
+    )
+
+
+def _window_with_spool(route: RosToKafkaRoute, *, drops: bool) -> str:
+    dropped = ', and the oldest there are dropped where it is full (when_full)' if drops else ''
+    return (
+        f'at most {route.max_in_flight:,} messages in flight (max_in_flight), or '
+        f'{route.max_in_flight_bytes:,} bytes (max_in_flight_bytes), and a batch of '
+        f'{TO_KAFKA_BATCH}, then the rest waits on disk (spool){dropped}'
+    )
+
+
+def _then(*, drops: bool) -> str:
+    return 'the oldest that wait are dropped (when_full)' if drops else 'the route waits'

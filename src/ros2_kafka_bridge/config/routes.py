@@ -66,10 +66,11 @@ class Route(Settings):
         'dead_letter', description='What happens to what can never be delivered.'
     )
     max_in_flight: Count = Field(
-        1, description='Messages handed to the sink and not yet confirmed, at most.'
+        1, description='Messages handed to the sink and not yet acknowledged, at most.'
     )
     max_in_flight_bytes: Count = Field(
-        16 * 1024 * 1024, description='Bytes handed to the sink and not yet confirmed, at most.'
+        16 * 1024 * 1024,
+        description='Bytes in flight (taken and not ended) with which nothing more is taken.',
     )
     max_message_bytes: Count = Field(
         1_000_000, description='Largest message or value of a record, in bytes.'
@@ -105,7 +106,9 @@ class KafkaToRosRoute(Route):
     source: KafkaSource = Field(alias='from', description='Kafka topic to read.')
     sink: RosSink = Field(alias='to', description='ROS topic to publish to.')
     max_in_flight: Count = Field(
-        500, description='Messages published and not yet confirmed, at most.'
+        500,
+        description='Messages published and not yet acknowledged, at most. In flight are also '
+        'those read ahead, and those acknowledged less than 0.1 s ago.',
     )
     min_subscribers: CountOrNone = Field(
         1, description='Subscribers to wait for before publishing; with 0 to nobody, too.'
@@ -138,7 +141,9 @@ class RosToKafkaRoute(Route):
     source: RosSource = Field(alias='from', description='ROS topic to take from.')
     sink: KafkaSink = Field(alias='to', description='Kafka topic to write.')
     max_in_flight: Count = Field(
-        2000, description='Records produced and not yet confirmed, at most.'
+        2000,
+        description='Messages in flight (taken and not ended), at most. With when_full: '
+        'drop_oldest so many may be with the producer, and so many wait for it.',
     )
     spool: SpoolSettings | None = Field(
         None, description='Where messages wait on disk while Kafka does not take them.'

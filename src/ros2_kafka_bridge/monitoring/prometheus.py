@@ -185,7 +185,7 @@ METRICS: Final = (
         ('route', 'outcome'), _ended,
     ),
     Described(
-        'messages_in_flight', 'gauge', 'Handed to the sink and not yet confirmed.', _ROUTE,
+        'messages_in_flight', 'gauge', 'Taken and not ended yet.', _ROUTE,
         _of_routes(lambda told: told.snapshot.in_flight),
     ),
     Described(

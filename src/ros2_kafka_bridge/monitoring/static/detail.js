@@ -103,7 +103,7 @@ export class Detail {
         ['numbers are', `${seconds(Math.max(0.1, route.age_s))} old`],
       ],
       Settings: about ? [
-        ['on error', about.on_error], ['when full', about.when_full], ['in flight at most', count(about.max_in_flight)],
+        ['on error', about.on_error], ['when full', about.when_full], ['max in flight', count(about.max_in_flight)],
         ['dead letters go to', about.dead_letter_topic], ['consumer group', about.group],
       ] : [],
     };
