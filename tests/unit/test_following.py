@@ -10,12 +10,14 @@ from typing import Any, NamedTuple
 import pytest
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import QoSProfile
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.type_hash import TypeHash
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.ros import take as inner
-from ros2_kafka_bridge.ros.node import Peer
+from ros2_kafka_bridge.ros.node import Peer, _peer
 from ros2_kafka_bridge.ros.subscription import Offer, RosSource
 from ros2_kafka_bridge.ros.types import MessageType
 
@@ -255,3 +257,18 @@ def test_a_take_that_fails_in_the_middle_returns_what_it_has_and_tells_the_next_
     assert list[object](inner.take(subscription, 500)) == [1, 2]
     with pytest.raises(RCLError):
         inner.take(subscription, 500)
+
+
+def test_a_publisher_of_another_vendor_has_the_type_hash_of_the_type_here() -> None:
+    """It tells none, and rclpy prints the one that is not set as `INVALID`."""
+    told = TopicEndpointInfo(
+        node_name='node',
+        topic_type=TYPE.name,
+        topic_type_hash=TypeHash(),
+        endpoint_gid=list(VOLATILE),
+    )
+    graph = Graph()
+    graph.peers = [_peer(told)]
+    node: Any = graph
+    source = RosSource(node, '/t', TYPE._replace(type_hash='RIHS01_ab'), QoS(), LOG)
+    assert source.type_hash(VOLATILE) == 'RIHS01_ab'
