@@ -10,15 +10,20 @@ BridgeError
 │   └── SpoolInUseError      another process has its spool, and runs it where bridges take turns
 └── TransportError           broker or subscriber away: wait and try again
 
-A bug (AssertionError, TypeError, ...) is none of these and is never swallowed by a policy.
+A bug (AssertionError, TypeError, ...) is none of these and ends the process, with one exception:
+where one record is decoded, or one message encoded, it is a RecordError that tells of it
+(`error_of_bug`). The same record would end the process again after each start.
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from ros2_kafka_bridge.about import About
+
+
+_LONGEST: Final = 500
 
 
 class BridgeError(Exception):
@@ -34,7 +39,16 @@ class ConfigError(BridgeError):
 
 
 class RecordError(BridgeError):
-    """One record or message can never be delivered."""
+    """One record or message can never be delivered.
+
+    Args:
+        message: Why.
+        bug: What the bridge itself did wrong with it; None where it did nothing wrong.
+    """
+
+    def __init__(self, message: str, *, bug: Exception | None = None) -> None:
+        super().__init__(message)
+        self.bug = bug
 
 
 class DecodeError(RecordError):
@@ -43,6 +57,19 @@ class DecodeError(RecordError):
 
 class EncodeError(RecordError):
     """A message cannot be written in the format of the route."""
+
+
+def error_of_bug(
+    kind: type[DecodeError] | type[EncodeError], bug: Exception
+) -> DecodeError | EncodeError:
+    """Make the error of a record or message from what nobody expected to be raised for it."""
+    part = 'decoder' if kind is DecodeError else 'encoder'
+    told = ': '.join(filter(None, (type(bug).__name__, str(bug)[:_LONGEST])))
+    text = (
+        f"the bridge's own {part} failed: {told}: a bug of the bridge, report it with the "
+        'traceback of its log'
+    )
+    return kind(text, bug=bug)
 
 
 class RecordTooLargeError(RecordError):

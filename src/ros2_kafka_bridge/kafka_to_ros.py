@@ -196,6 +196,7 @@ class KafkaToRos:
         self, entry: Entry, record: Record, headers: HeaderList | None, error: RecordError
     ) -> None:
         refused = refused_record(self._route, entry, headers, error)
+        refused.tell_bug(self._occasional)
         self._meter.troubles.note(error, refused.where)
         self._traces.refused(entry, error)
         if self._route.on_error == 'stop':

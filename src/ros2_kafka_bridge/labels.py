@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from ros2_kafka_bridge.config.checks import KeyPart, key_parts
 from ros2_kafka_bridge.endpoints import HeaderList, Message
-from ros2_kafka_bridge.errors import EncodeError
+from ros2_kafka_bridge.errors import BridgeError, EncodeError, error_of_bug
 from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.formats.walk import make_reader
 
@@ -78,7 +78,12 @@ def make_key(template: str | None, topic: str, layout: Layout) -> MakeKey:
         return lambda _: constant
 
     def key(message: Message) -> bytes:
-        made = ''.join(p if isinstance(p, str) else p(message) for p in parts).encode()
+        try:
+            made = ''.join(p if isinstance(p, str) else p(message) for p in parts).encode()
+        except BridgeError:
+            raise
+        except Exception as bug:
+            raise error_of_bug(EncodeError, bug) from bug
         if len(made) > KEY_LIMIT_BYTES:
             raise EncodeError(f'a key of {len(made)} bytes: at most {KEY_LIMIT_BYTES}')
         return made

@@ -10,6 +10,7 @@ from ros2_kafka_bridge.dedup import place_of
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, Record
 from ros2_kafka_bridge.errors import RecordError, RecordTooLargeError, RouteError
 from ros2_kafka_bridge.record_window import Entry
+from ros2_kafka_bridge.summed import Summed
 
 
 class Refused(NamedTuple):
@@ -29,6 +30,11 @@ class Refused(NamedTuple):
     def text(self) -> str:
         """Where and why."""
         return f'{self.where}: {self.error}'
+
+    def tell_bug(self, sums: Summed) -> None:
+        """Log a bug of the bridge with its traceback, whatever the route does about it."""
+        if self.error.bug is not None:
+            sums.error(self.text, about=self.about, bug=self.error.bug)
 
     def failure(self, given_up: str = '') -> RouteError:
         """What ends a route whose `on_error` is `stop`.

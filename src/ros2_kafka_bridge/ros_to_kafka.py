@@ -238,6 +238,7 @@ class RosToKafka:
 
     def _refuse(self, entry: Entry, error: RecordError, queue: Callable[[Entry], None]) -> None:
         refused = refused_message(self._route, entry.record.headers, error)
+        refused.tell_bug(self._occasional)
         self._meter.troubles.note(error, refused.where)
         if self._route.on_error == 'stop':
             entry.in_line, entry.refused = False, True

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from ros2_kafka_bridge.config.formats import JsonSettings, SchemaSettings
 from ros2_kafka_bridge.config.routes import BLOCKS
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
-from ros2_kafka_bridge.errors import EncodeError
-from ros2_kafka_bridge.formats import FORMATS, Decode, Encode, limited
+from ros2_kafka_bridge.errors import DecodeError, EncodeError
+from ros2_kafka_bridge.formats import FORMATS, Decode, Encode, guarded
 from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.message_types import document
@@ -45,7 +45,7 @@ def decode_of(route: KafkaToRosRoute, config: Config, layout: Layout) -> Decode:
     """
     scope, whole = scope_of(route, config), with_docs(route, config, layout)
     decode = FORMATS[route.format].make_decode(whole, scope)
-    return limited(decode, route.max_message_bytes)
+    return guarded(decode, route.max_message_bytes, DecodeError)
 
 
 def encode_of(route: RosToKafkaRoute, config: Config, layout: Layout) -> Encode:
@@ -59,7 +59,7 @@ def encode_of(route: RosToKafkaRoute, config: Config, layout: Layout) -> Encode:
     encode = FORMATS[route.format].make_encode(whole, scope)
     if route.format not in _EVEN:
         encode = _not_grown(encode, route.format, route.max_message_bytes)
-    return limited(encode, route.max_message_bytes)
+    return guarded(encode, route.max_message_bytes, EncodeError)
 
 
 def with_docs(route: KafkaToRosRoute | RosToKafkaRoute, config: Config, layout: Layout) -> Layout:

@@ -30,6 +30,7 @@ class _Kind:
     text: str = ''
     more: str = ''
     about: About | None = None
+    bug: Exception | None = None
 
 
 class Summed:
@@ -77,10 +78,16 @@ class Summed:
         self._say(_Kind(0.0, 0, 0, logging.WARNING, text, more, about), kind)
 
     def error(
-        self, text: str, more: str = '', *, about: About | None = None, kind: str = ''
+        self,
+        text: str,
+        more: str = '',
+        *,
+        about: About | None = None,
+        kind: str = '',
+        bug: Exception | None = None,
     ) -> None:
-        """Say an error; see `warning`."""
-        self._say(_Kind(0.0, 0, 0, logging.ERROR, text, more, about), kind)
+        """Say an error, with the traceback of a bug; see `warning`."""
+        self._say(_Kind(0.0, 0, 0, logging.ERROR, text, more, about, bug), kind)
 
     def tick(self) -> None:
         """Say what was kept back for a period; to be called now and then."""
@@ -104,8 +111,8 @@ class Summed:
             kind = self._kinds.get(name)
             if kind is None or (self._is_over(kind, now_s) and not kind.kept_back):
                 kind = self._kinds[name] = _Kind(now_s)
-            kind.level, kind.text, kind.more, kind.about = (
-                line.level, line.text, line.more, line.about,
+            kind.level, kind.text, kind.more, kind.about, kind.bug = (
+                line.level, line.text, line.more, line.about, line.bug,
             )  # fmt: skip
             if kind.said < self._first:
                 kind.said += 1
@@ -137,4 +144,7 @@ class Summed:
 
     def _write(self, kind: _Kind, again: str, extra: Mapping[str, Any] | None) -> None:
         told = {'about': kind.about, **(extra or {})}
-        self._log.log(kind.level, '%s%s%s', kind.text, again, kind.more, extra=told)
+        self._log.log(
+            kind.level, '%s%s%s', kind.text, again, kind.more, extra=told, exc_info=kind.bug
+        )
+        kind.bug = None  # its traceback holds the record, and all that was made of it

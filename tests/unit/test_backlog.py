@@ -16,7 +16,7 @@ from ros2_kafka_bridge.dead_letters import DeadLetters
 from ros2_kafka_bridge.dedup import Numbers
 from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import EncodeError, RecordTooLargeError, RouteError, TransportError
-from ros2_kafka_bridge.formats import limited
+from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.metrics import Outcome
 from ros2_kafka_bridge.produced import Produced
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
@@ -97,7 +97,7 @@ class House:
             self.source,
             Produced(self.tail, NoTail(), LOG),
             self.sink,
-            lambda: limited(encode, route.max_message_bytes),
+            lambda: guarded(encode, route.max_message_bytes, EncodeError),
             lambda _: b'key',
             lambda message: [('ros.seq', b'%d' % message.seq)],
             check_nothing,

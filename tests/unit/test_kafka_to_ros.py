@@ -2,8 +2,10 @@
 
 import logging
 import time
+import traceback
 from collections import Counter, deque
 from collections.abc import Mapping
+from contextlib import suppress
 from random import Random
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +16,7 @@ from ros2_kafka_bridge import kafka_to_ros, settling
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters import DeadLetters
 from ros2_kafka_bridge.errors import DecodeError, RouteError
-from ros2_kafka_bridge.formats import limited
+from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.kafka_to_ros import BATCH, KafkaToRos
 from ros2_kafka_bridge.metrics import State
 from ros2_kafka_bridge.pause import Pause
@@ -34,9 +36,21 @@ HASH = 'RIHS01_' + '1' * 64
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 
 
+BUGS: dict[bytes, tuple[type[BaseException], str]] = {
+    b'bug of the bridge': (AttributeError, "'NoneType' object has no attribute 'get'"),
+    b'bug that asserts': (AssertionError, ''),
+    b'bug that takes all memory': (MemoryError, ''),
+    b'bug without end': (RecursionError, 'maximum recursion depth exceeded'),
+    b'bug, said the user': (KeyboardInterrupt, ''),
+}
+
+
 def decode(value: bytes | None) -> bytes:
     if value is None or value.startswith(b'bad'):
         raise DecodeError('not what it should be')
+    if value.startswith(b'bug'):
+        kind, text = BUGS[value]
+        raise kind(text)
     if value.startswith(b'away'):
         raise RouteError('the Schema Registry does not answer')
     return b'cdr:' + value
@@ -65,7 +79,7 @@ class House:
             self.source,
             self.sink,
             make_hash_check('std_msgs/msg/String', HASH),
-            limited(decode, route.max_message_bytes),
+            guarded(decode, route.max_message_bytes, DecodeError),
             dead,
             LOG,
         )
@@ -186,6 +200,64 @@ def test_a_bad_record_becomes_a_dead_letter_and_those_behind_it_wait_for_its_con
     assert told['dead_letter.error'] == 'DecodeError: not what it should be'
     assert (told['dead_letter.topic'], told['dead_letter.partition']) == ('orders', '0')
     assert (told['dead_letter.route'], told['dead_letter.offset']) == ('orders', '1')
+
+
+BROKEN = [
+    (b'bug of the bridge', "AttributeError: 'NoneType' object has no attribute 'get'"),
+    (b'bug that asserts', 'AssertionError'),
+    (b'bug that takes all memory', 'MemoryError'),
+    (b'bug without end', 'RecursionError: maximum recursion depth exceeded'),
+]
+
+
+@pytest.mark.parametrize(('value', 'what'), BROKEN)
+def test_a_record_that_meets_a_bug_of_the_decoder_becomes_a_dead_letter(
+    value: bytes, what: str
+) -> None:
+    house = House()
+    house.give(b'a', value, b'c')
+    house.steps()
+    assert house.sink.published == [b'cdr:a', b'cdr:c']
+    assert house.positions() == {0: 3}
+    [letter] = house.letters.records
+    assert letter.value == value
+    assert dict(letter.headers)['dead_letter.error'] == (
+        f"DecodeError: the bridge's own decoder failed: {what}: a bug of the bridge, report it "
+        'with the traceback of its log'
+    )
+
+
+@pytest.mark.parametrize('on_error', ['dead_letter', 'drop', 'stop'])
+def test_a_bug_of_the_decoder_is_told_with_its_traceback_whatever_the_route_does_about_it(
+    caplog: pytest.LogCaptureFixture, on_error: str
+) -> None:
+    house = House(on_error=on_error)
+    house.give(b'bug of the bridge')
+    with suppress(RouteError):
+        house.steps()
+    [line] = [one for one in caplog.records if one.levelname == 'ERROR']
+    assert line.getMessage().startswith("orders[0]@0: the bridge's own decoder failed: Attribut")
+    assert line.exc_info is not None
+    (told,) = traceback.extract_tb(line.exc_info[2])[-1:]
+    assert (told.name, told.line) == ('decode', 'raise kind(text)')
+
+
+def test_many_bugs_of_the_decoder_flood_no_log(caplog: pytest.LogCaptureFixture) -> None:
+    house = House()
+    house.give(*[b'bug of the bridge'] * 200)
+    house.steps()
+    assert len(house.letters.records) == 200
+    assert len([one for one in caplog.records if one.exc_info]) == 5
+    house.direction._occasional.close()
+    last = [one for one in caplog.records if one.exc_info][-1]
+    assert last.getMessage().endswith(' (195 times more)')
+
+
+def test_a_user_who_ends_the_bridge_while_it_decodes_is_no_bug_of_it() -> None:
+    house = House()
+    house.give(b'bug, said the user')
+    with pytest.raises(KeyboardInterrupt):
+        house.steps()
 
 
 def test_the_client_of_the_dead_letters_is_polled_also_while_there_are_none(

@@ -3,7 +3,7 @@
 import pytest
 
 from ros2_kafka_bridge.endpoints import Message
-from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.errors import ConfigError, EncodeError
 from ros2_kafka_bridge.formats import text
 from ros2_kafka_bridge.formats.layout import Field, Layout, String
 from ros2_kafka_bridge.formats.scope import Scope
@@ -53,6 +53,14 @@ def test_what_the_middleware_does_not_tell_is_left_out() -> None:
 )
 def test_a_key_follows_its_template(template: str | None, key: bytes) -> None:
     assert make_key(template, '/orders', LAYOUT)(MESSAGE) == key
+
+
+def test_a_bug_in_the_making_of_a_key_is_an_error_of_that_message(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.labels.make_reader', lambda *_: {}.__getitem__)
+    with pytest.raises(EncodeError, match=r"^the bridge's own encoder failed: KeyError: "):
+        make_key('{message.data}', '/orders', LAYOUT)(MESSAGE)
 
 
 def test_a_key_of_an_unknown_field_is_refused_at_once() -> None:

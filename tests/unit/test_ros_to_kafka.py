@@ -2,7 +2,9 @@
 
 import logging
 import time
+import traceback
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -16,7 +18,7 @@ from ros2_kafka_bridge.errors import (
     RouteError,
     TransportError,
 )
-from ros2_kafka_bridge.formats import Encode, limited
+from ros2_kafka_bridge.formats import Encode, guarded
 from ros2_kafka_bridge.metrics import State
 from ros2_kafka_bridge.pause import Pause
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
@@ -34,6 +36,8 @@ LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 def encode(cdr: bytes) -> bytes:
     if cdr.startswith(b'bad'):
         raise EncodeError('not what it should be')
+    if cdr.startswith(b'bug'):
+        raise AttributeError("'NoneType' object has no attribute 'get'")
     return cdr
 
 
@@ -87,7 +91,7 @@ class House:
             self.source,
             InKafka(seen, refused),
             self.sink,
-            lambda: limited(encode, route.max_message_bytes),
+            lambda: guarded(encode, route.max_message_bytes, EncodeError),
             lambda _: b'key',
             lambda message: [('ros.seq', str(message.seq))],
             check_nothing,
@@ -223,6 +227,33 @@ def test_a_message_that_cannot_be_encoded_becomes_a_dead_letter_and_the_next_one
     assert told['dead_letter.error'] == 'EncodeError: not what it should be'
     assert (told['dead_letter.source'], told['ros.seq']) == ('/orders', '2')
     assert house.count('dead_lettered') == 1
+
+
+@pytest.mark.parametrize('on_error', ['dead_letter', 'drop', 'stop'])
+def test_a_bug_of_the_encoder_is_told_with_its_traceback_whatever_the_route_does_about_it(
+    caplog: pytest.LogCaptureFixture, on_error: str
+) -> None:
+    house = House(on_error=on_error)
+    house.give(b'bug')
+    with suppress(RouteError):
+        house.steps()
+    [line] = [one for one in caplog.records if one.levelname == 'ERROR']
+    assert line.getMessage().startswith("/orders -> orders: the bridge's own encoder failed: ")
+    assert line.exc_info is not None
+    assert traceback.extract_tb(line.exc_info[2])[-1].name == 'encode'
+
+
+def test_a_message_that_meets_a_bug_of_the_encoder_becomes_a_dead_letter() -> None:
+    house = House()
+    house.give(b'a', b'bug', b'c')
+    house.steps()
+    assert house.values() == [b'a', b'c']
+    [letter] = house.letters.records
+    assert letter.value == b'bug'
+    assert dict(letter.headers)['dead_letter.error'] == (
+        "EncodeError: the bridge's own encoder failed: AttributeError: 'NoneType' object has no "
+        "attribute 'get': a bug of the bridge, report it with the traceback of its log"
+    )
 
 
 def test_a_message_above_max_message_bytes_goes_to_the_dead_letters_without_its_value() -> None:

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
-from ros2_kafka_bridge.errors import EncodeError, RecordTooLargeError
-from ros2_kafka_bridge.formats import FORMATS
+from ros2_kafka_bridge.errors import DecodeError, EncodeError, RecordTooLargeError
+from ros2_kafka_bridge.formats import FORMATS, Format
 from ros2_kafka_bridge.formats.extras import missing_extra
 from ros2_kafka_bridge.formats.layout import Array, Field, Layout, Primitive, Sequence
 from ros2_kafka_bridge.message_types import load_layout
@@ -101,6 +101,22 @@ def test_a_value_that_grows_beyond_the_limit_is_an_error_that_keeps_the_message(
     assert len(cdr) < 1000
     with pytest.raises(EncodeError, match=rf'{len(cdr)} bytes as a message, \d+ bytes as json'):
         encode_of(route, made, NUMBERS)(cdr)
+
+
+def test_a_bug_of_a_format_is_an_error_of_the_one_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: bytes | None) -> bytes:
+        raise TypeError('expected str')
+
+    broken = Format(lambda *_: fail, lambda *_: fail, None)
+    monkeypatch.setitem(FORMATS, 'json', broken)
+    made = config(format='json')
+    reader, route = made.routes
+    assert isinstance(reader, KafkaToRosRoute)
+    assert isinstance(route, RosToKafkaRoute)
+    with pytest.raises(DecodeError, match=r"^the bridge's own decoder failed: TypeError: "):
+        decode_of(reader, made, NUMBERS)(b'x')
+    with pytest.raises(EncodeError, match=r"^the bridge's own encoder failed: TypeError: "):
+        encode_of(route, made, NUMBERS)(b'x')
 
 
 def test_a_format_knows_its_topic_and_the_registry_of_the_file() -> None:

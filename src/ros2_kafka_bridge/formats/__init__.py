@@ -7,7 +7,13 @@ A format is asked once, when its route starts, for the functions that its loop w
 from collections.abc import Callable
 from typing import NamedTuple, Protocol, TypeVar
 
-from ros2_kafka_bridge.errors import RecordTooLargeError
+from ros2_kafka_bridge.errors import (
+    BridgeError,
+    DecodeError,
+    EncodeError,
+    RecordTooLargeError,
+    error_of_bug,
+)
 from ros2_kafka_bridge.formats import avro, cdr, json, protobuf, text
 from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.formats.scope import Scope
@@ -65,19 +71,30 @@ FORMATS: dict[str, Format] = {
 }
 
 
-def limited(
-    convert: Callable[[Value], Converted], max_message_bytes: int
+def guarded(
+    convert: Callable[[Value], Converted],
+    max_message_bytes: int,
+    kind: type[DecodeError] | type[EncodeError],
 ) -> Callable[[Value], Converted]:
-    """Make a decode or encode function refuse what is larger than a route allows.
+    """Make a decode or encode function whose every failure is one of the bridge's own errors.
 
-    The function made raises RecordTooLargeError.
+    Args:
+        convert: The function of the format.
+        max_message_bytes: As the route has it. What is larger is a RecordTooLargeError.
+        kind: What a bug of `convert` becomes.
     """
 
-    def convert_if_small(value: Value) -> Converted:
+    def convert_guarded(value: Value) -> Converted:
         if value is not None and len(value) > max_message_bytes:
             raise RecordTooLargeError(
                 len(value), max_message_bytes, 'max_message_bytes of the route'
             )
-        return convert(value)
+        # Here, because one more call for each record would cost more than this does.
+        try:
+            return convert(value)
+        except BridgeError:
+            raise
+        except Exception as bug:
+            raise error_of_bug(kind, bug) from bug
 
-    return convert_if_small
+    return convert_guarded
