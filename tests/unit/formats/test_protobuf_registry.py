@@ -228,6 +228,21 @@ def test_a_reference_without_a_schema_says_nothing_about_its_records(
     assert decode(record) == cdr('std_msgs/msg/Header')
 
 
+def test_schemas_that_refer_to_others_without_end_are_an_error_of_the_record(
+    server: RegistryServer,
+) -> None:
+    record = make_encode(NUMBER, scope(server))(SEVEN)
+    shown = server.versions('robots-value')[0].shown
+    for level in range(1200):
+        place = {'name': f'r{level}.proto', 'subject': 'r', 'version': level + 1}
+        answer = shown | {'subject': 'r', 'version': level, 'id': 1, 'references': [place]}
+        server.answer(200, 1, json.dumps(answer).encode())
+    decode = make_decode(NUMBER, scope(server))
+    for _ in range(2):
+        with pytest.raises(DecodeError, match=r'^schema 1: is nested too deeply$'):
+            decode(record)
+
+
 def test_messages_that_a_schema_does_not_have_are_not_asked_for(server: RegistryServer) -> None:
     record = make_encode(NUMBER, scope(server))(SEVEN)
     decode = make_decode(NUMBER, scope(server))

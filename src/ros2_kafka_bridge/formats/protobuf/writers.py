@@ -103,6 +103,8 @@ class Writers:
                 self._schemas[schema_id] = self._read(schema_id)
             except _UnusableError as error:
                 self._schemas[schema_id] = str(error)
+            except RecursionError:
+                self._schemas[schema_id] = 'is nested too deeply'
         return self._schemas[schema_id]
 
     def _read(self, schema_id: int) -> FileDescriptor:
