@@ -9,6 +9,7 @@ drop_oldest drops leaves at once, and counts with what is before it.
 """
 
 import logging
+import math
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -92,6 +93,7 @@ class KafkaToRos:
         self._window = RecordWindow(route.max_in_flight, route.max_in_flight_bytes)
         self._settling = Settling(route.min_subscribers)
         self._blocked_since_s: float | None = None
+        self._drained_by_s = math.inf
         self._nap_s = _SHORTEST_NAP_S
         self._commit_at_s = 0.0
         self._paces = route.max_rate is not None
@@ -202,8 +204,10 @@ class KafkaToRos:
         if self._route.on_error == 'stop':
             self._end_at(entry, refused.failure())
             return
-        self._occasional.warning(f'{self._route.on_error}: {refused.text}', about=refused.about)
-        if self._route.on_error == 'drop':
+        drops = self._route.on_error == 'drop' and error.bug is None  # a bug of ours drops nothing
+        done = 'drop' if drops else 'dead_letter'
+        self._occasional.warning(f'{done}: {refused.text}', about=refused.about)
+        if drops:
             entry.outcome = Outcome.DROPPED
             return
         letter = letter_of_record(self._route, entry, record, headers, error)
@@ -340,7 +344,7 @@ class KafkaToRos:
 
     def revoked(self, partitions: frozenset[int]) -> None:
         """Wait for what these partitions have in flight, commit it, forget the rest."""
-        deadline_s = time.monotonic() + REVOKE_S
+        deadline_s = min(time.monotonic() + REVOKE_S, self._drained_by_s)
         with suppress(BridgeError):  # told by the next step: a hand-over has to be ended
             while time.monotonic() < deadline_s and self._window.holds_unconfirmed(partitions):
                 self._confirm()
@@ -367,14 +371,14 @@ class KafkaToRos:
             self._meter.bytes_taken += sum([entry.value_bytes for entry in entries])
 
     def _drain(self, stop: Stop) -> None:
-        deadline_s = time.monotonic() + self._route.drain_s
+        deadline_s = self._drained_by_s = time.monotonic() + self._route.drain_s
+        stays = True
         self._give_back(self._window.unpublished())
         while self._window and time.monotonic() < deadline_s and not stop.at_once:
             self._confirm()
-            self._stay()
+            stays = stays and self._stay()
             self._give_back(self._window.unpublished())
             self._settle()
-            self._tick(None)
             time.sleep(_BUSY_S)
         left = len(self._window)
         patience_s = 0.0 if stop.at_once else max(1.0, deadline_s - time.monotonic())
@@ -386,15 +390,25 @@ class KafkaToRos:
         if not committed:
             self._log.warning('the last offsets are not committed: some records are repeated')
 
-    def _stay(self) -> None:
-        """Stay in the group while the drain lasts; what still comes goes back as it is."""
+    def _stay(self) -> bool:
+        """Stay in the group while the drain lasts; what still comes goes back as it is.
+
+        Returns:
+            Whether it can: what is in flight is waited for either way.
+        """
         taken_s = time.monotonic()
-        records = self._source.hold()
-        self._give_back([self._take(record, record.value(), taken_s) for record in records])
+        try:
+            records = self._source.hold()
+            self._give_back([self._take(record, record.value(), taken_s) for record in records])
+            self._tick(None)
+        except BridgeError as error:
+            self._log.warning('%s', error)
+            return False
+        return True
 
     @contextmanager
     def _opened(self) -> Iterator[None]:
-        self._failure = None
+        self._failure, self._drained_by_s = None, math.inf
         self._source.open(self)
         try:
             yield

@@ -145,7 +145,8 @@ class RecordWindow:
         """
         pending = self.pending
         is_too_much = self.is_full
-        while (pending and pending[0].failure is None) and (
+        # The newest stays, also where what is published fills the window alone.
+        while (len(pending) > 1 and pending[0].failure is None) and (
             len(pending) > self.max_entries or self.is_full
         ):
             entry = pending.popleft()

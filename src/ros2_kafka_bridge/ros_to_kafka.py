@@ -246,11 +246,13 @@ class RosToKafka:
                 self._window.stop_at = entry.number
                 self._failed = refused
             return
-        if self._in_kafka.holds_letter(entry.gid, entry.seq, entry.made_ns):
+        drops = self._route.on_error == 'drop' and error.bug is None  # a bug of ours drops nothing
+        if not drops and self._in_kafka.holds_letter(entry.gid, entry.seq, entry.made_ns):
             self._end(entry, Outcome.SKIPPED, error)
             return
-        self._occasional.warning(f'{self._route.on_error}: {refused.text}', about=refused.about)
-        if self._route.on_error == 'drop':
+        done = 'drop' if drops else 'dead_letter'
+        self._occasional.warning(f'{done}: {refused.text}', about=refused.about)
+        if drops:
             self._end(entry, Outcome.DROPPED, error)
             return
         entry.dead = True

@@ -35,7 +35,7 @@ def left(snapshot: Snapshot, *, to_ros: bool) -> str:
         what = f'{count(snapshot.in_flight, "record")} in flight, read again next time'
     else:
         held = count(snapshot.in_flight, 'message')
-        what = f'{held} in flight, lost unless the publisher is TRANSIENT_LOCAL'
+        what = f'{held} in flight, lost unless in the spool, or the publisher is TRANSIENT_LOCAL'
     return f'{what} ({totals(snapshot)})'
 
 

@@ -110,7 +110,9 @@ class Window:
     def drop_oldest(self) -> list[Entry]:
         """Forget what is too much of that which waits; returns it."""
         pending, dropped = self.pending, []
-        while pending and (len(pending) > self.max_entries or self.size_bytes > self.max_bytes):
+        while len(pending) > 1 and (
+            len(pending) > self.max_entries or self.size_bytes > self.max_bytes
+        ):
             entry = pending.popleft()
             self.remove(entry)
             dropped.append(entry)

@@ -35,6 +35,7 @@ class Reader:
     cache: list[tuple[bytes, dict[str, Any]]] = field(default_factory=list)
     alive: bool = True
     broken: Exception | None = None
+    breaks_after: int = 0
     indestructible: Exception | None = None
 
     def give(self, gid: bytes, *numbers: int) -> None:
@@ -82,12 +83,16 @@ def peer(gid: bytes, durability: str) -> Peer:
     return Peer('/node', TYPE.name, gid, '', 'reliable', durability, QoSProfile(depth=1))
 
 
-def take(reader: Reader, limit: int) -> list[tuple[bytes, dict[str, Any]]]:
+def take(reader: Reader, limit: int) -> tuple[list[tuple[bytes, dict[str, Any]]], bool]:
     assert reader.alive, 'taken from a destroyed subscription'
     if reader.broken is not None:
         raise reader.broken
-    taken, reader.cache = reader.cache[:limit], reader.cache[limit:]
-    return taken
+    share = min(limit, reader.breaks_after or limit)
+    taken, reader.cache = reader.cache[:share], reader.cache[share:]
+    if reader.breaks_after:  # in the middle: told by the next take
+        reader.breaks_after, reader.broken = 0, RCLError('no memory')
+        return taken, False
+    return taken, len(taken) < limit
 
 
 class NoWaiter(NamedTuple):
@@ -203,13 +208,76 @@ def test_a_subscription_that_fails_again_and_again_is_made_anew_guarantee_5(
     look(source)
     broken = graph.reader('volatile')
     broken.broken = RCLError('invalid')
+    broken.give(VOLATILE, 1)
     for _ in range(2):
+        assert broken.alive
         with pytest.raises(RouteError):
             look(source)
     assert not broken.alive
+    graph.reader('volatile').give(VOLATILE, 2)  # it is there already: no publisher has to wait
+    assert look(source) == [2]
+
+
+def test_a_subscription_that_cannot_be_made_anew_is_kept(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    graph.peers = [peer(VOLATILE, 'volatile')]
+    source = make(graph)
     look(source)
-    graph.reader('volatile').give(VOLATILE, 1)
+    broken = graph.reader('volatile')
+    broken.give(VOLATILE, 1)
+    broken.broken = RCLError('no memory')
+
+    def refuse(*_: object, **__: object) -> Reader:
+        raise RCLError('no memory')
+
+    with monkeypatch.context() as patch:
+        patch.setattr(graph, 'create_subscription', refuse)
+        for _ in range(5):
+            with pytest.raises(RouteError):
+                look(source)
+    broken.broken = None
     assert look(source) == [1]
+
+
+def test_what_went_with_a_subscription_is_not_said_to_be_the_publishers_fault(
+    graph: Graph, caplog: pytest.LogCaptureFixture
+) -> None:
+    graph.peers = [peer(VOLATILE, 'volatile')]
+    source = make(graph)
+    graph.reader('volatile').give(VOLATILE, 1)
+    look(source)
+    graph.reader('volatile').broken = RCLError('invalid')
+    for _ in range(2):
+        with pytest.raises(RouteError):
+            look(source)
+    graph.reader('volatile').give(VOLATILE, 5, 8)
+    assert look(source) == [5, 8]
+    assert source.lost_upstream == 5
+    ours, theirs = caplog.messages[-2:]
+    assert ours.endswith('they lay in a subscription that ROS could not read any more')
+    assert theirs.endswith('KEEP_LAST or best effort and faster than its readers')
+
+
+def test_a_take_that_fails_in_the_middle_has_not_emptied_its_reader_guarantees_1_7(
+    graph: Graph,
+) -> None:
+    graph.peers = [peer(VOLATILE, 'volatile')]
+    source = make(graph)
+    look(source)
+    reader = graph.reader('volatile')
+    reader.give(VOLATILE, *range(1, 11))
+    reader.breaks_after = 2
+    graph.peers.clear()
+    assert look(source) == [1, 2]
+    assert not source.exhausted, 'a stop takes on'
+    with pytest.raises(RouteError):
+        look(source)
+    assert not source.exhausted
+    reader.broken = None
+    graph.peers = [peer(LATCHED, 'transient_local')]
+    assert look(source) == list(range(3, 11))
+    assert source.exhausted
 
 
 def test_what_was_taken_is_kept_where_the_graph_cannot_be_asked_for_its_publisher_guarantee_1(
@@ -221,13 +289,18 @@ def test_what_was_taken_is_kept_where_the_graph_cannot_be_asked_for_its_publishe
     graph.reader('volatile').give(b'U' * 16, 1, 2)
     graph.problem = RouteError('publishers of /t: no')
     source._graph_at_s = float('inf')
-    assert [message.seq for message in source.take(500, 0.0)] == [1, 2]
+    for _ in range(2):
+        with pytest.raises(RouteError, match='publishers of /t: no'):
+            source.take(500, 0.0)
+        assert not source.exhausted, 'a stop takes on'
+    graph.reader('volatile').give(b'U' * 16, 3)
     assert source.type_hash(b'W' * 16) is None, 'asked for each message of a batch'
     with pytest.raises(RouteError, match='publishers of /t: no'):
         source.take(500, 0.0)
     graph.problem = None
-    graph.reader('volatile').give(b'U' * 16, 3)
-    assert look(source) == [3]
+    graph.peers.append(peer(b'U' * 16, 'volatile'))
+    assert look(source) == [1, 2, 3]
+    assert source.exhausted
 
 
 def test_a_subscription_that_cannot_be_destroyed_is_left_behind(
@@ -254,7 +327,8 @@ def test_a_take_that_fails_in_the_middle_returns_what_it_has_and_tells_the_next_
             return self.messages.pop(0)
 
     subscription: Any = SimpleNamespace(handle=Handle(), msg_type=object)
-    assert list[object](inner.take(subscription, 500)) == [1, 2]
+    taken, is_empty = inner.take(subscription, 500)
+    assert (list[object](taken), is_empty) == ([1, 2], False)
     with pytest.raises(RCLError):
         inner.take(subscription, 500)
 

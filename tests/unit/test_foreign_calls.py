@@ -311,6 +311,24 @@ def test_guarantee_5_a_publisher_that_fails_is_replaced_and_its_readers_are_new(
     assert sink.readers().come == 3, 'it has come anew, and has to settle'
 
 
+def test_a_look_at_the_readers_that_fails_once_costs_no_history_of_a_publisher(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    handle = of_ros(monkeypatch)
+    handle.get_subscriptions_info_by_topic.return_value = []
+    event = handle.EventHandle.return_value
+    good = MagicMock(current_count=0, total_count=0)
+    bad = _rclpy.RCLError('no')
+    sink = RosSink(RosNode(handle, handle.context), '/t', TYPE, QoS(), 5, LOG)
+    sink.open()
+    for looks, publishers in (([bad, good, bad, good], 1), ([bad, bad, good], 2)):
+        event.take_event.side_effect = looks
+        for look in looks:
+            with contextlib.suppress(RouteError) if look is bad else contextlib.nullcontext():
+                sink.readers()
+        assert handle.create_publisher.call_count == publishers
+
+
 def test_guarantee_4_a_route_that_cannot_be_made_leaves_no_reader_behind(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -348,6 +366,11 @@ def test_a_commit_is_waited_for_but_not_without_limit() -> None:
     client.committed.side_effect = [timed_out, [before], [HERE]]
     commit_within(5.0, client, [HERE])
     assert client.committed.call_count == 3
+    later = TopicPartition('t', 0, HERE.offset + 1)
+    client.committed.side_effect = [[later]]
+    assert commit_within(5.0, client, [HERE]) == {0: later.offset}, 'of another member'
+    client.committed.side_effect = [[before]]
+    assert commit_within(5.0, client, [HERE], any_counts=True) == {0: before.offset}
     client.committed.side_effect = timed_out
     began_s = time.monotonic()
     with pytest.raises(KafkaException, match=r'within 0\.1 s'):

@@ -242,6 +242,14 @@ def test_a_bug_of_the_decoder_is_told_with_its_traceback_whatever_the_route_does
     assert (told.name, told.line) == ('decode', 'raise kind(text)')
 
 
+def test_a_bug_of_the_decoder_drops_no_record() -> None:
+    house = House(on_error='drop')
+    house.give(b'bad', b'bug of the bridge')
+    house.steps()
+    assert [letter.value for letter in house.letters.records] == [b'bug of the bridge']
+    assert house.direction.counters.snapshot(0).dropped == 1
+
+
 def test_many_bugs_of_the_decoder_flood_no_log(caplog: pytest.LogCaptureFixture) -> None:
     house = House()
     house.give(*[b'bug of the bridge'] * 200)
@@ -545,6 +553,17 @@ def test_what_is_dropped_takes_no_room_from_the_newest() -> None:
     assert house.sink.published == [b'cdr:0', b'cdr:1', b'cdr:1998', b'cdr:1999']
 
 
+def test_the_newest_waits_also_where_what_is_published_fills_the_window_alone() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=5, max_in_flight_bytes=5000)
+    house.sink.room = 5
+    house.sink.acknowledging = False
+    house.give(*[b'%03d' % number + b'x' * 997 for number in range(20)])
+    house.steps(5)
+    house.sink.acknowledging, house.sink.room = True, 100
+    house.steps(5)
+    assert house.sink.published[-1].startswith(b'cdr:019')
+
+
 def test_what_is_dropped_moves_on_its_own_partition_only() -> None:
     house = House(when_full='drop_oldest', max_in_flight=1)
     house.sink.room = 1
@@ -618,6 +637,27 @@ def test_a_long_drain_stays_in_the_group_and_commits_as_it_goes(
     assert before_the_end[0] == {0: 1}
     assert len(holds) > 2
     assert holds[-1] - holds[0] > 0.3
+
+
+def test_guarantee_7_a_drain_waits_for_what_is_in_flight_also_where_kafka_fails_it(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    house = House(drain_s=5)
+    house.sink.acknowledging = False
+    house.give(b'a', b'b')
+    house.steps()
+
+    def hold() -> tuple[()]:
+        house.sink.acknowledging = True  # a moment later
+        raise RouteError('topic orders: shut out')
+
+    monkeypatch.setattr(house.source, 'hold', hold)
+    stop = Stop()
+    stop.ask()
+    house.direction.run(stop)
+    assert house.confirmed() == 2
+    assert house.source.committed == {0: 2}
+    assert 'topic orders: shut out' in caplog.messages
 
 
 def test_what_still_comes_in_a_drain_is_given_back_unseen(

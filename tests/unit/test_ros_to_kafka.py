@@ -329,6 +329,14 @@ def test_what_was_a_dead_letter_before_a_restart_goes_to_kafka_once_it_can() -> 
     assert house.values() == [b'mended']
 
 
+def test_on_error_drop_looks_at_no_letters_and_drops_nothing_for_a_bug() -> None:
+    house = House(refused=frozenset({1}), on_error='drop')
+    house.give(b'bad', b'bug')
+    house.steps()
+    assert [letter.value for letter in house.letters.records] == [b'bug']
+    assert (house.count('dropped'), house.count('skipped')) == (1, 0)
+
+
 def test_on_error_drop_counts_and_goes_on() -> None:
     house = House(on_error='drop')
     house.give(b'bad', b'b')

@@ -113,9 +113,10 @@ class Beginnings:
         side = 0 if self._start == 'earliest' else 1
         offsets = {p.partition: self._bounds(client, p.partition)[side] for p in everywhere}
         places = [TopicPartition(self._topic, p, offset) for p, offset in offsets.items()]
-        commit_within(_REQUEST_S, client, places)
+        # Several bridges may begin at the same moment.
+        begins = commit_within(_REQUEST_S, client, places, any_counts=True)
         self._log.info('first start of this group: begins at the %s record', self._start)
-        return offsets
+        return begins
 
     def _at_committed(self, partition: int, committed: int, low: int, high: int) -> Beginning:
         if committed < low:

@@ -79,7 +79,7 @@ def _try(publisher: Any, subscription: Any) -> Abilities:
         time.sleep(0.002)
     accepted = sum(_accepts(publisher) for _ in range(3 * SAMPLES))
     deadline_s = time.monotonic() + _ANSWER_S
-    while not (taken := take(subscription, 1)) and time.monotonic() < deadline_s:
+    while not (taken := take(subscription, 1)[0]) and time.monotonic() < deadline_s:
         time.sleep(0.002)
     events.close()
     info = taken[0][1] if taken else {}

@@ -53,7 +53,7 @@ class RosSink:
         self._log = log
         self._occasional = summed(log)
         self._where = f'publisher of {topic}'
-        self._is_broken = False
+        self._is_broken = self._is_failing = False
         self._matched = self._mismatched = 0
         self._told: set[tuple[str, str]] = set()  # of those in the graph
         self._graph_at_s = 0.0
@@ -124,17 +124,20 @@ class RosSink:
         """Look at the readers.
 
         Raises:
-            RouteError: ROS has failed. Another publisher takes the place of this one.
+            RouteError: ROS has failed. Where it fails again, another publisher takes the place of
+                this one.
         """
         if self._is_broken:
             self._open_anew()
         try:
-            return self._look_at_readers()
+            readers = self._look_at_readers()
         except Exception as error:  # not `translated`, which costs a microsecond
-            self._is_broken = True
+            self._is_broken, self._is_failing = self._is_failing, not self._is_failing
             if known := translate(error, self._where):
                 raise known from error
             raise
+        self._is_failing = False
+        return readers
 
     def _look_at_readers(self) -> Readers:
         matched, come_here = self._events.look()

@@ -76,5 +76,5 @@ def _count(
         else:
             time.sleep(left_s)
         for topic, subscription in subscriptions.items():
-            counts[topic] += len(take(subscription, _BATCH))
+            counts[topic] += len(take(subscription, _BATCH)[0])
     return counts, time.monotonic() - started_s

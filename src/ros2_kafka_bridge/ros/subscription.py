@@ -25,6 +25,8 @@ _REMEMBERED = 1000
 # Asking holds the thread of the route for seconds where Kafka is away: most of the time is for
 # taking from the other publishers.
 _POSTPONED_S = 10.0
+_THEIRS = 'its publisher is KEEP_LAST or best effort and faster than its readers'
+_OWN = 'they lay in a subscription that ROS could not read any more'
 
 
 class Offer(NamedTuple):
@@ -38,13 +40,14 @@ DEFAULT = Offer('reliable', 'volatile')
 
 
 class _Publisher:
-    """What is known of one publisher: its offer, and the last number taken."""
+    """What is known of one publisher: its offer, the last number taken, a loss that is ours."""
 
-    __slots__ = ('last', 'offer')
+    __slots__ = ('last', 'loses', 'offer')
 
     def __init__(self, offer: Offer | None) -> None:
         self.offer = offer
         self.last = 0
+        self.loses = False
 
 
 class Sequences:
@@ -82,8 +85,17 @@ class Sequences:
         for gid, offer in offers.items():
             self._publishers.setdefault(gid, _Publisher(offer)).offer = offer
 
+    def expect_loss(self, offer: Offer) -> None:
+        """Note that what lay in the reader of this offer has gone with it."""
+        for publisher in self._publishers.values():
+            publisher.loses = publisher.loses or publisher.offer in {None, offer}
+
     def accept(self, gid: bytes, seq: int, offer: Offer) -> bool:
-        """Whether to keep message `seq` that came through the subscription of `offer`."""
+        """Whether to keep message `seq` that came through the subscription of `offer`.
+
+        Raises:
+            BridgeError: The graph cannot be asked for an unknown publisher; nothing is noted.
+        """
         publisher = self._publishers.get(gid)
         if publisher is None:
             self.offers(self._ask())
@@ -95,10 +107,10 @@ class Sequences:
         if seq <= last or publisher.offer not in (None, offer):
             return False
         if last:
-            self._gap(gid, last, seq)
+            self._gap(gid, last, seq, _OWN if publisher.loses else _THEIRS)
         else:
             self._say_before(gid, seq)
-        publisher.last = seq
+        publisher.last, publisher.loses = seq, False
         return True
 
     def _say_before(self, gid: bytes, seq: int) -> None:
@@ -110,13 +122,12 @@ class Sequences:
             about=About(ros_topic=self._topic, gid=gid.hex(), seq=seq),
         )
 
-    def _gap(self, gid: bytes, last: int, seq: int) -> None:
+    def _gap(self, gid: bytes, last: int, seq: int, reason: str) -> None:
         count = seq - last - 1
         self.lost += count
         self._occasional.warning(
             f'{count} messages of {self._topic} were lost before the bridge (publisher '
-            f'{gid.hex()}, {last + 1} to {seq - 1}): its publisher is KEEP_LAST or best effort '
-            'and faster than its readers',
+            f'{gid.hex()}, {last + 1} to {seq - 1}): {reason}',
             about=About(ros_topic=self._topic, gid=gid.hex(), seq=last + 1),
         )
 
@@ -153,7 +164,7 @@ class RosSource:
         self._has_gid = has_gid
         self._on_offer = on_offer
         self._read = _told if has_gid else _untold
-        self._sequences = Sequences(log, topic, self._offers_if_told)
+        self._sequences = Sequences(log, topic, self._offers)
         self._subscriptions: dict[Offer, Any] = {}
         self._hashes: dict[bytes, str] = {}
         self._closing: set[Offer] = set()  # subscriptions that nobody offers to any more
@@ -161,6 +172,7 @@ class RosSource:
         self._postponed: dict[Offer, float] = {}  # until when
         self._failing: set[Offer] = set()  # subscriptions whose last take has failed
         self._failure: Exception | None = None  # told at the next take: first, what was taken
+        self._unread: list[tuple[Offer, list[Taken]]] = []  # taken, behind an unknown publisher
         self.exhausted = False
         self._waiter: Any = None
         self._take: Any = None
@@ -213,9 +225,10 @@ class RosSource:
     def close(self) -> None:
         """Destroy the subscriptions."""
         while self._subscriptions:
-            self._destroy(next(iter(self._subscriptions)))
+            self._destroy(self._subscriptions.popitem()[1])
         self._failure = None
         self._failing.clear()
+        self._unread.clear()
 
     def type_hash(self, gid: bytes) -> str | None:
         """REP-2011 hash of what a publisher sends; that of the type here if it is not told.
@@ -257,7 +270,7 @@ class RosSource:
         return {peer.gid: self._offer(peer) for peer in right}
 
     def _offers_if_told(self) -> dict[bytes, Offer]:
-        """The same in the middle of a take, where no message may be lost for it."""
+        """The same in the middle of a batch, where no message may be lost for it."""
         try:
             return self._offers()
         except BridgeError as error:
@@ -268,12 +281,11 @@ class RosSource:
         """Close what was found empty after its last publisher had gone."""
         closing = self._subscriptions.keys() - wanted
         for offer in closing & self._closing & self._emptied:
-            self._destroy(offer)
+            self._destroy(self._subscriptions.pop(offer))
         self._closing = closing
         self._emptied.clear()
 
-    def _destroy(self, offer: Offer) -> None:
-        subscription = self._subscriptions.pop(offer)
+    def _destroy(self, subscription: Any) -> None:
         with left_behind(self._log, f'subscription of {self._topic}'):
             self._node.handle.destroy_subscription(subscription)
 
@@ -331,18 +343,25 @@ class RosSource:
         messages: list[Message] = []
         share = max(1, limit // max(1, len(self._subscriptions)))
         self.exhausted = True
+        unread, self._unread = self._unread, []
+        for offer, taken in unread:
+            self._select(taken, offer, messages)
+        if self._unread:  # nothing may overtake it
+            return messages
         for offer, subscription in list(self._subscriptions.items()):
             try:
-                taken = self._take(subscription, share)
+                taken, is_empty = self._take(subscription, share)
             except Exception as error:  # noqa: BLE001 (raised by the next take)
+                self._emptied.discard(offer)
+                self.exhausted = False
                 self._fail(offer, error)
                 continue
             self._failing.discard(offer)
-            if len(taken) == share:
-                self.exhausted = False
-                self._emptied.discard(offer)
-            else:
+            if is_empty:
                 self._emptied.add(offer)
+            else:
+                self._emptied.discard(offer)
+                self.exhausted = False
             self._select(taken, offer, messages)
         return messages
 
@@ -359,14 +378,28 @@ class RosSource:
             return
         self._failing.discard(offer)
         self._log.error('%s (%s, %s) cannot be read: subscribes anew', self._topic, *offer)
-        self._destroy(offer)
+        before = self._subscriptions[offer]
+        try:
+            self._subscribe(offer)  # first: nobody would hold the publishers back in between
+        except BridgeError as another:
+            self._log.error('%s', another)
+        if self._subscriptions[offer] is not before:
+            self._sequences.expect_loss(offer)
+            self._destroy(before)
 
     def _select(self, taken: list['Taken'], offer: Offer, messages: list[Message]) -> None:
+        """Keep what counts; what stands behind a publisher that nobody can tell of now waits."""
         read, accept = self._read, self._sequences.accept
-        for cdr, info in taken:
-            message = read(cdr, info)
-            if not message.gid or accept(message.gid, message.seq, offer):
-                messages.append(message)
+        number = 0
+        try:
+            for number, (cdr, info) in enumerate(taken):  # noqa: B007 (read where one fails)
+                message = read(cdr, info)
+                if not message.gid or accept(message.gid, message.seq, offer):
+                    messages.append(message)
+        except BridgeError as error:
+            self._failure = error
+            self._unread.append((offer, taken[number:]))
+            self.exhausted = False
 
     def _say_mismatches(self, peers: list[Peer]) -> None:
         self._mismatched &= {peer.gid for peer in peers}

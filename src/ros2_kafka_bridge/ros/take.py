@@ -45,10 +45,13 @@ class Waiter:
         self._wait_set = None
 
 
-def take(subscription: Subscription[Any], limit: int) -> list[Taken]:
+def take(subscription: Subscription[Any], limit: int) -> tuple[list[Taken], bool]:
     """Take at most `limit` messages that are there, without waiting.
 
     Where the middleware fails in the middle, what was taken is returned; the next call tells.
+
+    Returns:
+        The messages, and whether nothing was left behind them.
     """
     taken: list[Any] = []
     handle, message_type = subscription.handle, subscription.msg_type
@@ -57,12 +60,12 @@ def take(subscription: Subscription[Any], limit: int) -> list[Taken]:
             for _ in range(limit):
                 one = handle.take_message(message_type, True)  # noqa: FBT003 (raw: its signature)
                 if one is None:
-                    break
+                    return taken, True
                 taken.append(one)
         except _rclpy.RCLError:
             if not taken:
                 raise
-    return taken
+    return taken, False
 
 
 class MatchEvents:
