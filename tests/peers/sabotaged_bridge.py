@@ -36,7 +36,11 @@ _PROVOKED_BY = {
     'to_ros': 'Consumer.poll',
     'to_kafka': 'Producer.poll',
 }
-_CALLS_FOR = {'unattended: old consumer': 'to_ros', 'unattended: old lock': 'to_kafka'}
+_CALLS_FOR = {
+    'unattended: commit': 'to_ros',
+    'unattended: old consumer': 'to_ros',
+    'unattended: old lock': 'to_kafka',
+}
 
 
 class Saboteur:

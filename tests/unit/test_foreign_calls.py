@@ -7,7 +7,7 @@ here, one after the other; `tests/system/test_foreign_errors.py` does the same t
 import contextlib
 import itertools
 import logging
-import time
+import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from unittest.mock import DEFAULT, MagicMock
@@ -16,13 +16,14 @@ import pytest
 from confluent_kafka import KafkaError, KafkaException, TopicPartition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
+from ros2_kafka_bridge import unattended
 from ros2_kafka_bridge import wiring as wiring_module
 from ros2_kafka_bridge.config.settings import Config, QoS
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.kafka import consumer, health, lock, producer, tail
-from ros2_kafka_bridge.kafka.commits import commit_within
+from ros2_kafka_bridge.kafka.commits import Commits
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.kafka.producer import KafkaSink
@@ -360,23 +361,19 @@ def test_guarantee_4_a_route_that_cannot_be_made_leaves_no_reader_behind(
 
 
 def test_a_commit_is_waited_for_but_not_without_limit() -> None:
-    client = MagicMock()
-    before = TopicPartition('t', 0, 3)
-    timed_out = KafkaException(KafkaError(KafkaError._TIMED_OUT))
-    client.committed.side_effect = [timed_out, [before], [HERE]]
-    commit_within(5.0, client, [HERE])
-    assert client.committed.call_count == 3
-    later = TopicPartition('t', 0, HERE.offset + 1)
-    client.committed.side_effect = [[later]]
-    assert commit_within(5.0, client, [HERE]) == {0: later.offset}, 'of another member'
-    client.committed.side_effect = [[before]]
-    assert commit_within(5.0, client, [HERE], any_counts=True) == {0: before.offset}
-    client.committed.side_effect = timed_out
-    began_s = time.monotonic()
-    with pytest.raises(KafkaException, match=r'within 0\.1 s'):
-        commit_within(0.1, client, [HERE])
-    assert time.monotonic() - began_s >= 0.1
+    client, answers = MagicMock(), threading.Event()
+    commits = Commits(client)
+    commits.within(5.0, [HERE])
+    client.commit.assert_called_once_with(offsets=[HERE], asynchronous=False)
     refused = KafkaError(KafkaError.GROUP_AUTHORIZATION_FAILED, 'refused')
-    client.committed.side_effect = KafkaException(refused)
+    client.commit.side_effect = KafkaException(refused)
     with pytest.raises(KafkaException, match='refused'):
-        commit_within(5.0, client, [HERE])
+        commits.within(5.0, [HERE])
+    client.commit.side_effect = lambda **_: answers.wait(30)
+    with pytest.raises(KafkaException, match=r'within 0\.05 s'):
+        commits.within(0.05, [HERE])
+    assert not unattended.ends_within(0.05, 'close', commits.close_client)
+    client.close.assert_not_called()
+    answers.set()
+    commits.close_client()
+    assert client.close.call_count >= 1

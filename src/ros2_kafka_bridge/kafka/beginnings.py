@@ -6,7 +6,7 @@ from typing import NamedTuple
 from confluent_kafka import OFFSET_BEGINNING, Consumer, KafkaException, TopicPartition
 
 from ros2_kafka_bridge.about import About
-from ros2_kafka_bridge.kafka.commits import commit_within
+from ros2_kafka_bridge.kafka.commits import Commits
 from ros2_kafka_bridge.logs import summed
 
 _REQUEST_S = 10.0
@@ -47,12 +47,18 @@ class Beginnings:
         self._start = 'earliest'
 
     def find(
-        self, client: Consumer, partition: int, wanted: int | None, known: int | None
+        self,
+        client: Consumer,
+        commits: Commits,
+        partition: int,
+        wanted: int | None,
+        known: int | None,
     ) -> Beginning:
         """Find where to read on.
 
         Args:
             client: Whom to ask.
+            commits: Its commits.
             partition: The partition.
             wanted: The offset that is not there; None where the group has none.
             known: The offset that this bridge would commit now; None where it knows of none.
@@ -69,7 +75,7 @@ class Beginnings:
             if p.offset >= 0
         }
         if not committed and known is None:
-            return Beginning(self._first_start(client, everywhere)[partition])
+            return Beginning(self._first_start(client, commits, everywhere)[partition])
         low, high = self._bounds(client, partition)
         at = committed.get(partition)
         if at is not None:
@@ -104,7 +110,9 @@ class Beginnings:
             TopicPartition(self._topic, partition), timeout=_REQUEST_S
         )
 
-    def _first_start(self, client: Consumer, everywhere: list[TopicPartition]) -> dict[int, int]:
+    def _first_start(
+        self, client: Consumer, commits: Commits, everywhere: list[TopicPartition]
+    ) -> dict[int, int]:
         """Resolve `start` once, for every partition, and commit it at once.
 
         Also for partitions that others read: seen from them, a partition without an offset among
@@ -113,10 +121,9 @@ class Beginnings:
         side = 0 if self._start == 'earliest' else 1
         offsets = {p.partition: self._bounds(client, p.partition)[side] for p in everywhere}
         places = [TopicPartition(self._topic, p, offset) for p, offset in offsets.items()]
-        # Several bridges may begin at the same moment.
-        begins = commit_within(_REQUEST_S, client, places, any_counts=True)
+        commits.within(_REQUEST_S, places)
         self._log.info('first start of this group: begins at the %s record', self._start)
-        return begins
+        return offsets
 
     def _at_committed(self, partition: int, committed: int, low: int, high: int) -> Beginning:
         if committed < low:

@@ -1,59 +1,64 @@
-"""Committing offsets and knowing that they are, within a limit."""
+"""Commits that are waited for, within a limit."""
 
-import time
 from collections.abc import Sequence
-from typing import Final
+from contextlib import suppress
+from typing import TYPE_CHECKING
 
 from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
 
-from ros2_kafka_bridge.errors import RouteError, TransportError
-from ros2_kafka_bridge.kafka.errors import ERROR_CLASSES
+from ros2_kafka_bridge import unattended
 
-_LOOK_S: Final = 1.0
-_PAUSE_S: Final = 0.05
+if TYPE_CHECKING:
+    import threading
 
 
-def commit_within(
-    seconds: float,
-    client: Consumer,
-    offsets: Sequence[TopicPartition],
-    *,
-    any_counts: bool = False,
-) -> dict[int, int]:
-    """Commit offsets, and look until the group has them.
+class Commits:
+    """The commits of one client that are waited for.
 
-    librdkafka's own synchronous commit waits without any limit for a broker that stands still
-    (SIGSTOP: 75 s and more); for one that is gone it waits as long as a session. That one is
-    refused is told later, to the client's `on_commit`: here it only takes too long.
+    librdkafka waits without any limit for a broker that stands still (SIGSTOP: 75 s and more), so
+    each has a thread of its own. The client must not be closed while one is at work.
 
     Args:
-        seconds: How long to wait.
-        client: A member of the group.
-        offsets: Of one topic.
-        any_counts: Whether another member may have committed others at the same time.
-
-    Returns:
-        What the group has, by partition.
-
-    Raises:
-        KafkaException: It took too long, or the group may not be read.
+        client: A member of its group.
     """
-    deadline_s = time.monotonic() + seconds
-    least = {place.partition: 0 if any_counts else place.offset for place in offsets}
-    here = [TopicPartition(place.topic, place.partition) for place in offsets]
-    client.commit(offsets=list(offsets), asynchronous=True)
-    while True:
-        left_s = deadline_s - time.monotonic()
-        if left_s <= 0:
-            text = f'the broker has not confirmed a commit within {seconds:g} s'
-            raise KafkaException(KafkaError(KafkaError._TIMED_OUT, text))  # noqa: SLF001 (public)
+
+    def __init__(self, client: Consumer) -> None:
+        self._client = client
+        self._late: list[threading.Thread] = []
+
+    def within(self, seconds: float, offsets: Sequence[TopicPartition]) -> None:
+        """Commit, and wait until the group has it.
+
+        Raises:
+            KafkaException: It was refused, or took too long: then it may still be done.
+        """
+        problems: list[KafkaException] = []
+
+        def commit() -> None:
+            try:
+                self._client.commit(offsets=list(offsets), asynchronous=False)
+            except KafkaException as error:
+                problems.append(error)
+
         try:
-            found = client.committed(here, timeout=min(left_s, _LOOK_S))
-        except KafkaException as error:
-            kind = ERROR_CLASSES.get(error.args[0].code(), RouteError)
-            if not issubclass(kind, TransportError):
-                raise
-        else:
-            if all(place.offset >= least[place.partition] for place in found):
-                return {place.partition: place.offset for place in found}
-        time.sleep(_PAUSE_S)
+            thread = unattended.start('commit', commit)
+        except RuntimeError as error:
+            raise _failure(KafkaError._CRIT_SYS_RESOURCE, str(error)) from error  # noqa: SLF001
+        thread.join(seconds)
+        if thread.is_alive():
+            self._late.append(thread)
+            text = f'the broker has not answered a commit within {seconds:g} s'
+            raise _failure(KafkaError._TIMED_OUT, text)  # noqa: SLF001 (its public name)
+        if problems:
+            raise problems[0]
+
+    def close_client(self) -> None:
+        """Close the client, once none of its commits is at work any more."""
+        for thread in self._late:
+            thread.join()
+        with suppress(KafkaException):  # fatal for the client, and known
+            self._client.close()
+
+
+def _failure(code: int, text: str) -> KafkaException:
+    return KafkaException(KafkaError(code, text))

@@ -5,7 +5,6 @@ import logging
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
 from typing import Any, cast
 
 from confluent_kafka import (
@@ -21,7 +20,7 @@ from ros2_kafka_bridge import unattended
 from ros2_kafka_bridge.endpoints import Rebalance, Record
 from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.kafka.beginnings import Beginnings
-from ros2_kafka_bridge.kafka.commits import commit_within
+from ros2_kafka_bridge.kafka.commits import Commits
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.health import BROKERS_LOST, ClientHealth, check_files
 from ros2_kafka_bridge.kafka.lag import Lag
@@ -77,6 +76,7 @@ class KafkaSource:
         self._watch = Watch(topic, float(properties.get('fetch.wait.max.ms', 500)) / 1000)
         self._lag = Lag()
         self._consumer: Consumer | None = None
+        self._commits: Commits  # of the client
         self._clients = 0  # made so far: what an old one still says does not count
         self._rebalance: Rebalance
         self._assigned: set[int] = set()  # a client that is shut out does not tell
@@ -131,6 +131,7 @@ class KafkaSource:
             self._consumer = Consumer(
                 self._properties | callbacks, logger=logging.getLogger(f'{__name__}.librdkafka')
             )
+            self._commits = Commits(self._consumer)
             self._consumer.subscribe(
                 [self._topic],
                 on_assign=self._own(self._on_assign),
@@ -253,7 +254,7 @@ class KafkaSource:
             if self._health.away:
                 self._commit_soon(news)
             else:
-                commit_within(_HAND_OVER_S, self._client, news)
+                self._commits.within(_HAND_OVER_S, news)
         except KafkaException as error:
             self._log.warning('cannot commit before the hand-over: %s', error.args[0].str())
 
@@ -278,7 +279,7 @@ class KafkaSource:
                 self._consumer.unsubscribe()
             self._poll_while(lambda: bool(self._client.assignment()))
             self._clients += 1  # one that is left behind has no say any more
-            self._close_client(self._consumer)
+            self._close_client()
             self._consumer = None
             self._lag.clear()
             for known in (
@@ -294,10 +295,10 @@ class KafkaSource:
             while condition() and time.monotonic() < deadline_s:
                 self._client.poll(0.01)
 
-    def _close_client(self, consumer: Consumer) -> None:
+    def _close_client(self) -> None:
         """Close a client, or leave it behind: one that is not in its group may wait for ever."""
         try:
-            ended = unattended.ends_within(_CLOSE_S, 'old consumer', partial(_close, consumer))
+            ended = unattended.ends_within(_CLOSE_S, 'old consumer', self._commits.close_client)
         except RuntimeError:  # no more threads
             ended = False
         if not ended:
@@ -364,6 +365,7 @@ class KafkaSource:
         if self._assigned:
             self._lose(self._places(dict.fromkeys(self._assigned, OFFSET_INVALID)))
         self._health.on_new_client()
+        commits = self._commits
         if self._properties.get('group.protocol') == 'consumer':
             # Which gives a name to another only when the one that had it has left.
             self._properties['group.instance.id'] = uuid.uuid4().hex
@@ -374,7 +376,7 @@ class KafkaSource:
                 self._watch.on_lost()
             if self._consumer is not old:
                 with contextlib.suppress(RuntimeError):  # no more threads: left behind
-                    unattended.start('old consumer', partial(_close, old))
+                    unattended.start('old consumer', commits.close_client)
 
     def _note_whether_shut_out(self, error: KafkaError) -> bool:
         """Whether the group has shut this client out: for a late request, its name is its own."""
@@ -437,7 +439,9 @@ class KafkaSource:
         known = {**self._committed, **self._positions}.get(partition)
         try:
             self.ends.pop(partition, None)
-            beginning = self._beginnings.find(self._client, partition, wanted, known)
+            beginning = self._beginnings.find(
+                self._client, self._commits, partition, wanted, known
+            )
             if beginning.anew:
                 self._rebalance.lost(frozenset({partition}))
                 self._forget([TopicPartition(self._topic, partition)])
@@ -509,11 +513,6 @@ class KafkaSource:
             self._lag.forget(partition.partition)
             for known in (self._committed, self._positions, self.ends):
                 known.pop(partition.partition, None)
-
-
-def _close(consumer: Consumer) -> None:
-    with contextlib.suppress(KafkaException):  # fatal for the client, and known
-        consumer.close()
 
 
 def _numbers(partitions: list[TopicPartition]) -> frozenset[int]:
