@@ -16,6 +16,7 @@ from numbers_to_kafka import how_many
 WITHIN_S = '30'
 # Met while nothing comes, behind a full window, or at the very end: unit tests let them fail.
 RARE = {
+    ('to_kafka', 'Consumer.close'),
     ('to_ros', 'Consumer.offsets_for_times'),
     ('to_ros', 'Consumer.position'),
     ('to_ros', 'Consumer.resume'),
