@@ -25,8 +25,6 @@ _REMEMBERED = 1000
 # Asking holds the thread of the route for seconds where Kafka is away: most of the time is for
 # taking from the other publishers.
 _POSTPONED_S = 10.0
-_THEIRS = 'its publisher is KEEP_LAST or best effort and faster than its readers'
-_OWN = 'they lay in a subscription that ROS could not read any more'
 
 
 class Offer(NamedTuple):
@@ -107,7 +105,7 @@ class Sequences:
         if seq <= last or publisher.offer not in (None, offer):
             return False
         if last:
-            self._gap(gid, last, seq, _OWN if publisher.loses else _THEIRS)
+            self._gap(gid, last, seq, is_ours=publisher.loses)
         else:
             self._say_before(gid, seq)
         publisher.last, publisher.loses = seq, False
@@ -122,14 +120,20 @@ class Sequences:
             about=About(ros_topic=self._topic, gid=gid.hex(), seq=seq),
         )
 
-    def _gap(self, gid: bytes, last: int, seq: int, reason: str) -> None:
+    def _gap(self, gid: bytes, last: int, seq: int, *, is_ours: bool) -> None:
         count = seq - last - 1
         self.lost += count
-        self._occasional.warning(
+        lost = (
             f'{count} messages of {self._topic} were lost before the bridge (publisher '
-            f'{gid.hex()}, {last + 1} to {seq - 1}): {reason}',
-            about=About(ros_topic=self._topic, gid=gid.hex(), seq=last + 1),
+            f'{gid.hex()}, {last + 1} to {seq - 1}'
         )
+        text = (
+            f'{lost}): they lay in a subscription that ROS could not read any more'
+            if is_ours
+            else f'{lost}): its publisher is KEEP_LAST or best effort and faster than its readers'
+        )
+        about = About(ros_topic=self._topic, gid=gid.hex(), seq=last + 1)
+        self._occasional.warning(text, about=about)
 
 
 class RosSource:
