@@ -201,13 +201,12 @@ class KafkaToRos:
         refused.tell_bug(self._occasional)
         self._meter.troubles.note(error, refused.where)
         self._traces.refused(entry, error)
-        if self._route.on_error == 'stop':
+        policy = refused.policy(self._route.on_error)
+        if policy == 'stop':
             self._end_at(entry, refused.failure())
             return
-        drops = self._route.on_error == 'drop' and error.bug is None  # a bug of ours drops nothing
-        done = 'drop' if drops else 'dead_letter'
-        self._occasional.warning(f'{done}: {refused.text}', about=refused.about)
-        if drops:
+        self._occasional.warning(f'{policy}: {refused.text}', about=refused.about)
+        if policy == 'drop':
             entry.outcome = Outcome.DROPPED
             return
         letter = letter_of_record(self._route, entry, record, headers, error)

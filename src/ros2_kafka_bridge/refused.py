@@ -31,6 +31,10 @@ class Refused(NamedTuple):
         """Where and why."""
         return f'{self.where}: {self.error}'
 
+    def policy(self, on_error: str) -> str:
+        """What is done about it: what the route says, but a bug of the bridge drops nothing."""
+        return 'dead_letter' if on_error == 'drop' and self.error.bug is not None else on_error
+
     def tell_bug(self, sums: Summed) -> None:
         """Log a bug of the bridge with its traceback, whatever the route does about it."""
         if self.error.bug is not None:

@@ -240,19 +240,20 @@ class RosToKafka:
         refused = refused_message(self._route, entry.record.headers, error)
         refused.tell_bug(self._occasional)
         self._meter.troubles.note(error, refused.where)
-        if self._route.on_error == 'stop':
+        policy = refused.policy(self._route.on_error)
+        if policy == 'stop':
             entry.in_line, entry.refused = False, True
             if entry.number < self._window.stop_at:
                 self._window.stop_at = entry.number
                 self._failed = refused
             return
-        drops = self._route.on_error == 'drop' and error.bug is None  # a bug of ours drops nothing
-        if not drops and self._in_kafka.holds_letter(entry.gid, entry.seq, entry.made_ns):
+        if policy == 'dead_letter' and self._in_kafka.holds_letter(
+            entry.gid, entry.seq, entry.made_ns
+        ):
             self._end(entry, Outcome.SKIPPED, error)
             return
-        done = 'drop' if drops else 'dead_letter'
-        self._occasional.warning(f'{done}: {refused.text}', about=refused.about)
-        if drops:
+        self._occasional.warning(f'{policy}: {refused.text}', about=refused.about)
+        if policy == 'drop':
             self._end(entry, Outcome.DROPPED, error)
             return
         entry.dead = True
