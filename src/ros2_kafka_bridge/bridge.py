@@ -395,7 +395,8 @@ def _say_end(lane: Lane, *, late: bool) -> None:
 def _lock_of(route: Route, config: Config) -> GroupLock | None:
     if not isinstance(route, RosToKafkaRoute) or not route.exclusive:
         return None
-    return GroupLock(config.kafka, config.name, route.name, route_log(route.name))
+    log = route_log(route.name)
+    return GroupLock(config.kafka, config.name, route.name, log, config.membership)
 
 
 def _of_worker(config: Config, worker: int) -> Config:

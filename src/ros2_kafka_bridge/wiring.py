@@ -155,6 +155,7 @@ class Wiring:
             route.source.kafka,
             route.source.start,
             log,
+            self._config.membership,
         )
         room = self._endpoints.writers[route.sink.ros] if self._abilities.bounded else None
         sink = RosSink(self._node, route.sink.ros, message_type, route.sink.qos, room, log)

@@ -9,6 +9,7 @@ from ros2_kafka_bridge.kafka.properties import (
     common_properties,
     consumer_properties,
     is_secret,
+    member_name,
     producer_properties,
     property_problems,
     refusal,
@@ -104,6 +105,14 @@ def test_the_group_protocol_of_brokers_takes_no_timeouts_of_clients() -> None:
     made = consumer_properties({'group.protocol': 'consumer'}, group='g', client_id='bridge')
     assert made.keys().isdisjoint({'session.timeout.ms', 'partition.assignment.strategy'})
     assert property_problems({'group.protocol': 'consumer'}) == {}
+
+
+def test_a_member_has_a_name_of_its_own_unless_it_is_dynamic_or_the_broker_decides() -> None:
+    first, second = (member_name({}, 'static') for _ in range(2))
+    assert first.keys() == second.keys() == {'group.instance.id'}
+    assert first != second
+    assert member_name({}, 'dynamic') == {}
+    assert member_name({'group.protocol': 'consumer'}, 'static') == {}
 
 
 @pytest.mark.parametrize('kind', ['producer', 'consumer'])

@@ -45,7 +45,7 @@ from ros2_kafka_bridge.config.words import (
     mistakes_in,
     near,
 )
-from ros2_kafka_bridge.kafka.properties import canonical, is_secret
+from ros2_kafka_bridge.kafka.properties import Membership, canonical, is_secret
 
 __all__ = [
     'Config',
@@ -84,6 +84,11 @@ class Config(Settings):
     )
     kafka: Properties = Field(
         description='librdkafka properties, by their own names. bootstrap.servers is required.'
+    )
+    membership: Membership = Field(
+        'static',
+        description='Whether the members of consumer groups have names, by which they have their '
+        'places back at once after an outage of Kafka (static), or none (dynamic).',
     )
     ros: RosSettings = Field(default_factory=RosSettings, description='The ROS side.')
     schema_registry: SchemaRegistrySettings | None = Field(

@@ -3,7 +3,6 @@
 import contextlib
 import logging
 import time
-import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, cast
 
@@ -24,6 +23,8 @@ from ros2_kafka_bridge.kafka.commits import Commits
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.health import BROKERS_LOST, ClientHealth, check_files
 from ros2_kafka_bridge.kafka.lag import Lag
+from ros2_kafka_bridge.kafka.properties import Membership, member_name
+from ros2_kafka_bridge.kafka.recorder import Recorder, with_recording
 from ros2_kafka_bridge.kafka.statistics import read, with_statistics
 from ros2_kafka_bridge.kafka.watch import Watch
 
@@ -49,6 +50,7 @@ class KafkaSource:
         topic: The topic to read.
         start: `latest` or `earliest`: where a topic begins that the group never read.
         log: Where to say what happens.
+        membership: Of the group.
     """
 
     def __init__(
@@ -57,17 +59,16 @@ class KafkaSource:
         topic: str,
         start: str,
         log: logging.LoggerAdapter[logging.Logger],
+        membership: Membership = 'static',
     ) -> None:
-        # A member that knows its name gets its place back at once when the broker was away longer
-        # than the session; another would wait until the broker gives up the old one.
         # The group waits for so long for a member that does not join again.
         rejoin_ms = max(_REJOIN_MS, int(properties.get('session.timeout.ms', 0)))
         own = {
-            'group.instance.id': uuid.uuid4().hex,
             'enable.partition.eof': True,
             'max.poll.interval.ms': rejoin_ms,
+            **member_name(properties, membership),
         }
-        self._properties = with_statistics(own | dict(properties))
+        self._properties = with_recording(with_statistics(own | dict(properties)))
         self._topic = topic
         self._beginnings = Beginnings(topic, start, log)
         self._log = log
@@ -77,6 +78,7 @@ class KafkaSource:
         self._lag = Lag()
         self._consumer: Consumer | None = None
         self._commits: Commits  # of the client
+        self._recorder: Recorder  # of the client
         self._clients = 0  # made so far: what an old one still says does not count
         self._rebalance: Rebalance
         self._assigned: set[int] = set()  # a client that is shut out does not tell
@@ -120,6 +122,7 @@ class KafkaSource:
         """Join the group with a new client."""
         self._clients += 1
         self._watch.begin()
+        self._recorder = Recorder(logging.getLogger(f'{__name__}.librdkafka'))
         self._closing = self._held = self._joined = False
         self._is_shut_out = self._is_committing = False
         callbacks = {
@@ -128,9 +131,7 @@ class KafkaSource:
             'on_commit': self._own(self._on_commit),
         }
         try:
-            self._consumer = Consumer(
-                self._properties | callbacks, logger=logging.getLogger(f'{__name__}.librdkafka')
-            )
+            self._consumer = Consumer(self._properties | callbacks, logger=self._recorder)
             self._commits = Commits(self._consumer)
             self._consumer.subscribe(
                 [self._topic],
@@ -334,9 +335,7 @@ class KafkaSource:
         if self._health.away and first is None:
             self._look_for_broker()
         if first is None:
-            self._watch.look_whether_outside(self._health.away)
-            if not self._held and not self._health.away and self._watch.is_due():
-                self._watch.look_whether_stuck(self._client, self._reached())
+            self._look_whether_useless()
             return ()
         self._gone.clear()
         batch = [first, *self._client.consume(limit - 1, 0.0)] if limit > 1 else [first]
@@ -348,6 +347,16 @@ class KafkaSource:
             self._health.on_contact()
         # The stubs do not tell that headers are a list; they are.
         return cast('Sequence[Record]', batch)
+
+    def _look_whether_useless(self) -> None:
+        """Look at a client from which nothing comes; one that is given up says what it did."""
+        try:
+            self._watch.look_whether_outside(self._health.away)
+            if not self._held and not self._health.away and self._watch.is_due():
+                self._watch.look_whether_stuck(self._client, self._reached())
+        except RouteError:
+            self._recorder.tell(self._log)
+            raise
 
     def _begin_anew(self, old: Consumer) -> None:
         """Put another client in the place of one that is of no use any more.
@@ -366,9 +375,6 @@ class KafkaSource:
             self._lose(self._places(dict.fromkeys(self._assigned, OFFSET_INVALID)))
         self._health.on_new_client()
         commits = self._commits
-        if self._properties.get('group.protocol') == 'consumer':
-            # Which gives a name to another only when the one that had it has left.
-            self._properties['group.instance.id'] = uuid.uuid4().hex
         try:
             self._begin()
         finally:

@@ -28,7 +28,6 @@ Tried with two and three members, librdkafka 2.x and Apache Kafka 4 (session 6 s
 import contextlib
 import logging
 import time
-import uuid
 from collections.abc import Mapping
 from enum import Enum
 from functools import partial
@@ -43,14 +42,16 @@ from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.health import BROKERS_LOST, Admin, ClientHealth, check_files
 from ros2_kafka_bridge.kafka.names import lock_group, lock_topic
 from ros2_kafka_bridge.kafka.properties import (
+    Membership,
     common_properties,
     consumer_properties,
+    member_name,
 )
+from ros2_kafka_bridge.kafka.recorder import Recorder, with_recording
 from ros2_kafka_bridge.kafka.statistics import read, with_statistics
 from ros2_kafka_bridge.logs import client_log
 
 HEARTBEAT_MS: Final = 1000
-_NAME: Final = 'group.instance.id'
 _REQUEST_S: Final = 5.0
 _TOPIC_S: Final = 10.0  # until a topic just made is known
 _AGAIN_S: Final = 0.2
@@ -65,6 +66,8 @@ _UNTOLD_S: Final = 10.0
 _MOST_UNTOLD_S: Final = 80.0
 # A name that was shut out again within so long is given up.
 _SHORT_LIFE_S: Final = 30.0
+# A cable that is pulled looks the same for a while: less is said than of a client that is stuck.
+_LAST_LINES: Final = 30
 
 
 class _Useless(Enum):
@@ -83,6 +86,7 @@ class GroupLock:
         bridge: Name of the bridge: all that share it and the route take turns.
         route: Name of the route.
         log: Where to say that Kafka is away.
+        membership: Of the group.
     """
 
     def __init__(
@@ -91,6 +95,7 @@ class GroupLock:
         bridge: str,
         route: str,
         log: logging.LoggerAdapter[logging.Logger],
+        membership: Membership = 'static',
     ) -> None:
         self.topic = lock_topic(bridge)
         self.group = lock_group(bridge, route)
@@ -99,17 +104,16 @@ class GroupLock:
         users = {
             n: v for n, v in kafka.items() if n not in {'group.protocol', 'group.remote.assignor'}
         }
-        self._properties = with_statistics(
-            consumer_properties(users, group=self.group, client_id=bridge)
-        ) | {
-            _NAME: uuid.uuid4().hex,
-            'heartbeat.interval.ms': HEARTBEAT_MS,
-        }
+        self._membership = membership
+        own = member_name({}, membership) | {'heartbeat.interval.ms': HEARTBEAT_MS}
+        properties = consumer_properties(users, group=self.group, client_id=bridge)
+        self._properties = with_recording(with_statistics(properties | own))
         self._common = common_properties(kafka, client_id=bridge)
         self._about = Client('READ', self._properties)
         self._log = log
         self._health = ClientHealth(f'topic {self.topic}', log, self._about)
         self._consumer: Consumer | None = None
+        self._recorder: Recorder  # of the client
         self._clients = 0  # made so far: what an old one still says does not count
         self._given_up: _Useless | None = None  # its client
         self._new_client_at_s = 0.0
@@ -232,11 +236,12 @@ class GroupLock:
         check_files(self._properties, f'topic {self.topic}')
         self._clients += 1
         self._given_up, self._untold_since_s = None, None
+        self._recorder = Recorder(client_log(__name__))
         own = {
             'error_cb': partial(self._on_error, self._clients),
             'stats_cb': partial(self._on_statistics, self._clients),
         }
-        return Consumer(self._properties | own, logger=client_log(__name__))
+        return Consumer(self._properties | own, logger=self._recorder)
 
     def _join(self, consumer: Consumer) -> None:
         consumer.subscribe(
@@ -253,19 +258,21 @@ class GroupLock:
         its place back at once; a name that was shut out twice is given up.
         """
         self._log.warning('%s: joins the bridges of this route anew', reason.value)
+        if reason is _Useless.SILENT:
+            self._recorder.tell(self._log, _LAST_LINES)
         now_s = time.monotonic()
         self._new_client_at_s = now_s + _NEW_CLIENT_EVERY_S
         is_shut_out = reason is _Useless.SHUT_OUT
-        before = self._properties[_NAME]
+        before = self._properties
         if is_shut_out and now_s - self._shut_out_s < _SHORT_LIFE_S:
-            self._properties[_NAME] = uuid.uuid4().hex
+            self._properties = {**before, **member_name({}, self._membership)}
         self._health.on_open()
         try:
             new = self._new_client()
             self._join(new)
         except (KafkaException, BridgeError) as error:  # a file that is being replaced, perhaps
             self._log.warning('cannot join them now: %s', error)
-            self._given_up, self._properties[_NAME] = reason, before
+            self._given_up, self._properties = reason, before
             return
         self._consumer = new
         self.joined = self._assigned = False
@@ -274,7 +281,7 @@ class GroupLock:
         elif reason is _Useless.SILENT:
             self._untold_s = min(_MOST_UNTOLD_S, 2 * self._untold_s)
         # Not waited for: the lock is looked at in the middle of a route.
-        _end(old, 0.0, leaves=self._properties[_NAME] != before)
+        _end(old, 0.0, leaves=self._properties is not before)
 
     def _check_topic(self, consumer: Consumer) -> None:
         deadline_s = time.monotonic() + _TOPIC_S

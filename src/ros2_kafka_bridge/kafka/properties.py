@@ -5,12 +5,17 @@ from __future__ import annotations
 import difflib
 import logging
 import re
-from typing import TYPE_CHECKING, Any
+import uuid
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 PropertyValue = str | int | float | bool
+Membership = Literal['static', 'dynamic']
+"""Whether a member of a group has a name that it keeps through an outage (KIP-345), or none."""
+
+_MEMBER_NAME: Final = 'group.instance.id'
 
 LINGER_MS = 3.0
 """How long a record waits for others, where the user does not say and records come often.
@@ -188,7 +193,7 @@ def consumer_properties(
         'fetch.queue.backoff.ms': 10,
         'topic.metadata.refresh.interval.ms': 10000,
     }
-    if str(users.get('group.protocol', 'classic')).lower() == 'classic':
+    if is_classic(users):
         own |= {
             'session.timeout.ms': 6000,
             'heartbeat.interval.ms': 2000,
@@ -200,6 +205,25 @@ def consumer_properties(
         'enable.auto.offset.store': 'false',
         'auto.offset.reset': 'error',
     }
+
+
+def is_classic(properties: Mapping[str, Any]) -> bool:
+    """Whether the members of a group agree among themselves, by way of one of them.
+
+    The other protocol is that of KIP-848, where the broker decides.
+    """
+    return str(properties.get('group.protocol', 'classic')).lower() == 'classic'
+
+
+def member_name(properties: Mapping[str, Any], membership: Membership) -> dict[str, str]:
+    """The property of a member's name, new with each call; none where it is to have none.
+
+    A broker that decides itself (KIP-848) waits for a member with a name that has left until its
+    session ends, which is 45 s by default, and gives the name to no other before.
+    """
+    if membership == 'dynamic' or not is_classic(properties):
+        return {}
+    return {_MEMBER_NAME: uuid.uuid4().hex}
 
 
 def producer_properties(

@@ -1,0 +1,46 @@
+"""A Kafka client that is given up, on a real Kafka: what it did before stands in the log."""
+
+import contextlib
+import logging
+from collections.abc import Callable
+
+import pytest
+from harness import Bench, eventually
+from nobody import Nobody
+
+from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.kafka.consumer import KafkaSource
+from ros2_kafka_bridge.kafka.properties import consumer_properties
+from ros2_kafka_bridge.kafka.watch import Watch
+
+LOG = logging.LoggerAdapter(logging.getLogger('test.stuck'), {})
+
+
+def give_up(*_: object) -> None:
+    raise RouteError('topic t: holds records that the Kafka client does not read')
+
+
+def test_a_client_that_is_given_up_says_how_it_was_assigned_and_what_it_fetched(
+    bench: Bench,
+    topic_name: str,
+    unique: Callable[[str], str],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, [b'first'])
+    servers = {'bootstrap.servers': bench.bootstrap_servers}
+    properties = consumer_properties(servers, client_id='test', group=unique('group'))
+    source = KafkaSource(properties, topic_name, 'earliest', LOG)
+    source.open(Nobody())
+    caplog.set_level(logging.INFO, 'test.stuck')
+    with contextlib.closing(source):
+        eventually(lambda: bool(source.poll(10, 0.1)), 30)
+        assert 'the Kafka client' not in caplog.text
+        monkeypatch.setattr(Watch, 'is_due', lambda _: True)
+        monkeypatch.setattr(Watch, 'look_whether_stuck', give_up)
+        with pytest.raises(RouteError):
+            source.poll(10, 0.1)
+    told = [record.getMessage() for record in caplog.records if 's ago: ' in record.getMessage()]
+    assert any(f'Fetch topic {topic_name} [0] at offset' in line for line in told)
+    assert any('ASSIGN' in line and f'{topic_name} [0]' in line for line in told)
