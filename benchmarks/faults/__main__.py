@@ -28,6 +28,7 @@ from rich.console import Console
 
 from benchmarks.faults.disk import mount_small_disk
 from benchmarks.faults.faults import FAULTS
+from benchmarks.faults.memberships import MEMBERSHIPS
 from benchmarks.faults.plan import Step, make_plan
 from benchmarks.faults.report import keep, show
 from benchmarks.faults.run import run
@@ -82,9 +83,12 @@ def _run(
     for fault in options.faults:
         if fault not in faults:
             tell(f'left out, for it needs {_NEEDS[fault.needs]}: {fault.name}')
-    plan = make_plan(seed, faults, options.minutes)
+    plan = make_plan(seed, faults, options.minutes, options.times)
     command = _command(options, seed, [fault.name for fault in faults])
-    about = {'command': command, 'seed': seed, 'rate': options.rate, 'brokers': options.brokers}
+    about = {
+        'command': command, 'seed': seed, 'rate': options.rate, 'brokers': options.brokers,
+        'membership': options.membership,
+    }  # fmt: skip
     _show_plan(tell, seed, plan)
     keep(place / FILE, about, plan, None)
     stop = threading.Event()
@@ -120,7 +124,7 @@ def _setting(
             stack.enter_context(hosts.site.entered())
     return Setting(
         place, tuple(options.streams), options.rate, seed, options.domain, options.brokers,
-        hosts, 2 if options.standby else 1, has_own_disk,
+        hosts, 2 if options.standby else 1, has_own_disk, MEMBERSHIPS[options.membership],
     )  # fmt: skip
 
 
@@ -144,11 +148,13 @@ def _parse(arguments: Sequence[str] | None) -> Any:
     )
     add = parser.add_argument
     add('--minutes', type=float, default=MINUTES, help='of faults; default: %(default)s')
+    add('--times', type=int, help='how often each fault comes, in the place of --minutes')
     add('--seed', type=int, help='of the plan; by default another one each time')
     add('--faults', type=_of(FAULTS), default=','.join(FAULTS), help='default: %(default)s')
     add('--streams', type=_of(STREAMS), default=','.join(STREAMS), help='default: %(default)s')
     add('--rate', type=float, default=RATE, help='orders/s of a stream; default: %(default)s')
     add('--brokers', type=int, default=BROKERS, help='of Kafka; default: %(default)s')
+    add('--membership', choices=MEMBERSHIPS, default='static', help='default: %(default)s')
     add('--standby', action='store_true', help='two bridges run the file, one stands by')
     add('--hosts', choices=('auto', 'yes', 'no'), default='auto', help='networks of their own')
     add('--domain', type=int, default=DOMAIN, help='ROS domain; default: %(default)s')
@@ -169,13 +175,20 @@ def _of(table: Any) -> Callable[[str], list[Any]]:
 
 def _command(options: Any, seed: int, faults: list[str]) -> str:
     words = [
-        'python', '-m', 'benchmarks.faults', '--minutes', f'{options.minutes:g}',
+        'python', '-m', 'benchmarks.faults',
+        *_length(options), '--membership', options.membership,
         '--seed', str(seed), '--rate', f'{options.rate:g}', '--brokers', str(options.brokers),
         '--streams', ','.join(stream.name for stream in options.streams),
         '--faults', ','.join(faults), '--hosts', options.hosts,
         *(['--standby'] if options.standby else []),
     ]  # fmt: skip
     return shlex.join(words)
+
+
+def _length(options: Any) -> list[str]:
+    if options.times is None:
+        return ['--minutes', f'{options.minutes:g}']
+    return ['--times', str(options.times)]
 
 
 def _show_plan(tell: Callable[[str], None], seed: int, plan: Sequence[Step]) -> None:

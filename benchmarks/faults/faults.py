@@ -115,6 +115,18 @@ def _start_leader(world: World, _target: int) -> int:
     return kafka.start_again(world.cluster, sorted(gone))
 
 
+def _restart_each(world: World, _target: int) -> None:
+    """One broker after the other, as an upgrade does it."""
+    for node in range(world.setting.brokers):
+        world.cluster.stop(node)
+        kafka.start_again(world.cluster, [node])
+        world.check()
+
+
+def _all_restarted(_world: World, _target: int) -> int:
+    return time.time_ns()
+
+
 # The bridge
 
 
@@ -381,8 +393,21 @@ FAULTS: Final[Mapping[str, Fault]] = MappingProxyType(
                 _kill_leader,
                 _start_leader,
                 _brokers_die,
-                required_s=_BROKER_S,
+                by_another=True,
+                required_s=_BRIDGE_S,
                 seconds=20.0,
+                needs='cluster',
+            ),
+            Fault(
+                'rolling_restart',
+                'each broker of three stopped in order (SIGTERM), and started again',
+                (0.0, 0.0),
+                _restart_each,
+                _all_restarted,
+                _brokers_die,
+                by_another=True,
+                required_s=_BRIDGE_S,
+                seconds=40.0,
                 needs='cluster',
             ),
             Fault(

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
+from benchmarks.faults.stacks import write_stacks
 from benchmarks.processes import ProcessError
 from ros2_kafka_bridge.testing.hosts import Host
 from ros2_kafka_bridge.testing.owned import start_owned
@@ -73,7 +74,7 @@ class Part:
     def end(self, timeout_s: float = _END_S) -> int | None:
         """Ask it to end, and kill it when it does not in time; returns its exit status.
 
-        None says that it did not run, or had to be killed.
+        None says that it did not run, or had to be killed; what it was at stands beside its log.
         """
         if self._popen is None:
             return None
@@ -82,9 +83,15 @@ class Part:
         try:
             return self._popen.wait(timeout_s)
         except subprocess.TimeoutExpired:
+            self.write_stacks()
             return None
         finally:
             self.kill()
+
+    def write_stacks(self) -> None:
+        """Write down what its threads are at, if it runs; the file stands beside its log."""
+        if self._popen is not None and self._popen.poll() is None:
+            write_stacks(self._popen.pid, self.log.with_suffix('.stacks'))
 
     def check(self) -> None:
         """See that it still runs, unless it was ended by us.

@@ -26,17 +26,26 @@ class Step(msgspec.Struct, frozen=True):
     target: int
 
 
-def make_plan(seed: int, faults: Sequence[Fault], minutes: float) -> list[Step]:
+def make_plan(
+    seed: int, faults: Sequence[Fault], minutes: float, times: int | None = None
+) -> list[Step]:
     """Draw faults until a time is filled; each kind once before one comes again.
 
     However short the time is, each comes once.
+
+    Args:
+        seed: The same one draws the same plan.
+        faults: To draw from.
+        minutes: To be filled.
+        times: How often each comes, whatever time that takes; None fills the time.
     """
     draw = random.Random(seed)  # noqa: S311 - chance, no secret
     steps: list[Step] = []
     left_s = minutes * 60
-    while left_s > 0 or len(steps) < len(faults):
+    count = len(faults) * (times or 1)
+    while (left_s > 0 and times is None) or len(steps) < count:
         for fault in draw.sample(faults, len(faults)):
-            if left_s <= 0 and len(steps) >= len(faults):
+            if left_s <= 0 and len(steps) >= count:
                 break
             step = Step(
                 fault.name,

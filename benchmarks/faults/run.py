@@ -88,6 +88,8 @@ def _inject(world: World, plan: Sequence[Step], tell: Tell) -> list[Window]:
         windows.append(window)
         if window.late:
             tell(f'    but for {", ".join(window.late)}: the run ends here')
+            for bridge in world.bridges:
+                bridge.write_stacks()
             for name in window.late:
                 for words in world.says(name):
                     tell(f'        {words}')

@@ -5,6 +5,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Literal, NamedTuple
 
+from benchmarks.faults.memberships import Membership
+
 MESSAGE_TYPE: Final = 'std_msgs/msg/String'
 PARTITIONS: Final = 3
 READER_CACHE: Final = 500
@@ -74,13 +76,19 @@ STREAMS: Final[Mapping[str, Stream]] = MappingProxyType(
 
 
 def configuration(
-    bootstrap_servers: str, streams: Sequence[Stream], spools: Path, *, is_exclusive: bool
+    bootstrap_servers: str,
+    streams: Sequence[Stream],
+    spools: Path,
+    membership: Membership,
+    *,
+    is_exclusive: bool,
 ) -> dict[str, Any]:
     """The bridge's configuration: a route for each stream."""
     exclusive = {'exclusive': True} if is_exclusive else {}
     return {
         'name': 'faults',
-        'kafka': {'bootstrap.servers': bootstrap_servers},
+        'kafka': {'bootstrap.servers': bootstrap_servers, **membership.client},
+        **membership.bridge,
         'defaults': {'format': 'text', 'max_message_bytes': LARGEST_BYTES, **exclusive},
         'routes': [_route(stream, spools) for stream in streams],
     }

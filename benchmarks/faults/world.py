@@ -12,6 +12,7 @@ from ruamel.yaml import YAML
 from benchmarks.faults import journal, kafka, said
 from benchmarks.faults.checker import Ends, Seen
 from benchmarks.faults.journal import Entry, Tail
+from benchmarks.faults.memberships import MEMBERSHIPS, Membership
 from benchmarks.faults.parts import Part
 from benchmarks.faults.streams import SUBSCRIBER_CACHE, Stream, configuration
 from benchmarks.processes import ProcessError
@@ -49,6 +50,7 @@ class Setting(NamedTuple):
         hosts: Where what runs; None runs all here.
         bridges: How many run the same file; with two, one stands by.
         has_own_disk: Whether the spools are on a disk of their own, which can be filled.
+        membership: How the bridges are members of Kafka's groups.
     """
 
     place: Path
@@ -60,6 +62,7 @@ class Setting(NamedTuple):
     hosts: Hosts | None = None
     bridges: int = 1
     has_own_disk: bool = False
+    membership: Membership = MEMBERSHIPS['static']
 
 
 class Progress:
@@ -394,7 +397,11 @@ class World:
         servers = self.cluster.bootstrap_servers
         is_exclusive = self.setting.bridges > 1
         content = configuration(
-            servers, self.setting.streams, self.spools, is_exclusive=is_exclusive
+            servers,
+            self.setting.streams,
+            self.spools,
+            self.setting.membership,
+            is_exclusive=is_exclusive,
         )
         with file.open('w') as opened:
             YAML(typ='safe').dump(content, opened)
@@ -416,7 +423,7 @@ def running(setting: Setting, stop: threading.Event) -> Iterator[World]:
     for part in ('logs', 'journals/sent', 'journals/arrived', 'journals/commands'):
         (setting.place / part).mkdir(parents=True)
     host = setting.hosts.site.address if setting.hosts else HOST
-    with LocalCluster(setting.brokers, host) as cluster:
+    with LocalCluster(setting.brokers, host, setting.membership.broker) as cluster:
         world = World(setting, cluster, stop)
         try:
             world.start()
