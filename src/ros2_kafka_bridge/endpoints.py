@@ -262,6 +262,11 @@ class MessageSink(Protocol):
         """Its subscribers, as far as the graph knows."""
         ...
 
+    @property
+    def holders(self) -> Sequence[str]:
+        """Names of the nodes whose acknowledgements it waits for, as far as the graph knows."""
+        ...
+
     def open(self) -> None:
         """Make the publisher."""
 

@@ -28,6 +28,7 @@ from ros2_kafka_bridge.pause import Pause
 from ros2_kafka_bridge.record_window import Entry, RecordWindow
 from ros2_kafka_bridge.refused import letter_of_record, refused_record
 from ros2_kafka_bridge.settling import Settling
+from ros2_kafka_bridge.status import held
 from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.telling import Telling
 from ros2_kafka_bridge.tracing.records import NO_RECORD_TRACES, RecordTraces
@@ -43,6 +44,7 @@ _LAST_COMMIT_S = 1.0
 _SHORTEST_NAP_S = 0.0005
 _LONGEST_NAP_S = 0.02
 _NS_PER_MS = 1_000_000
+_FULL = 'the history is full: a subscriber does not take'
 
 
 class KafkaToRos:
@@ -231,7 +233,7 @@ class KafkaToRos:
             elif self._paces and not self._pace.go():
                 return 'max_rate'
             elif not publish(entry.cdr):
-                return 'the history is full: a subscriber does not take'
+                return _FULL
             else:
                 unconfirmed.append(entry)
                 self._nap_s = _SHORTEST_NAP_S
@@ -321,8 +323,11 @@ class KafkaToRos:
         if not self._telling.is_due(self._pause):
             return
         waiting = ''
-        if self._blocked_since_s is not None and now_s - self._blocked_since_s > HOLD_AFTER_S:
+        blocked_s = 0.0 if self._blocked_since_s is None else now_s - self._blocked_since_s
+        if blocked_s > HOLD_AFTER_S:
             waiting = obstacle or ''
+        if waiting == _FULL:
+            waiting = f'{_FULL} ({held(self._sink.holders, blocked_s)})'
         self._show(waiting or self._source.away)
 
     def _show(self, reason: str) -> None:

@@ -1,7 +1,13 @@
 """What a person reads of the counters."""
 
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from typing import Final
+
 from ros2_kafka_bridge.metrics import Snapshot
 from ros2_kafka_bridge.plural import count
+
+_MOST_NAMES: Final = 3
 
 
 def status_line(now: Snapshot, before: Snapshot, period_s: float) -> str:
@@ -37,6 +43,21 @@ def left(snapshot: Snapshot, *, to_ros: bool) -> str:
         held = count(snapshot.in_flight, 'message')
         what = f'{held} in flight, lost unless in the spool, or the publisher is TRANSIENT_LOCAL'
     return f'{what} ({totals(snapshot)})'
+
+
+def held(names: Sequence[str], for_s: float) -> str:
+    """Say who may be keeping a route waiting, and since when, by the clock of the log.
+
+    Args:
+        names: Of the nodes that are waited for; DDS does not tell which of several it is.
+        for_s: How long nothing has moved.
+    """
+    since = (datetime.now().astimezone() - timedelta(seconds=for_s)).strftime('%H:%M:%S')
+    shown = ', '.join(names[:_MOST_NAMES])
+    if len(names) > _MOST_NAMES:
+        shown += f' and {len(names) - _MOST_NAMES} more'
+    one_of = 'one of ' if len(names) > 1 else ''
+    return f'{one_of}{shown}, since {since}' if names else f'since {since}'
 
 
 def _rare(snapshot: Snapshot) -> str:

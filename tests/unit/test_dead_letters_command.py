@@ -430,6 +430,7 @@ class Sink:
 
     load = Load()
     matches = Matches()
+    holders = ()
 
     def __init__(self, matched: int = 1, lost_at: int = 0) -> None:
         self.published: list[bytes] = []

@@ -1,11 +1,13 @@
 """The direction Kafka -> ROS, driven step by step with ends in memory."""
 
 import logging
+import re
 import time
 import traceback
 from collections import Counter, deque
 from collections.abc import Mapping
 from contextlib import suppress
+from datetime import datetime, timedelta
 from random import Random
 from typing import TYPE_CHECKING, Any
 
@@ -169,6 +171,37 @@ def test_a_full_history_waits_and_the_same_message_goes_next() -> None:
     house.sink.acknowledge(1)
     house.steps()
     assert house.sink.published == [b'cdr:a', b'cdr:b', b'cdr:c']
+
+
+@pytest.mark.parametrize(
+    ('holders', 'who'),
+    [
+        (['/picker'], '/picker, '),
+        (['/a', '/b'], 'one of /a, /b, '),
+        (['/a', '/b', '/c', '/d', '/e'], 'one of /a, /b, /c and 2 more, '),
+        ([], ''),
+    ],
+)
+def test_a_route_that_is_held_says_by_whom_and_since_when(
+    holders: list[str], who: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kafka_to_ros, 'HOLD_AFTER_S', 0.0)
+    house = House()
+    house.sink.acknowledging, house.sink.room, house.sink.holders = False, 1, holders
+    house.give(b'a', b'b')
+    house.steps(2)
+    house.direction._blocked_since_s = time.monotonic() - 3600
+    before = datetime.now().astimezone() - timedelta(seconds=3600)
+    house.direction._telling._at_s = 0.0
+    house.steps(1)
+    reason = house.direction.snapshot.reason
+    said = re.fullmatch(
+        r'the history is full: a subscriber does not take \((.*)since (\d\d:\d\d:\d\d)\)', reason
+    )
+    assert said, reason
+    assert said[1] == who
+    times = {f'{before + timedelta(seconds=late_s):%H:%M:%S}' for late_s in range(30)}
+    assert said[2] in times
 
 
 def test_nothing_is_read_while_a_message_waits() -> None:

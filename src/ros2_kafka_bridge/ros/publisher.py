@@ -16,6 +16,7 @@ from ros2_kafka_bridge.ros.types import MessageType
 
 _AGE_S = 0.05
 _GRAPH_S = 1.0
+_NO_NODE = 'a reader that is no ROS node'
 
 
 class RosSink:
@@ -56,6 +57,7 @@ class RosSink:
         self._is_broken = self._is_failing = False
         self._matched = self._mismatched = 0
         self._told: set[tuple[str, str]] = set()  # of those in the graph
+        self.holders: list[str] = []
         self._graph_at_s = 0.0
         self._waits = waits(qos)
         self._publisher: Any = None
@@ -192,7 +194,10 @@ class RosSink:
         peers = self._node.subscribers(self._topic)
         here = {peer.node for peer in peers}
         self._told = {(node, what) for node, what in self._told if node in here}
-        self._mismatched = sum(self._look_at_peer(peer) for peer in peers)
+        matching = [peer for peer in peers if not self._look_at_peer(peer)]
+        self._mismatched = len(peers) - len(matching)
+        waited_for = [peer for peer in matching if peer.reliability != 'best_effort']
+        self.holders = sorted({peer.node if peer.named else _NO_NODE for peer in waited_for})
 
     def _look_at_peer(self, peer: Peer) -> bool:
         """Tells whether it does not match."""

@@ -228,6 +228,7 @@ class MemoryMessageSink:
     Args:
         matched: Readers that are there.
         acknowledging: Whether they acknowledge what is published.
+        holders: Their nodes.
     """
 
     room: int = 1_000_000
@@ -235,6 +236,7 @@ class MemoryMessageSink:
     acknowledging: bool = True
     published: list[bytes] = field(default_factory=list)
     mismatched: int = 0
+    holders: Sequence[str] = ()
     _come: int = 0
     _known: int = 0
     _since_loss: int = 0
