@@ -165,10 +165,13 @@ def test_it_says_how_much_a_group_has_to_deliver(bench: Bench, topic_name: str) 
 
 def test_without_a_broker_it_says_so_and_still_looks_at_ros(bench: Bench) -> None:
     bench.bootstrap_servers = f'127.0.0.1:{free_port()}'
-    routes = [to_ros('orders', '/orders')]
+    large = to_kafka('/large', 'large', name='large', max_message_bytes=50_000_000)
+    routes = [to_ros('orders', '/orders'), to_kafka('/small', 'small', name='small'), large]
     file = bench.config(routes, kafka=kafka_too(bench, SASL))
     status, out, err = bench.command('check', str(file), '--connect')
     assert (status, err) == (1, '')
+    lost = 'messages may have 50,000,000 bytes (max_message_bytes), and a UDP socket of DDS holds'
+    assert out.count('  note messages may have ') == out.count(lost) == 1
     asked = f'is bootstrap.servers ({bench.bootstrap_servers}) right, does the broker run?'
     assert re.search(rf'  BAD  the broker does not answer.*{re.escape(asked)}', out)
     assert '  note 0 of 1 subscriber of /orders: the route waits for them' in out

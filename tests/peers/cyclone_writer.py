@@ -16,6 +16,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument('topic')
     parser.add_argument('--count', type=int, required=True)
+    parser.add_argument('--bytes', type=int, default=0, help='of each at least: dots behind it')
     args = parser.parse_args()
 
     joined = join(args.topic)
@@ -24,7 +25,7 @@ def main() -> None:
         time.sleep(0.01)
     time.sleep(1.0)  # the writer knows of the match before the reader does
     for number in range(args.count):
-        writer.write(String_(data=str(number)))
+        writer.write(String_(data=str(number).ljust(args.bytes, '.')))
     writer.wait_for_acks(duration(seconds=20))
     print(f'published {args.count}', flush=True)  # noqa: T201
     while True:

@@ -1,7 +1,15 @@
 """The bridge among nodes whose DDS is of another vendor (Cyclone DDS)."""
 
-from harness import Bench, eventually, headers, lines, to_kafka, to_ros, totals, values
+import re
+import subprocess
+import sys
+from pathlib import Path
 
+import pytest
+from harness import Bench, eventually, headers, lines, to_kafka, to_ros, totals, values
+from patience import patient
+
+TUNING = Path(__file__).parents[2] / 'docs' / 'tuning.md'
 COUNT = 1000
 NUMBERS = [str(number) for number in range(COUNT)]
 
@@ -39,3 +47,39 @@ def test_a_reader_of_another_vendor_gets_all_once_and_in_order_guarantees_1_3(
         assert bridge.end() == 0
     assert lines(file) == NUMBERS
     assert totals(bridge)['confirmed'] == COUNT
+
+
+def test_large_messages_of_a_writer_of_another_vendor_come_whole(
+    bench: Bench, topic_name: str
+) -> None:
+    """As many packets at once as no socket holds: what does not fit is sent again."""
+    count, size = 50, 900_000
+    config = bench.config([to_kafka('/orders', topic_name)])
+    options = ('--count', str(count), '--bytes', str(size))
+    with (
+        bench.bridge(config) as bridge,
+        bench.script('cyclone_writer.py', '/orders', *options) as writer,
+    ):
+        writer.wait_for('published', 90)
+        records = bench.records(topic_name, count)
+        assert bridge.end() == 0
+    assert values(records) == [str(number).ljust(size, '.').encode() for number in range(count)]
+
+
+def test_the_sockets_hold_what_the_profile_of_the_docs_asks_for(bench: Bench) -> None:
+    if int(Path('/proc/sys/net/core/rmem_max').read_text()) < 4_194_304:
+        pytest.skip('Linux grants no socket so much here: net.core.rmem_max')
+    [xml] = re.findall(r'```xml\n(.*?receiveBufferSize.*?)```', TUNING.read_text(), re.DOTALL)
+    profile = bench.place / 'large.xml'
+    profile.write_text(xml)
+    file = bench.config([to_kafka('/orders', 'orders', max_message_bytes=1_000_000)])
+    for environ, said in ({}, 1), ({'FASTDDS_DEFAULT_PROFILES_FILE': str(profile)}, 0):
+        asked = subprocess.run(
+            [sys.executable, '-m', 'ros2_kafka_bridge', 'check', str(file), '--connect'],
+            env={**bench.environ, **environ},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=patient(60),
+        )
+        assert asked.stdout.count('a UDP socket of DDS holds') == said, asked.stdout

@@ -24,6 +24,7 @@ from ros2_kafka_bridge.formats.layout import (
     Sequence,
     String,
     has_slack,
+    is_bulk,
 )
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.walk import make_end, make_reader
@@ -373,3 +374,30 @@ def test_names_of_fields_never_become_source() -> None:
     layout = Layout('t/msg/T', (Field(evil, String()), Field('y', Primitive('int8'))))
     assert make_end(layout)(b'\0\1\0\0\1\0\0\0\0\5') == 10
     assert make_reader(layout, 'y')(b'\0\1\0\0\1\0\0\0\0\5') == 5
+
+
+@pytest.mark.parametrize(
+    'name',
+    [
+        'sensor_msgs/msg/Image',
+        'sensor_msgs/msg/PointCloud2',
+        'stereo_msgs/msg/DisparityImage',
+        'nav_msgs/msg/OccupancyGrid',
+    ],
+)
+def test_raw_data_of_any_length_is_seen_in_a_type_and_in_what_it_holds(name: str) -> None:
+    assert is_bulk(layout_of(name))
+
+
+@pytest.mark.parametrize(
+    'name',
+    [
+        'std_msgs/msg/String',
+        'sensor_msgs/msg/JointState',
+        'sensor_msgs/msg/LaserScan',
+        'unique_identifier_msgs/msg/UUID',
+        'diagnostic_msgs/msg/DiagnosticArray',
+    ],
+)
+def test_text_numbers_and_what_has_one_length_are_no_raw_data(name: str) -> None:
+    assert not is_bulk(layout_of(name))

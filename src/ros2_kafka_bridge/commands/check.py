@@ -139,6 +139,7 @@ def _route_findings(
         found = [
             *check_ros.publisher_findings(route, publishers, message_type),
             *check_ros.key_findings(route, message_type),
+            *check_ros.size_findings(route, message_type, node),
             *check_format.format_findings(route, config, message_type),
             *check_format.registry_findings(route, config, message_type),
             *(check_kafka.sink_findings(route, kafka) if asks else ()),

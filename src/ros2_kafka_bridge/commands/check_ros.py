@@ -14,9 +14,11 @@ from ros2_kafka_bridge.commands.matching import (
 from ros2_kafka_bridge.commands.screen import Finding
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.formats.layout import is_bulk
 from ros2_kafka_bridge.plural import count
 from ros2_kafka_bridge.ros.node import Peer, RosNode, domain_in_words, middleware
 from ros2_kafka_bridge.ros.probe import limits, probe
+from ros2_kafka_bridge.ros.sockets import receive_buffer_bytes
 
 
 def graph_findings(node: RosNode, topic: str, config: Config) -> list[Finding]:
@@ -103,6 +105,26 @@ def _type_finding(message_type: str) -> Finding:
     if problem := unknown_type(message_type):
         return Finding('bad', 'type', problem, 'install its package beside the bridge')
     return Finding('ok', 'type', f'{message_type} is installed here')
+
+
+def size_findings(
+    route: RosToKafkaRoute, message_type: str | None, node: RosNode
+) -> Iterator[Finding]:
+    """Whether messages come whole that are larger than what a socket of this host holds."""
+    from ros2_kafka_bridge.message_types import load_layout, unknown_type  # noqa: PLC0415
+
+    room_bytes = receive_buffer_bytes(node.domain_id)
+    if room_bytes is None or message_type is None or unknown_type(message_type):
+        return
+    is_said = 'max_message_bytes' in route.model_fields_set
+    if route.max_message_bytes > room_bytes and (is_said or is_bulk(load_layout(message_type))):
+        text = (
+            f'messages may have {route.max_message_bytes:,} bytes (max_message_bytes), and a UDP '
+            f'socket of DDS holds {room_bytes:,} here: of larger ones that come without shared '
+            'memory, from other hosts or DDS vendors, some come late or never'
+        )
+        cure = 'a DDS profile with a larger receiveBufferSize (docs/tuning.md, DDS)'
+        yield Finding('note', 'size', text, cure)
 
 
 def key_findings(route: RosToKafkaRoute, message_type: str | None) -> Iterator[Finding]:

@@ -115,6 +115,19 @@ def width_of(primitive: Primitive) -> int:
     return struct.calcsize('<' + PRIMITIVES[primitive.name])
 
 
+def is_bulk(kind: Kind) -> bool:
+    """Whether such a message carries raw data of any length, as an image does."""
+    match kind:
+        case Sequence(item=Primitive() as item, bound=None):
+            return width_of(item) == 1
+        case Layout():
+            return any(is_bulk(field.kind) for field in kind.fields)
+        case Sequence() | Array():
+            return is_bulk(kind.item)
+        case _:
+            return False
+
+
 def has_slack(kind: Kind) -> bool:
     """Whether rclpy's `serialize_message` may leave more than 3 bytes behind such a message.
 

@@ -99,6 +99,11 @@ class RosNode:
         with translated(f'subscribers of {topic}'):
             return [_peer(info) for info in self.handle.get_subscriptions_info_by_topic(topic)]
 
+    @property
+    def domain_id(self) -> int:
+        """The ROS domain in which it is."""
+        return int(self.handle.context.get_domain_id())
+
     def topics(self) -> list[Topic]:
         """All topics of others, as far as discovery knows, sorted; those of ROS itself, too."""
         with translated('the topics of the ROS graph'):
