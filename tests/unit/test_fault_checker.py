@@ -269,6 +269,9 @@ def test_a_seed_repeats_its_plan_and_each_fault_comes_before_one_comes_again() -
     assert set(names[: len(faults)]) == set(FAULTS)
     assert len(names) > len(faults)
     assert len(make_plan(7, faults, minutes=0.01)) == len(faults)
+    often = [step.fault for step in make_plan(7, faults, minutes=0.01, times=3)]
+    assert sorted(often) == sorted([fault.name for fault in faults] * 3)
+    assert len(make_plan(7, faults[:2], minutes=20, times=3)) == 6
 
 
 def test_what_a_fault_may_cost_is_that_of_the_guarantees() -> None:

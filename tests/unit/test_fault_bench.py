@@ -1,0 +1,96 @@
+"""What the fault bench runs on and tells, without Kafka and ROS."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from benchmarks.faults.compare import main
+from benchmarks.faults.memberships import MEMBERSHIPS
+from benchmarks.faults.parts import Part
+from benchmarks.faults.streams import STREAMS, configuration
+from ros2_kafka_bridge.config.file import loads
+from ros2_kafka_bridge.kafka.properties import property_problems
+
+STANDS_STILL = """
+import signal
+import time
+
+def stands_still():
+    print('here', flush=True)
+    while True:
+        time.sleep(1)
+
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+stands_still()
+"""
+
+
+@pytest.mark.parametrize('name', MEMBERSHIPS)
+def test_a_bridge_takes_the_configuration_of_every_membership(name: str, tmp_path: Path) -> None:
+    streams = list(STREAMS.values())
+    content = configuration('k:9092', streams, tmp_path, MEMBERSHIPS[name], is_exclusive=True)
+    config = loads(json.dumps(content), 'bridge.yaml', {})
+    assert property_problems(dict(config.kafka)) == {}
+    assert config.membership == ('dynamic' if name == 'dynamic' else 'static')
+    assert ('group.protocol' in config.kafka) == name.startswith('consumer')
+
+
+def test_a_part_that_does_not_end_leaves_what_it_was_at_beside_its_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    which = shutil.which
+    monkeypatch.setattr(shutil, 'which', lambda name: None if name == 'gdb' else which(name))
+    part = Part('bridge', ['-c', STANDS_STILL], tmp_path / 'bridge.log', {})
+    part.start()
+    while 'here' not in (tmp_path / 'bridge.log').read_text():
+        part.check()
+    assert part.end(0.2) is None
+    assert not part.is_running
+    told = (tmp_path / 'bridge.stacks').read_text()
+    if 'Permission denied' in told:
+        pytest.skip('this machine lets nobody look into a process (ptrace)')
+    assert 'stands_still' in told
+    assert 'is not here' in told
+
+
+def a_run(place: Path, membership: str, verdicts: list[dict[str, object]]) -> str:
+    place.mkdir()
+    told = {'setting': {'membership': membership}, 'verdicts': verdicts}
+    (place / 'faults.json').write_text(json.dumps(told))
+    return str(place)
+
+
+def verdict(fault: str, stall_s: float, recovery_s: float | None) -> dict[str, object]:
+    return {
+        'stream': 'to_ros', 'fault': fault, 'lost': 0, 'duplicated': 2,
+        'stall_s': stall_s, 'recovery_s': recovery_s,
+    }  # fmt: skip
+
+
+def test_runs_stand_side_by_side_with_every_time_of_every_fault(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where another takes over it is the stall that counts, else the time from the return on."""
+    static = [verdict('broker_kill', 9.0, 2.04), verdict('none', 0.1, None)]
+    static += [verdict('take_over', 6.2, 6.1), verdict('broker_kill', 9.0, 1.0)]
+    dynamic = [verdict('broker_kill', 9.0, None), verdict('broker_kill', 9.0, 6.3)]
+    runs = [a_run(tmp_path / 'a', 'static', static), a_run(tmp_path / 'b', 'dynamic', dynamic)]
+    assert main(runs) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        '|  | static, session 6 s | dynamic, session 6 s |',
+        '|---|---|---|',
+        '| Kafka -> ROS: every broker SIGKILLed, and started again | 1.0 2.0 | 6.3 > |',
+        '| Kafka -> ROS: one bridge of two SIGKILLed, the other one takes over | 6.2 |  |',
+        '| Kafka -> ROS: lost, repeated | 0, 8 | 0, 4 |',
+    ]
+
+
+def test_a_run_that_has_not_come_to_its_end_is_one_sentence(tmp_path: Path) -> None:
+    file = tmp_path / 'faults.json'
+    file.write_text('{"setting": {"membership": "static"}}')
+    with pytest.raises(SystemExit, match='is no run that has come to its end'):
+        main([str(file)])
+    with pytest.raises(SystemExit, match='holds 0 files'):
+        main([str(tmp_path / 'nowhere')])
