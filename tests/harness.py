@@ -35,6 +35,8 @@ CALM = {
     'metadata.max.idle.interval.ms': '5000',
 }
 READ_AT_THE_START = frozenset({'PYTHONPATH', 'LD_LIBRARY_PATH'})  # by Python and the linker
+LAST_LINES = 10
+LAST_COLUMNS = 200
 WORKER = ('-P', '-m', 'ros2_kafka_bridge.worker', '--log-format=text', '--routes=')
 
 
@@ -57,6 +59,7 @@ class Process:
         warm: bool = False,
     ) -> None:
         self.log = log
+        self._command = command
         log.touch()
         environment = {**os.environ, **(environ or {})}
         self._popen = (Warm if warm else _cold)(command, log, environment)
@@ -64,10 +67,19 @@ class Process:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None:
+            sys.stderr.write(self._last_words())
         if self._popen.poll() is None:
             self._popen.kill()
         self._popen.wait(patient(KILLED_S))
+
+    def _last_words(self) -> str:
+        """What a test that fails shows of it: a peer that died is no fault of the bridge."""
+        status = self._popen.poll()
+        state = 'runs' if status is None else f'ended with status {status}'
+        lines = self.output().splitlines()[-LAST_LINES:]
+        return '\n    '.join([f'{" ".join(self._command)[:LAST_COLUMNS]} {state}', *lines]) + '\n'
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal."""
