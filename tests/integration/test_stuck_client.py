@@ -16,11 +16,15 @@ from ros2_kafka_bridge.kafka.watch import Watch
 LOG = logging.LoggerAdapter(logging.getLogger('test.stuck'), {})
 
 
+def is_fetching(source: KafkaSource) -> bool:
+    return '"fetch_state":"active"' in source._recorder._statistics.replace(' ', '')
+
+
 def give_up(*_: object) -> None:
     raise RouteError('topic t: holds records that the Kafka client does not read')
 
 
-def test_a_client_that_is_given_up_says_how_it_was_assigned_and_what_it_fetched(
+def test_a_client_that_is_given_up_says_how_it_was_assigned_and_what_it_made_of_its_partitions(
     bench: Bench,
     topic_name: str,
     unique: Callable[[str], str],
@@ -36,11 +40,16 @@ def test_a_client_that_is_given_up_says_how_it_was_assigned_and_what_it_fetched(
     caplog.set_level(logging.INFO, 'test.stuck')
     with contextlib.closing(source):
         eventually(lambda: bool(source.poll(10, 0.1)), 30)
+        eventually(lambda: not source.poll(10, 0.1) and is_fetching(source), 30)
         assert 'the Kafka client' not in caplog.text
         monkeypatch.setattr(Watch, 'is_due', lambda _: True)
         monkeypatch.setattr(Watch, 'look_whether_stuck', give_up)
         with pytest.raises(RouteError):
             source.poll(10, 0.1)
-    told = [record.getMessage() for record in caplog.records if 's ago: ' in record.getMessage()]
-    assert any(f'Fetch topic {topic_name} [0] at offset' in line for line in told)
-    assert any('ASSIGN' in line and f'{topic_name} [0]' in line for line in told)
+    told = [record.getMessage() for record in caplog.records]
+    assert any('s ago: ' in line and f'{topic_name} [0]' in line for line in told), told
+    reported = [
+        line for line in told if line.startswith(f'the Kafka client reported: {topic_name}[0]')
+    ]
+    assert len(reported) == 1
+    assert 'fetch_state active' in reported[0]

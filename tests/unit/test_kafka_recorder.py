@@ -1,5 +1,6 @@
 """What a Kafka client said last, kept for the moment when it is given up."""
 
+import json
 import logging
 
 import pytest
@@ -58,4 +59,36 @@ def test_many_fetches_of_one_partition_do_not_push_out_the_assignment_of_another
 
 def test_what_a_user_wants_to_debug_is_debugged() -> None:
     assert with_recording({'debug': 'broker'})['debug'] == 'broker'
-    assert with_recording({})['debug'] == 'cgrp,fetch'
+    assert with_recording({})['debug'] == 'cgrp'
+
+
+def test_what_it_makes_of_its_partitions_is_told_too(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    recorder = Recorder(logging.getLogger('client'))
+    partitions = {
+        '-1': {'desired': False, 'fetch_state': 'none'},
+        '7': {'desired': True, 'broker': 2, 'fetch_state': 'active', 'next_offset': 5, 'else': 1},
+    }
+    report = {
+        'cgrp': {'state': 'up', 'join_state': 'steady'},
+        'brokers': {'k:9092/2': {'state': 'UP', 'rxidle': 12}},
+        'topics': {'orders': {'partitions': partitions}},
+    }
+    recorder.on_statistics('not for us')
+    recorder.on_statistics(json.dumps(report))
+    recorder.tell(log('route'))
+    assert [record.getMessage() for record in caplog.records] == [
+        'the Kafka client reported: group: state up, join_state steady',
+        'the Kafka client reported: k:9092/2: state UP, rxidle 12',
+        'the Kafka client reported: orders[7]: broker 2, fetch_state active, next_offset 5',
+    ]
+    recorder.tell(log('route'))
+    assert len(caplog.records) == 3
+
+
+def test_a_report_that_cannot_be_read_is_left_out(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    recorder = Recorder(logging.getLogger('client'))
+    recorder.on_statistics('{"client_id": "a "quote""}')
+    recorder.tell(log('route'))
+    assert not caplog.records

@@ -127,7 +127,7 @@ class KafkaSource:
         self._is_shut_out = self._is_committing = False
         callbacks = {
             'error_cb': self._own(self._on_error),
-            'stats_cb': self._own(lambda text: self._health.on_statistics(read(text))),
+            'stats_cb': self._own(self._on_statistics),
             'on_commit': self._own(self._on_commit),
         }
         try:
@@ -392,6 +392,10 @@ class KafkaSource:
     def _on_error(self, error: KafkaError) -> None:
         if not self._note_whether_shut_out(error):
             self._health.on_error(error)
+
+    def _on_statistics(self, text: str) -> None:
+        self._recorder.on_statistics(text)
+        self._health.on_statistics(read(text))
 
     def _reached(self) -> dict[int, int]:
         """How far each partition was read, of those where that is known."""

@@ -346,6 +346,7 @@ class GroupLock:
 
     def _on_statistics(self, client: int, text: str) -> None:
         if client == self._clients:
+            self._recorder.on_statistics(text)
             self._health.on_statistics(read(text))
 
     def _translated(self, error: KafkaException) -> BridgeError:

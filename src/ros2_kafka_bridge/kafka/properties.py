@@ -121,7 +121,7 @@ _REFUSED = {
     'enable.auto.offset.store': 'the bridge stores an offset itself, once it is confirmed',
     'transactional.id': 'the bridge writes no transactions: ROS cannot take part in one',
     'delivery.report.only.error': 'the bridge needs the report of every record to confirm it',
-    'group.instance.id': 'every bridge needs one of its own, and makes it',
+    'group.instance.id': 'each client makes one of its own, or has none: see membership',
     'partition.assignment.strategy': 'the bridge needs cooperative-sticky',
     'enable.partition.eof': 'the end of a partition is no record that a route could move',
     'enabled_events': 'the bridge reads no event queue',
