@@ -11,6 +11,7 @@ import msgspec
 import pytest
 
 from ros2_kafka_bridge.config.file import loads
+from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.formats import extras
 from ros2_kafka_bridge.metrics import Counters, to_line
@@ -28,7 +29,7 @@ from ros2_kafka_bridge.supervision.orders import (
     Pause,
 )
 from ros2_kafka_bridge.supervision.plan import Plan, plan_of, read_plan, write_plan
-from ros2_kafka_bridge.supervision.reload import Difference, check, difference
+from ros2_kafka_bridge.supervision.reload import _OF_ALL_ROUTES, Difference, check, difference
 from ros2_kafka_bridge.supervision.reloading import would
 from ros2_kafka_bridge.supervision.shares import Rank, Share, share_out
 from ros2_kafka_bridge.supervision.systemd import Systemd
@@ -65,6 +66,18 @@ def test_the_same_configuration_in_other_words_is_no_difference() -> None:
 def test_the_order_of_the_routes_is_no_difference() -> None:
     *head, a, b = TEXT.splitlines()
     assert found(TEXT, '\n'.join([*head, b, a])).is_empty
+
+
+def test_every_field_of_a_configuration_is_looked_at() -> None:
+    """One that is left out is changed in the file, and said to be no change."""
+    looked_at = {*_OF_ALL_ROUTES, 'workers', 'monitoring', 'routes', 'defaults'}
+    assert looked_at == set(Config.model_fields)
+
+
+def test_another_membership_starts_every_route_again() -> None:
+    after = found(TEXT, TEXT + 'membership: dynamic\n')
+    assert after.changed == ('a', 'b')
+    assert after.lines == ('membership: static -> dynamic',)
 
 
 def test_routes_that_come_go_and_change_are_told_apart_from_those_that_stay() -> None:

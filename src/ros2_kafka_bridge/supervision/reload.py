@@ -18,7 +18,7 @@ import msgspec
 
 from ros2_kafka_bridge.supervision.plan import Plan, plan_of, read_plan
 
-_OF_ALL_ROUTES: Final = ('name', 'kafka', 'ros', 'schema_registry', 'tracing')
+_OF_ALL_ROUTES: Final = ('name', 'kafka', 'membership', 'ros', 'schema_registry', 'tracing')
 _AT_NEXT_START: Final = ('listen', 'node', 'start')
 _NONE: Final = 'nothing'
 
