@@ -2,6 +2,7 @@
 
 import io
 import json
+import tracemalloc
 from collections.abc import Iterator
 from decimal import Decimal
 from typing import Any
@@ -26,7 +27,7 @@ from confluent_kafka.serialization import MessageField, SerializationContext
 from messages import cdr, extremes, layout_of
 from registry_server import RegistryServer, Request
 
-from ros2_kafka_bridge.errors import ConfigError, DecodeError, RouteError
+from ros2_kafka_bridge.errors import ConfigError, DecodeError, RecordTooLargeError, RouteError
 from ros2_kafka_bridge.formats.avro import make_decode, make_encode
 from ros2_kafka_bridge.formats.avro.schema import avro_schema
 from ros2_kafka_bridge.formats.layout import (
@@ -371,7 +372,11 @@ def test_a_narrower_type_is_promoted(
             'RED',
             r'expected int, the schema has enum Colour',
         ),
-        (['null', 'int'], None, r'^not a value of schema 1: .*null'),
+        (
+            ['null', 'int'],
+            None,
+            r'^schema 1 allows several types .* does not fit demo_msgs/msg/One$',
+        ),
     ],
 )
 def test_a_type_that_avro_does_not_promote_is_an_error_with_its_path(
@@ -548,6 +553,143 @@ def test_a_few_fields_without_bytes_do_no_harm(server: RegistryServer) -> None:
     writer = {'type': 'record', 'name': 'One', 'fields': fields}
     value = framed(server.register('robots-value', json_text(writer)), b'\0' * 5 + b'\x0e')
     assert fields_of(make_decode(ONE, scope_of(server.url))(value), ONE) == {'a': 7}
+
+
+ITEM = Layout(
+    'demo_msgs/msg/Item',
+    (Field('a', Primitive('bool')), Field('covariance', Array(Primitive('float64'), 4000))),
+)
+LIST_OF_ITEMS = Layout('demo_msgs/msg/Items', (Field('items', Sequence(ITEM)),))
+
+
+def test_a_default_is_not_made_for_each_item_of_a_list(server: RegistryServer) -> None:
+    """100 kB of small items would be 3 GiB of defaults before their message is too large."""
+    writer = avro_schema(LIST_OF_ITEMS)
+    del writer['fields'][0]['type']['items']['fields'][1]
+    count = 100_000
+    payload = avro_bytes('long', count) + b'\x01' * count + b'\0'
+    value = framed(server.register('robots-value', json_text(writer)), payload)
+    scope = scope_of(server.url)._replace(max_message_bytes=1_000_000)
+    decode = make_decode(LIST_OF_ITEMS, scope)
+    tracemalloc.start()
+    try:
+        with pytest.raises(RecordTooLargeError):
+            decode(value)
+        assert tracemalloc.get_traced_memory()[1] < 1_000 * count
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ('logical', 'payload', 'kind', 'read'),
+    [
+        ({'type': 'int', 'logicalType': 'date'}, b'\x02', Primitive('int32'), 1),
+        ({'type': 'long', 'logicalType': 'timestamp-millis'}, b'\x04', Primitive('int64'), 2),
+        ({'type': 'string', 'logicalType': 'uuid'}, b'\x02x', String(), 'x'),
+        (
+            # As a number it takes fastavro minutes.
+            {'type': 'bytes', 'logicalType': 'decimal', 'precision': 3_000_000},
+            avro_bytes('bytes', b'\x7f' * 1_000_000),
+            Sequence(Primitive('uint8')),
+            b'\x7f' * 1_000_000,
+        ),
+        (
+            {'type': 'array', 'items': {'type': 'int', 'logicalType': 'time-millis'}},
+            b'\x02\x06\0',
+            Sequence(Primitive('int32')),
+            [3],
+        ),
+        (['null', {'type': 'int', 'logicalType': 'date'}], b'\x02\x08', Primitive('int32'), 4),
+    ],
+)
+def test_a_logical_type_is_read_as_what_is_under_it(
+    server: RegistryServer, logical: Any, payload: bytes, kind: Kind, read: object
+) -> None:
+    layout = Layout('demo_msgs/msg/One', (Field('a', kind),))
+    writer = {'type': 'record', 'name': 'One', 'fields': [{'name': 'a', 'type': logical}]}
+    value = framed(server.register('robots-value', json_text(writer)), payload)
+    found = make_decode(layout, scope_of(server.url))(value)
+    assert fields_of(found, layout) == {'a': read}
+
+
+@pytest.mark.parametrize(
+    ('change', 'shown'),
+    [
+        ({'scale': 2}, '9 bytes, decimal(20, 2)'),
+        # fastavro would round to three digits.
+        ({'precision': 3}, '9 bytes, decimal(3, 0)'),
+        ({'logicalType': 'other'}, '9 bytes'),
+        ({'size': 10}, '10 bytes, decimal(20, 0)'),
+    ],
+)
+def test_a_uint64_of_another_scale_is_an_error(
+    server: RegistryServer, change: dict[str, Any], shown: str
+) -> None:
+    writer = avro_schema(WIDE)
+    writer['fields'][0]['type'] |= change
+    value = framed(server.register('robots-value', json_text(writer)), bytes(11))
+    with pytest.raises(DecodeError) as raised:
+        make_decode(WIDE, scope_of(server.url))(value)
+    assert str(raised.value) == (
+        'schema 1 does not fit: $.a: expected fixed ros2.uint64 (9 bytes, decimal(20, 0)), '
+        f'the schema has fixed ros2.uint64 ({shown})'
+    )
+
+
+def choices(levels: int, width: int) -> tuple[dict[str, Any], Layout]:
+    """A schema with a choice of records in each record of a choice, and its message type."""
+    layout = Layout('demo_msgs/msg/L0', (Field('a', Primitive('int32')),))
+    fields: list[dict[str, Any]] = []
+    inner: Any = {'name': 'a', 'type': 'int'}
+    for level in range(levels):
+        records = [
+            {'type': 'record', 'name': f'p{number}.L{level}', 'fields': [inner]}
+            for number in range(width)
+        ]
+        fields.append({'name': f'd{level}', 'type': ['null', *records]})
+        inner = {'name': 'a', 'type': [f'p{number}.L{level}' for number in range(width)]}
+        layout = Layout(f'demo_msgs/msg/L{level + 1}', (Field('a', layout),))
+    writer = {'type': 'record', 'name': f'demo_msgs.msg.L{levels}', 'fields': [*fields, inner]}
+    return writer, layout
+
+
+def test_a_small_schema_with_many_ways_to_a_record_is_read_at_once(server: RegistryServer) -> None:
+    """There are 40^6 ways to the last field."""
+    writer, layout = choices(6, 40)
+    payload = b'\0' * 6 + b'\x02\x04\x06\x08\x0a\x0c' + b'\x0e'
+    value = framed(server.register('robots-value', json_text(writer)), payload)
+    found = fields_of(make_decode(layout, scope_of(server.url))(value), layout)
+    for _ in range(6):
+        found = found['a']
+    assert found == {'a': 7}
+
+
+def test_a_topic_may_have_records_of_several_types(server: RegistryServer) -> None:
+    """As Confluent has it: the schema of the topic is a choice of schemas that it refers to."""
+    references = []
+    for layout in (STRING, ROBOT):
+        name = layout.type_name.replace('/', '.')
+        server.register(name, json_text(avro_schema(layout)))
+        references.append((name, name, 1))
+    union = ['std_msgs.msg.String', 'demo_msgs.msg.Robot']
+    schema_id = server.register('robots-value', json_text(union), references=tuple(references))
+    robots = b'\x02' + avro_bytes(avro_schema(ROBOT), robot(level=7))
+    for other in (b'\0\x04hi', b'\x02'):
+        decode = make_decode(ROBOT, scope_of(server.url))
+        with pytest.raises(DecodeError):
+            decode(framed(schema_id, other))
+        assert fields_of(decode(framed(schema_id, robots)), ROBOT)['level'] == 7
+    with pytest.raises(DecodeError, match='allows several types at one place'):
+        decode(framed(schema_id, b'\0\x04hi'))
+
+
+def test_a_schema_may_be_the_name_of_another(server: RegistryServer) -> None:
+    server.register('robot', json_text(avro_schema(ROBOT)))
+    references = (('demo_msgs.msg.Robot', 'robot', 1),)
+    text = '"demo_msgs.msg.Robot"'
+    schema_id = server.register('robots-value', text, references=references)
+    value = framed(schema_id, avro_bytes(avro_schema(ROBOT), robot(level=7)))
+    assert fields_of(make_decode(ROBOT, scope_of(server.url))(value), ROBOT)['level'] == 7
 
 
 def test_each_schema_that_others_refer_to_is_asked_for_once(server: RegistryServer) -> None:

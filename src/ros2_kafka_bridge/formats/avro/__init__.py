@@ -17,9 +17,9 @@ import msgspec
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
 from ros2_kafka_bridge.formats.avro.schema import avro_schema, full_name
 from ros2_kafka_bridge.formats.avro.versions import (
+    FAULTS,
+    WRAPPED,
     Version,
-    reader_of,
-    schema_faults,
     text_in,
     version_of,
 )
@@ -132,13 +132,12 @@ def _by_type(layout: Layout) -> Callable[[bytes], Any]:
 
     schema = parse_schema(avro_schema(layout))
     name = full_name(layout)
-    faults = schema_faults()
 
     def from_avro(value: bytes) -> Any:
         stream = io.BytesIO(value)
         try:
             found = schemaless_reader(stream, schema, None)
-        except faults as error:
+        except FAULTS as error:
             raise DecodeError(f'not a value of {name}: {_why(error)}') from None
         _check_end(stream, name)
         return found
@@ -192,11 +191,10 @@ def _by_id(layout: Layout, scope: Scope) -> Callable[[bytes], Any]:
     """
     registry = open_registry(scope)
     from fastavro import schemaless_reader  # noqa: PLC0415 -- of an extra
+    from fastavro.read import SchemaResolutionError  # noqa: PLC0415 -- the same
 
     schema = avro_schema(layout)
-    reader = reader_of(schema)
     versions: dict[int, Version] = {}
-    faults = schema_faults()
 
     def from_avro(value: bytes) -> Any:
         schema_id = framed_id(value)
@@ -208,11 +206,17 @@ def _by_id(layout: Layout, scope: Scope) -> Callable[[bytes], Any]:
         stream = io.BytesIO(value)
         stream.seek(FRAME)
         try:
-            found = schemaless_reader(stream, version.writer, None if version.ours else reader)
-        except faults as error:
+            found: Any = schemaless_reader(stream, version.writer, version.reader)
+        except SchemaResolutionError:
+            # What the schemas themselves tell was found before.
+            raise DecodeError(
+                f'schema {schema_id} allows several types at one place (a union), and the value '
+                f'has one there that does not fit {layout.type_name}'
+            ) from None
+        except FAULTS as error:
             raise DecodeError(f'not a value of schema {schema_id}: {_why(error)}') from None
         _check_end(stream, f'schema {schema_id}')
-        return found
+        return found[WRAPPED] if version.reader else found
 
     registry.close_with(from_avro)
     return from_avro

@@ -6,28 +6,31 @@ value is read, and so is what Avro's resolution cannot read as the message type.
 """
 
 import json
-from collections.abc import Iterator, Mapping
-from decimal import Decimal
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from ros2_kafka_bridge.formats.avro.resolution import Resolution, Types
 from ros2_kafka_bridge.formats.registry import NO_SCHEMA, text_of
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.formats.registry import Registry
 
-Types = Mapping[str, Any]
-"""The named types of a schema, by full name."""
-
-_PROMOTED: Final = {
-    'int': frozenset({'long', 'float', 'double'}),
-    'long': frozenset({'float', 'double'}),
-    'float': frozenset({'double'}),
-    'string': frozenset({'bytes'}),
-    'bytes': frozenset({'string'}),
-}
 _RECORDS: Final = frozenset({'error', 'record'})
-_NAMED: Final = frozenset({'enum', 'fixed', 'record'})
 _MOST_WITHOUT_BYTES: Final = 100
+
+FAULTS: Final = (
+    ArithmeticError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    RecursionError,
+    TypeError,
+    ValueError,
+)
+"""What fastavro raises for a value that is not of its schema."""
+
+WRAPPED: Final = 'value'
+"""The field in which the value is, where it is of another schema."""
 
 
 class Version(NamedTuple):
@@ -35,29 +38,14 @@ class Version(NamedTuple):
 
     Args:
         problem: Why nothing that was written with it can be read; None where it can.
-        ours: Whether it is the schema of the message type as it is here.
         writer: The schema as fastavro reads with it.
+        reader: What it reads it as; None where it is the schema of the message type itself. Else
+            both are records with the one field `WRAPPED`.
     """
 
     problem: str | None
-    ours: bool = False
     writer: Any = None
-
-
-def schema_faults() -> tuple[type[Exception], ...]:
-    """What fastavro raises for a value that is not of its schema."""
-    from fastavro.read import SchemaResolutionError  # noqa: PLC0415 -- of an extra
-
-    return (
-        ArithmeticError,
-        EOFError,
-        LookupError,
-        MemoryError,
-        RecursionError,
-        SchemaResolutionError,
-        TypeError,
-        ValueError,
-    )
+    reader: Any = None
 
 
 def text_in(registry: 'Registry', subject: str, ours: dict[str, Any]) -> str | None:
@@ -160,16 +148,39 @@ def _compared(documents: list[Any], ours: dict[str, Any]) -> Version:
     from fastavro import parse_schema  # noqa: PLC0415 -- of an extra
 
     if documents[-1] == ours:
-        return Version(None, ours=True, writer=parse_schema(ours))
+        return Version(None, parse_schema(ours))
     types: dict[str, Any] = {}
-    parsed = [parse_schema(document, types) for document in documents][-1]
+    *others, document = documents
+    for other in others:
+        parse_schema(other, types)
+    wrapped: Any = parse_schema(_wrapped(document), types)
+    parsed = wrapped['fields'][0]['type']
     danger = _danger(parsed, types, (), {}, set())
     if danger:
         return Version(danger)
+    _leave_logical_types(parsed, types)
     our_types: dict[str, Any] = {}
     reader = parse_schema(ours, our_types)
-    mismatch = next(_mismatches(parsed, reader, types, our_types, '$'), None)
-    return Version(mismatch, writer=parsed)
+    resolution = Resolution(types, our_types)
+    mismatch = resolution.mismatch(parsed, reader)
+    if mismatch:
+        return Version(mismatch)
+    read_as = resolution.reader_for(parsed, reader)
+    return Version(None, wrapped, parse_schema(_wrapped(read_as)))
+
+
+def _wrapped(schema: Any) -> dict[str, Any]:
+    """A record of one value takes no more bytes than that.
+
+    fastavro forgets the types of other schemas where a schema is only a name of one, or a choice
+    of several, as for a topic with records of several types.
+    """
+    return {
+        'type': 'record',
+        # Without a package: the types in it would be of that.
+        'name': 'Ros2Wrapped',
+        'fields': [{'name': WRAPPED, 'type': schema}],
+    }
 
 
 def _danger(
@@ -224,111 +235,23 @@ def _without_bytes(schema: Any, types: Types, known: dict[str, int]) -> int:
     return int(schema['size'] == 0 if kind == 'fixed' else kind == 'null')
 
 
-def _mismatches(
-    writer: Any, reader: Any, writers: Types, readers: Types, path: str
-) -> Iterator[str]:
-    """Where Avro's resolution cannot read one schema as the other."""
-    writer, reader = _resolved(writer, writers), _resolved(reader, readers)
-    if isinstance(writer, list):
-        # Which of them it is, only a value tells.
-        some = [_resolved(one, writers) for one in writer]
-        branches = [list(_mismatches(one, reader, writers, readers, path)) for one in some]
-        # fastavro takes a record of the same short name without a look at its package.
-        alike = [found for one, found in zip(some, branches, strict=True) if _alike(one, reader)]
-        if all(branches) or any(alike):
-            yield from next(filter(None, alike), branches[0])
-        return
-    written, wanted = _kind(writer), _kind(reader)
-    if written == wanted == 'record' and _is_same(writer, reader, path):
-        theirs = {field['name']: field['type'] for field in writer['fields']}
-        for field in reader['fields']:
-            place = f'{path}.{field["name"]}'
-            if field['name'] in theirs:
-                their = theirs[field['name']]
-                yield from _mismatches(their, field['type'], writers, readers, place)
-            elif 'default' not in field:
-                yield f'has no {place[2:]}, and {wanted} {reader["name"]} has no default for it'
-    elif written == wanted == 'array':
-        yield from _mismatches(writer['items'], reader['items'], writers, readers, f'{path}[]')
-    elif not _is_read(writer, reader):
-        yield f'does not fit: {path}: expected {_shown(reader)}, the schema has {_shown(writer)}'
+def _leave_logical_types(schema: Any, types: Types) -> None:
+    """Have every value read as what it is underneath, as Avro allows.
 
-
-def _is_same(writer: Any, reader: Any, path: str) -> bool:
-    """Whether a record is the one that is read.
-
-    Avro looks at the short name alone, and any record of it passes, because every field of ours
-    has a default. The message type itself has to be the same, but for a writer without a
-    namespace; within it, a package that was renamed shows by its fields.
+    fastavro makes dates and times of numbers, which no message has, and needs minutes for a
+    decimal of a million bytes. A fixed one is the uint64 of ours, or does not fit.
     """
-    if writer['name'] == reader['name'] or _short(writer) != _short(reader):
-        return bool(writer['name'] == reader['name'])
-    if path == '$':
-        return '.' not in writer['name']
-    ours = {field['name'] for field in reader['fields']}
-    return any(field['name'] in ours for field in writer['fields'])
+    for one in (schema, *types.values()):
+        _leave_logical_type(one)
 
 
-def _alike(writer: Any, reader: Any) -> bool:
-    return _kind(writer) == _kind(reader) == 'record' and _short(writer) == _short(reader)
-
-
-def _is_read(writer: Any, reader: Any) -> bool:
-    written, wanted = _kind(writer), _kind(reader)
-    if written == wanted == 'record':
-        return False
-    if written in _NAMED:
-        same = written == wanted and _short(writer) == _short(reader)
-        return same and (written != 'fixed' or writer['size'] == reader['size'])
-    return written == wanted or wanted in _PROMOTED.get(written, ())
-
-
-def _resolved(schema: Any, types: Types) -> Any:
-    return types.get(schema, schema) if isinstance(schema, str) else schema
-
-
-def _kind(schema: Any) -> str:
-    return schema if isinstance(schema, str) else str(schema['type'])
-
-
-def _short(schema: Any) -> str:
-    return str(schema['name']).rpartition('.')[2]
-
-
-def _shown(schema: Any) -> str:
-    kind = _kind(schema)
-    return f'{kind} {schema["name"]}' if kind in _NAMED else kind
-
-
-def reader_of(ours: dict[str, Any]) -> Any:
-    """The schema of the message type as fastavro reads other versions with it.
-
-    fastavro fills in the default of a field that the writer did not have as it stands in the
-    schema, and Avro spells bytes there as text. Here the defaults stand as they are read, so
-    that nothing is left to mend in a value.
-
-    Args:
-        ours: The schema, as JSON has it.
-    """
-    from fastavro import parse_schema  # noqa: PLC0415 -- of an extra
-
-    types: dict[str, Any] = {}
-    reader = parse_schema(ours, types)
-    for schema in types.values():
-        for field in schema.get('fields', ()):
-            if 'default' in field:
-                field['default'] = _read_as(field['type'], field['default'], types)
-    return reader
-
-
-def _read_as(schema: Any, default: Any, types: Types) -> Any:
-    """A default as fastavro reads such a value."""
-    match _kind(_resolved(schema, types)):
-        case 'array':
-            return [_read_as(schema['items'], item, types) for item in default]
-        case 'bytes':
-            return default.encode('latin-1')
-        case 'fixed':
-            return Decimal(int.from_bytes(default.encode('latin-1'), 'big'))
-        case _:
-            return default
+def _leave_logical_type(schema: Any) -> None:
+    if isinstance(schema, list):
+        for one in schema:
+            _leave_logical_type(one)
+    elif isinstance(schema, dict):
+        if schema['type'] != 'fixed':
+            schema.pop('logicalType', None)
+        inner = [schema[key] for key in ('items', 'values') if key in schema]
+        inner += [one['type'] for one in schema.get('fields', ())]
+        _leave_logical_type(inner)
