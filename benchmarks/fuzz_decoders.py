@@ -2,11 +2,12 @@
 
     python -m benchmarks.fuzz_decoders --seconds 60
 
-Each format is a process with an equal share of the time, led by atheris (libFuzzer): it keeps
-what reaches new lines of the formats, of the functions that they generate, and of the Python
-parts of confluent-kafka. The first two bytes of an input choose the message type and the
-direction; the rest is a record, or a message from ROS. What is decoded has to encode and come
-back as the same bytes. Native code (msgspec, fastavro, protobuf) is run, but does not lead.
+Each format is a process with an equal share of the time, and so are records whose schema is a
+stranger's (`fuzz_versions`). They are led by atheris (libFuzzer): it keeps what reaches new lines
+of the formats, of the functions that they generate, and of the Python parts of confluent-kafka.
+The first two bytes of an input choose the message type and the direction; the rest is a record, or
+a message from ROS. What is decoded has to encode and come back as the same bytes. Native code
+(msgspec, fastavro, protobuf) is run, but does not lead.
 """
 
 import argparse
@@ -23,12 +24,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.fuzz_versions import VERSIONS, make_check, versions_of
 from benchmarks.machine import machine, versions
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.formats.layout import Layout
 
-FORMAT_NAMES: Final = ('cdr', 'json', 'avro', 'protobuf')
+FORMAT_NAMES: Final = ('cdr', 'json', 'avro', 'protobuf', *VERSIONS)
 TYPES: Final = (
     'nav_msgs/msg/Odometry',
     'sensor_msgs/msg/JointState',
@@ -108,6 +110,9 @@ def _check_of(format_name: str, type_name: str) -> tuple[Check, Check]:
     from ros2_kafka_bridge.errors import DecodeError, EncodeError  # noqa: PLC0415
     from ros2_kafka_bridge.message_types import load_layout  # noqa: PLC0415
 
+    if format_name in VERSIONS:
+        check = make_check(format_name, load_layout(type_name))
+        return check, check
     decode, encode = _functions(format_name, load_layout(type_name))
 
     def to_ros(value: bytes) -> None:
@@ -160,11 +165,15 @@ def seeds(format_name: str) -> Iterator[bytes]:
     for number, type_name in enumerate(TYPES):
         layout = load_layout(type_name)
         from_json, _ = _functions('json', layout)
-        _, encode = _functions(format_name, layout)
+        _, encode = _functions(VERSIONS.get(format_name, format_name), layout)
         for fields in (b'{}', json.dumps(_filled(layout)).encode()):
             message = from_json(fields)
+            value = encode(message) or b''
+            if format_name in VERSIONS:
+                yield from (bytes([number, 1]) + one for one in versions_of(format_name, value))
+                continue
             yield bytes([number, 0]) + message
-            yield bytes([number, 1]) + (encode(message) or b'')
+            yield bytes([number, 1]) + value
 
 
 def _filled(kind: Any) -> Any:

@@ -27,6 +27,7 @@ from ros2_kafka_bridge.formats.extras import missing_extra
 from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.formats.registry import (
     FRAME,
+    Registry,
     framed_id,
     open_registry,
     strategy,
@@ -84,21 +85,33 @@ def make_decode(layout: Layout, scope: Scope) -> Callable[[bytes | None], bytes]
         ConfigError: The registry's properties are wrong, or the extra is missing.
     """
     _check_extra()
-    struct = make_structs(layout, STYLE)[layout.type_name]
-    write = make_write(layout, STYLE, scope.max_message_bytes)
-    from_avro = _by_id(layout, scope) if scope.schema.registry else _by_type(layout)
+    to_cdr = make_to_cdr(layout, scope.max_message_bytes)
+    if scope.schema.registry:
+        from_avro = read_by_id(layout, open_registry(scope))
+    else:
+        from_avro = _by_type(layout)
 
     def decode(value: bytes | None) -> bytes:
         if value is None:
             raise DecodeError('the value is null (a tombstone), and avro has no message for it')
-        found = from_avro(value)
+        return to_cdr(from_avro(value))
+
+    return decode
+
+
+def make_to_cdr(layout: Layout, max_message_bytes: int) -> Callable[[Any], bytes]:
+    """Make the function from what fastavro has read to the CDR bytes of a message."""
+    struct = make_structs(layout, STYLE)[layout.type_name]
+    write = make_write(layout, STYLE, max_message_bytes)
+
+    def to_cdr(found: Any) -> bytes:
         try:
             made = msgspec.convert(found, struct, builtin_types=_KEPT)
         except msgspec.ValidationError as error:
             raise DecodeError(explain(error)) from None
         return write(made)
 
-    return decode
+    return to_cdr
 
 
 def _check_extra() -> None:
@@ -182,14 +195,13 @@ def _registered(layout: Layout, scope: Scope, sample: msgspec.Struct) -> Callabl
     return to_avro
 
 
-def _by_id(layout: Layout, scope: Scope) -> Callable[[bytes], Any]:
-    """The reader with a registry; it asks once for the schema of each id.
+def read_by_id(layout: Layout, registry: Registry) -> Callable[[bytes], Any]:
+    """Make the reader with a registry; it asks once for the schema of each id.
 
     confluent's AvroDeserializer remembers a bad answer of the registry, and takes a record of
     another package for ours: its client asks here, and the schemas are compared before fastavro,
     by which it reads, reads a value.
     """
-    registry = open_registry(scope)
     from fastavro import schemaless_reader  # noqa: PLC0415 -- of an extra
     from fastavro.read import SchemaResolutionError  # noqa: PLC0415 -- the same
 

@@ -15,6 +15,7 @@ from ros2_kafka_bridge.formats.protobuf.convert import (
     make_message_read,
 )
 from ros2_kafka_bridge.formats.protobuf.schema import make_class, make_files, protobuf_sources
+from ros2_kafka_bridge.formats.registry import Registry, open_registry
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.values.read import make_read
 from ros2_kafka_bridge.formats.values.structs import make_structs
@@ -35,7 +36,7 @@ def make_decode(layout: Layout, scope: Scope) -> Callable[[bytes | None], bytes]
     message_class = make_class(layout)
     write = make_write(layout, STYLE, scope.max_message_bytes)
     if scope.schema.registry:
-        message_of = _make_registered(layout, message_class, scope)
+        message_of = make_read_by_id(layout, message_class)(open_registry(scope))
     else:
         message_of = _make_plain(layout, message_class)
 
@@ -93,19 +94,30 @@ def _make_plain(layout: Layout, message_class: Any) -> Callable[[bytes], Any]:
     return lambda value: read(parse(value))
 
 
-def _make_registered(layout: Layout, message_class: Any, scope: Scope) -> Callable[[bytes], Any]:
+def make_read_by_id(
+    layout: Layout, message_class: Any
+) -> Callable[[Registry], Callable[[bytes], Any]]:
+    """Make the function from a registry to the reader with it.
+
+    That reader makes the struct of a record's value, and asks once for the schema of each id.
+    """
     # Loads all of confluent's part for Protobuf.
     from ros2_kafka_bridge.formats.protobuf.writers import Writers  # noqa: PLC0415
 
-    writers = Writers(scope, message_class.DESCRIPTOR, _by_source(layout))
+    by_source = _by_source(layout)
     by_strictness = {strict: make_message_read(layout, strict=strict) for strict in (True, False)}
     parse = _make_parse(message_class)
 
-    def message_of(value: bytes) -> Any:
-        writer = writers.of(value)
-        return by_strictness[writer.strict](parse(value[writer.start :]))
+    def read_by_id(registry: Registry) -> Callable[[bytes], Any]:
+        writers = Writers(registry, message_class.DESCRIPTOR, by_source)
 
-    return message_of
+        def message_of(value: bytes) -> Any:
+            writer = writers.of(value)
+            return by_strictness[writer.strict](parse(value[writer.start :]))
+
+        return message_of
+
+    return read_by_id
 
 
 def _by_source(layout: Layout) -> dict[str, Any]:

@@ -23,8 +23,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto
 from google.protobuf.message import DecodeError as MalformedError
 
 from ros2_kafka_bridge.errors import DecodeError
-from ros2_kafka_bridge.formats.registry import framed_id, open_registry, text_of
-from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.formats.registry import Registry, framed_id, text_of
 
 
 class Writer(NamedTuple):
@@ -42,19 +41,22 @@ class Writer(NamedTuple):
 class Writers:
     """The writers of the records of a route; each schema is asked for once.
 
-    Making it asks nobody, and raises ConfigError where the properties of the registry are wrong.
+    Making it asks nobody.
 
     Args:
-        scope: Says where the registry is.
+        registry: Closed with this.
         reader: What the route reads.
         by_source: The files of that by their source text. Not every registry makes descriptors
             of sources when asked to, and no other text can be read here.
     """
 
     def __init__(
-        self, scope: Scope, reader: Descriptor, by_source: Mapping[str, FileDescriptorProto]
+        self,
+        registry: Registry,
+        reader: Descriptor,
+        by_source: Mapping[str, FileDescriptorProto],
     ) -> None:
-        self._registry = open_registry(scope)
+        self._registry = registry
         self._registry.close_with(self)
         self._reader = reader
         self._by_source = by_source
