@@ -61,7 +61,8 @@ def make_check(format_name: str, layout: 'Layout') -> Callable[[bytes], None]:
     """Make the function from an input that lets only the errors of the bridge pass."""
     from ros2_kafka_bridge.errors import DecodeError, RecordTooLargeError  # noqa: PLC0415
 
-    read_changed = {'avro_versions': avro, 'protobuf_versions': protobuf}[format_name](layout)
+    make = read_changed_avro if format_name == 'avro_versions' else read_changed_protobuf
+    read_changed = make(layout)
 
     def check(data: bytes) -> None:
         behind = 1 + data[0]
@@ -83,7 +84,7 @@ def versions_of(format_name: str, value: bytes) -> Iterator[bytes]:
         yield bytes([len(change)]) + change + behind_id + value
 
 
-def avro(layout: 'Layout') -> ReadChanged:
+def read_changed_avro(layout: 'Layout') -> ReadChanged:
     """Make the function that reads records by a change of a type's Avro schema."""
     from benchmarks.schema_mutations import avro_text  # noqa: PLC0415
     from ros2_kafka_bridge.formats.avro import make_to_cdr, read_by_id  # noqa: PLC0415
@@ -99,7 +100,7 @@ def avro(layout: 'Layout') -> ReadChanged:
     return read_changed
 
 
-def protobuf(layout: 'Layout') -> ReadChanged:
+def read_changed_protobuf(layout: 'Layout') -> ReadChanged:
     """Make the function that reads records by a change of one of a type's descriptors."""
     from benchmarks.schema_mutations import protobuf_texts  # noqa: PLC0415
     from ros2_kafka_bridge.formats.protobuf import make_read_by_id  # noqa: PLC0415

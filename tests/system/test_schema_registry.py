@@ -16,15 +16,25 @@ from avro_messages import (
     json_text,
     scope_of,
 )
-from confluent_kafka.schema_registry import Schema, SchemaReference, SchemaRegistryClient
+from confluent_kafka.schema_registry import (
+    Schema,
+    SchemaReference,
+    SchemaRegistryClient,
+    SchemaRegistryError,
+)
 from local_registry import NoRegistryError, local_registry
 from messages import extremes, layout_of
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError
+from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.avro import make_decode, make_encode
 from ros2_kafka_bridge.formats.avro.schema import avro_schema
 from ros2_kafka_bridge.formats.layout import Array, Field, Layout, Primitive, Sequence, String
+from ros2_kafka_bridge.formats.protobuf.schema import make_files, protobuf_sources
 from ros2_kafka_bridge.message_types import type_names
+
+PROTOBUF = FORMATS['protobuf']
+NEWER = Layout(ROBOT.type_name, (*ROBOT.fields, Field('battery', Primitive('float32'))))
 
 
 @pytest.fixture(scope='module')
@@ -127,3 +137,68 @@ def test_an_id_that_a_real_registry_does_not_know_is_a_bad_record(registry: str)
     decode = make_decode(ROBOT, scope_of(registry))
     with pytest.raises(DecodeError, match='has no schema with the id 2147480000'):
         decode(framed(2147480000, b'\0'))
+
+
+def test_every_type_comes_back_through_a_real_registry_as_protobuf(registry: str) -> None:
+    for name in type_names():
+        layout, scope = layout_of(name), scope_of(registry, f'protobuf.{name.replace("/", ".")}')
+        encode, decode = PROTOBUF.make_encode(layout, scope), PROTOBUF.make_decode(layout, scope)
+        for value in extremes(name):
+            assert decode(encode(value)) == value, name
+
+
+def test_another_version_of_protobuf_is_read_from_a_real_registry(
+    registry: str, topic_name: str
+) -> None:
+    scope = scope_of(registry, topic_name)
+    old = PROTOBUF.make_encode(ROBOT, scope)(cdr_from(ROBOT, {'level': 3}))
+    new = PROTOBUF.make_encode(NEWER, scope)(cdr_from(NEWER, {'level': 4, 'battery': 0.5}))
+    found: Any = fields_of(PROTOBUF.make_decode(NEWER, scope)(old or b''), NEWER)
+    assert (found['level'], found['battery']) == (3, 0)
+    assert fields_of(PROTOBUF.make_decode(ROBOT, scope)(new or b''), ROBOT)['level'] == 4
+
+
+def test_a_real_registry_that_cannot_compare_descriptors_is_told_with_the_cure(
+    registry: str, topic_name: str
+) -> None:
+    scope = scope_of(registry, topic_name)
+    PROTOBUF.make_encode(ROBOT, scope)
+    require(registry, f'{topic_name}-value', 'BACKWARD')
+    PROTOBUF.make_encode(ROBOT, scope)
+    with pytest.raises(ConfigError, match='cannot compare a descriptor') as raised:
+        PROTOBUF.make_encode(NEWER, scope)
+    assert 'ros2-kafka-bridge schema demo_msgs/msg/Robot --format protobuf' in str(raised.value)
+    assert len(str(raised.value)) < 500
+
+
+def test_versions_that_were_registered_as_text_are_looked_up_in_a_real_registry(
+    registry: str, topic_name: str
+) -> None:
+    """With the rule that keeps them compatible."""
+    scope = scope_of(registry, topic_name, auto_register=False)
+    with pytest.raises(ConfigError, match='has no schema of demo_msgs/msg/Robot'):
+        PROTOBUF.make_encode(ROBOT, scope)
+    for layout in (ROBOT, NEWER):
+        register_text(registry, f'{topic_name}-value', layout)
+        require(registry, f'{topic_name}-value', 'BACKWARD')
+        value = cdr_from(layout, {'level': 3})
+        record = PROTOBUF.make_encode(layout, scope)(value)
+        assert PROTOBUF.make_decode(layout, scope)(record) == value
+    changed = Layout(ROBOT.type_name, (Field('name', Primitive('float64')), *ROBOT.fields[1:]))
+    with pytest.raises(SchemaRegistryError, match='Incompatible artifact'):
+        register_text(registry, f'{topic_name}-value', changed)
+
+
+def register_text(url: str, subject: str, layout: Layout) -> None:
+    """Register what `schema` prints, as a user does."""
+    sources = protobuf_sources(layout)
+    references: dict[str, SchemaReference] = {}
+    *inner, root = make_files(layout)
+    with SchemaRegistryClient({'url': url}) as client:
+        for file in (*inner, root):
+            place = subject if file is root else file.name
+            imported = [references[name] for name in file.dependency if name in references]
+            schema = Schema(sources[file.name], 'PROTOBUF', imported)
+            client.register_schema(place, schema)
+            version = client.lookup_schema(place, schema).version
+            references[file.name] = SchemaReference(file.name, place, version)

@@ -16,7 +16,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from messages import extremes, layout_of
 
-from benchmarks.fuzz_versions import VERSIONS, make_check, registry_of
+from benchmarks.fuzz_versions import (
+    VERSIONS,
+    make_check,
+    read_changed_avro,
+    read_changed_protobuf,
+    registry_of,
+)
 from ros2_kafka_bridge.config.formats import SchemaSettings
 from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.avro import make_to_cdr, read_by_id
@@ -106,6 +112,19 @@ def test_another_version_is_read_as_the_library_of_apache_reads_it(
     expected = avro.io.DatumReader(writer, reader).read(decoder)
     read = read_by_id(ALL, registry_of('AVRO', {'changed': json_text(schema)}))
     assert fields_of(TO_CDR(read(framed(1, value))), ALL) == expected
+
+
+@pytest.mark.parametrize('name', TYPES)
+def test_what_is_not_changed_is_read(name: str) -> None:
+    """Else the next test would see bad records alone."""
+    layout, scope = layout_of(name), Scope('robots', schema=SchemaSettings(registry=False))
+    for format_name, read_changed, behind_id in (
+        ('avro', read_changed_avro, b''),
+        ('protobuf', read_changed_protobuf, b'\0'),
+    ):
+        encode, read = FORMATS[format_name].make_encode(layout, scope), read_changed(layout)
+        for message in extremes(name):
+            assert read(b'', framed(1, behind_id + (encode(message) or b''))) == message
 
 
 @cache

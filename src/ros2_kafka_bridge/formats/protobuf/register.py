@@ -1,6 +1,7 @@
 """Schemas of messages that the bridge writes: registered, or looked up, before the first one."""
 
-from typing import Any
+import re
+from typing import Any, Final
 
 from confluent_kafka.schema_registry import Schema, SchemaReference, SchemaRegistryClient
 from confluent_kafka.schema_registry.error import SchemaRegistryError
@@ -8,6 +9,7 @@ from confluent_kafka.schema_registry.protobuf import ProtobufSerializer
 from confluent_kafka.schema_registry.serde import SchemaId
 from confluent_kafka.serialization import MessageField, SerializationContext
 
+from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.formats.protobuf.schema import (
     make_files,
@@ -45,9 +47,26 @@ def registered(layout: Layout, message_class: Any, scope: Scope) -> bytes:
             # An empty message is no bytes: what is left is what stands before.
             return bytes(serializer(message_class(), context) or b'')
         except SchemaRegistryError as error:
+            if _DESCRIPTOR.search(error.error_message or ''):
+                raise ConfigError([_cannot_compare(layout, registry.url, where)]) from error
             if auto_register or error.http_status_code != 404:
                 raise
         return _source_prefix(layout, registry.client, where)
+
+
+# Apicurio takes a descriptor, and parses it as source text where it has to compare it: what it
+# cannot parse it says in full.
+_DESCRIPTOR: Final = re.compile(r'[A-Za-z0-9+/]{100}')
+
+
+def _cannot_compare(layout: Layout, url: str, where: str) -> str:
+    printed = f'ros2-kafka-bridge schema {layout.type_name} --format protobuf'
+    return (
+        f'Schema Registry {url}, subject {where}: the registry cannot compare a descriptor with '
+        'the versions that are there, and takes it for source text: take the compatibility rule '
+        f'off the subject, or register what `{printed}` prints, and set schema: '
+        '{auto_register: false}'
+    )
 
 
 def _source_prefix(layout: Layout, client: SchemaRegistryClient, where: str) -> bytes:
