@@ -91,8 +91,8 @@ faults: java $(READY) ## numbered orders both ways while everything breaks at ra
 soak: java $(READY) ## both ways at half the maximum rate for 10 minutes: memory, threads, files
 	$(BIN)/python -m benchmarks.soak $(A)
 
-fuzz: java $(READY) ## hostile records: decoders under atheris for a minute, a million through a bridge
-	$(BIN)/python -m benchmarks.fuzz_decoders --seconds 60
+fuzz: java $(READY) ## hostile records: decoders under atheris for 90 s, a million through a bridge
+	$(BIN)/python -m benchmarks.fuzz_decoders --seconds 90
 	$(BIN)/python -m benchmarks.fuzz $(A)
 
 churn: java $(READY) ## subscribers that come and go 1,000 times
