@@ -67,7 +67,7 @@ def avro_text(schema: Any, data: bytes) -> str:
 def _change_avro(schema: Any, choices: Choices) -> None:
     record = choices.of(list(_records(schema)))
     fields = record['fields']
-    match choices.number(9):
+    match choices.number(10):
         case 0 if fields:
             del fields[choices.number(len(fields))]
         case 1 if fields:
@@ -85,6 +85,10 @@ def _change_avro(schema: Any, choices: Choices) -> None:
         case 6:
             record['namespace'] = choices.of(_NAMES)
         case 7:
+            # fastavro's own.
+            named = {choices.of(_NAMES): _any_avro(schema, choices)}
+            schema |= {'__fastavro_parsed': True, '__named_schemas': named}
+        case 8:
             one = choices.of(list(_dicts(schema)))
             one['logicalType'] = choices.of(_LOGICAL)
             one['precision'] = choices.of(_NUMBERS)
@@ -105,7 +109,9 @@ def _any_avro(schema: Any, choices: Choices) -> Any:
         case 4:
             return {'type': 'map', 'values': {'type': 'array', 'items': choices.of(names)}}
         case 5:
-            return {'type': 'fixed', 'name': choices.of(_NAMES), 'size': choices.of(_NUMBERS)}
+            size = choices.of(_NUMBERS)
+            fixed = {'type': 'fixed', 'name': choices.of(_NAMES), 'size': size}
+            return choices.of([fixed, {'type': 'array', 'items': fixed}])
         case 6:
             return choices.of([*names, 'nothing'])
         case _:

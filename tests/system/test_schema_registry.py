@@ -1,6 +1,7 @@
 """A real Schema Registry: the same as with the strict one of the unit tests, where it matters."""
 
 import json
+import math
 import urllib.request
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -29,7 +30,15 @@ from ros2_kafka_bridge.errors import ConfigError, DecodeError
 from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.avro import make_decode, make_encode
 from ros2_kafka_bridge.formats.avro.schema import avro_schema
-from ros2_kafka_bridge.formats.layout import Array, Field, Layout, Primitive, Sequence, String
+from ros2_kafka_bridge.formats.layout import (
+    Array,
+    Constant,
+    Field,
+    Layout,
+    Primitive,
+    Sequence,
+    String,
+)
 from ros2_kafka_bridge.formats.protobuf.schema import make_files, protobuf_sources
 from ros2_kafka_bridge.message_types import type_names
 
@@ -105,6 +114,21 @@ def test_a_real_registry_says_what_is_incompatible(registry: str, topic_name: st
         make_encode(changed, scope)
     assert f'subject {topic_name}-value' in str(raised.value)
     assert 'reader type: STRING not compatible with writer type: INT' in str(raised.value)
+
+
+def test_a_real_registry_compares_a_type_with_what_avro_can_say_no_default_of(
+    registry: str, topic_name: str
+) -> None:
+    """It does so in Java, whose library looks at each default."""
+    kind = Primitive('uint64')
+    inner = Layout('demo_msgs/msg/Inner', (Field('v', Primitive('float32'), math.nan),))
+    fields = (Field('one', inner), Field('large', Array(Primitive('float64'), 5000)))
+    most = Constant('MOST', kind, 2**64 - 1)
+    old = Layout('demo_msgs/msg/Odd', fields, (most,))
+    new = Layout('demo_msgs/msg/Odd', (*fields, Field('id', kind, 7)), (most,))
+    make_encode(old, scope_of(registry, topic_name))
+    require(registry, f'{topic_name}-value', 'FULL_TRANSITIVE')
+    make_encode(new, scope_of(registry, topic_name))
 
 
 def test_another_version_is_read_from_a_real_registry(registry: str, topic_name: str) -> None:

@@ -14,10 +14,16 @@ import msgspec
 
 from ros2_kafka_bridge.config.formats import JsonSettings
 from ros2_kafka_bridge.errors import DecodeError, EncodeError
-from ros2_kafka_bridge.formats.layout import Layout
+from ros2_kafka_bridge.formats.layout import Layout, Scalar
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.values.read import make_read
-from ros2_kafka_bridge.formats.values.structs import Structs, Style, explain, make_structs
+from ros2_kafka_bridge.formats.values.structs import (
+    NON_FINITE,
+    Structs,
+    Style,
+    explain,
+    make_structs,
+)
 from ros2_kafka_bridge.formats.values.write import make_write
 
 _DIALECT: Final = 'https://json-schema.org/draft/2020-12/schema'
@@ -82,7 +88,8 @@ def schema(layout: Layout, settings: JsonSettings) -> str:
     definitions = {
         name: _described(found, layouts[name], structs, settings) for name, found in inner.items()
     }
-    return json.dumps({'$schema': _DIALECT, **top, '$defs': definitions}, indent=2) + '\n'
+    whole = {'$schema': _DIALECT, **top, '$defs': definitions}
+    return json.dumps(whole, indent=2, allow_nan=False) + '\n'
 
 
 def _style(settings: JsonSettings) -> Style:
@@ -161,10 +168,20 @@ def _described(
     if settings.missing == 'default':
         defaults = json.loads(msgspec.json.encode(structs[layout.type_name]()))
         for field in layout.fields:
-            if not isinstance(field.kind, Layout):
-                described['properties'][field.name]['default'] = defaults[field.name]
+            if isinstance(field.kind, Layout):
+                continue
+            shown, default = described['properties'][field.name], defaults[field.name]
+            shown['default'] = default
+            if default is None and settings.non_finite != 'null':
+                # NaN, which would be no value of the field.
+                del shown['default']
     if layout.type_hash:
         described['ros.type_hash'] = layout.type_hash
     if layout.constants:
-        described['ros.constants'] = {one.name: one.value for one in layout.constants}
+        described['ros.constants'] = {one.name: _spelled(one.value) for one in layout.constants}
     return described
+
+
+def _spelled(value: Scalar) -> Scalar:
+    """A constant as JSON has it."""
+    return NON_FINITE.get(str(value), value) if isinstance(value, float) else value

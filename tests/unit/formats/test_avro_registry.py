@@ -27,9 +27,11 @@ from confluent_kafka.serialization import MessageField, SerializationContext
 from messages import cdr, extremes, layout_of
 from registry_server import RegistryServer, Request
 
+from benchmarks.fuzz_versions import registry_of
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, RecordTooLargeError, RouteError
 from ros2_kafka_bridge.formats.avro import make_decode, make_encode
 from ros2_kafka_bridge.formats.avro.schema import avro_schema
+from ros2_kafka_bridge.formats.avro.versions import version_of
 from ros2_kafka_bridge.formats.layout import (
     Array,
     Field,
@@ -345,6 +347,7 @@ def test_the_order_of_fields_does_not_matter(server: RegistryServer) -> None:
         ('int', 7, 'float64', 7.0),
         ('long', 2**40, 'float64', 2.0**40),
         ('float', 0.5, 'float64', 0.5),
+        ('int', 7, 'float32', 7.0),
         (['null', 'int'], 7, 'int32', 7),
         ({'type': 'int', 'other': 1}, 7, 'int32', 7),
     ],
@@ -560,6 +563,129 @@ ITEM = Layout(
     (Field('a', Primitive('bool')), Field('covariance', Array(Primitive('float64'), 4000))),
 )
 LIST_OF_ITEMS = Layout('demo_msgs/msg/Items', (Field('items', Sequence(ITEM)),))
+
+
+@pytest.mark.parametrize(
+    ('written', 'value', 'kind', 'read'),
+    [
+        ('string', 'hi', Sequence(Primitive('uint8')), b'hi'),
+        ('bytes', b'hi', String(), 'hi'),
+    ],
+)
+def test_text_and_bytes_are_read_as_each_other(
+    server: RegistryServer, written: str, value: object, kind: Kind, read: object
+) -> None:
+    layout = Layout('demo_msgs/msg/One', (Field('a', kind),))
+    writer = {'type': 'record', 'name': 'One', 'fields': [{'name': 'a', 'type': written}]}
+    assert decoded(server, writer, {'a': value}, layout) == {'a': read}
+
+
+@pytest.mark.parametrize(
+    ('written', 'default'), [('double', 0), ('string', None), ('int', 'x'), (['null', 'int'], 7)]
+)
+def test_a_default_of_the_writer_says_nothing(
+    server: RegistryServer, written: Any, default: object
+) -> None:
+    """No reader needs it, and not every registry looks at it."""
+    fields = [{'name': 'more', 'type': written, 'default': default}, {'name': 'a', 'type': 'int'}]
+    writer = {'type': 'record', 'name': 'One', 'fields': fields}
+    without = {'double': bytes(8), 'string': b'\0', 'int': b'\0'}.get(str(written), b'\0')
+    value = framed(server.register('robots-value', json_text(writer)), without + b'\x0e')
+    assert fields_of(make_decode(ONE, scope_of(server.url))(value), ONE) == {'a': 7}
+
+
+MARKED: dict[str, Any] = {
+    'type': 'record',
+    'name': 'One',
+    'fields': [
+        {
+            'name': 'more',
+            'type': {
+                'type': 'array',
+                'items': {
+                    'type': 'record',
+                    'name': 'K',
+                    'fields': [{'name': 'y', 'type': 'int'}],
+                },
+            },
+        },
+        {'name': 'n', 'type': 'K'},
+        {'name': 'a', 'type': 'int'},
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    'named',
+    [
+        {'K': {'type': 'record', 'name': 'Q', 'fields': [{'name': 'y', 'type': ['null', 'K']}]}},
+        {'K': {'type': 'record', 'name': 'Q', 'fields': []}},
+        [],
+        7,
+    ],
+)
+def test_a_schema_with_the_marks_of_fastavro_is_parsed_like_any_other(
+    server: RegistryServer, named: object
+) -> None:
+    """With the first of them, the process ended where a record nested a million times."""
+    writer = MARKED | {'__fastavro_parsed': True, '__named_schemas': named}
+    schema_id = server.register('robots-value', json_text(writer))
+    decode = make_decode(ONE, scope_of(server.url))
+    with pytest.raises(DecodeError):
+        decode(framed(schema_id, b'\x02\0' + b'\x02' * 1_000_000 + b'\0\x0e'))
+    assert fields_of(decode(framed(schema_id, b'\x02\x04\0\x06\x0e')), ONE) == {'a': 7}
+
+
+@pytest.mark.parametrize('size', [-1, 0, None, 1.5, 'x'])
+def test_a_fixed_type_without_bytes_is_an_error(server: RegistryServer, size: object) -> None:
+    """An array of it would never end."""
+    items = {'type': 'fixed', 'name': 'F', 'size': size}
+    fields = [{'name': 'a', 'type': 'int'}]
+    for more in ({'type': 'map', 'values': items}, {'type': 'array', 'items': items}):
+        writer = {
+            'type': 'record',
+            'name': 'One',
+            'fields': [{'name': 'more', 'type': more}, *fields],
+        }
+        value = framed(server.register('robots-value', json_text(writer)), ZIGZAG_2_60 + b'\x0e')
+        with pytest.raises(DecodeError, match=r'has a fixed type of|is no Avro schema'):
+            make_decode(ONE, scope_of(server.url))(value)
+
+
+def nested(types: int, arrays: int) -> dict[str, Any]:
+    """A schema of types of which each holds the one before within many arrays."""
+    fields: list[dict[str, Any]] = [{'name': 'a', 'type': 'int'}]
+    inner: Any = 'int'
+    for number in range(types):
+        for _ in range(arrays):
+            inner = {'type': 'array', 'items': inner}
+        record = {'type': 'record', 'name': f'R{number}', 'fields': [{'name': 'x', 'type': inner}]}
+        fields.append({'name': f'f{number}', 'type': ['null', record]})
+        inner = f'R{number}'
+    return {'type': 'record', 'name': 'One', 'fields': fields}
+
+
+def test_a_schema_that_nests_too_deeply_through_names_is_an_error(server: RegistryServer) -> None:
+    """From 40,000 levels on the process ended."""
+    value = framed(
+        server.register('robots-value', json_text(nested(800, 60))), b'\x0e' + bytes(800)
+    )
+    with pytest.raises(DecodeError, match='is nested too deeply: more than 200 levels'):
+        make_decode(ONE, scope_of(server.url))(value)
+
+
+def test_a_schema_may_nest_as_deeply_as_people_do(server: RegistryServer) -> None:
+    value = framed(server.register('robots-value', json_text(nested(20, 5))), b'\x0e' + bytes(20))
+    assert fields_of(make_decode(ONE, scope_of(server.url))(value), ONE) == {'a': 7}
+
+
+def test_a_schema_as_java_prints_it_is_known_for_ours(server: RegistryServer) -> None:
+    """It leaves out what a type has of the one around it; read without resolution it is faster."""
+    schema = avro_schema(ROBOT)
+    del schema['fields'][-1]['type']['items']['namespace']
+    found = version_of(registry_of('AVRO', {'java': json_text(schema)}), 1, avro_schema(ROBOT))
+    assert (found.problem, found.reader) == (None, None)
+    assert decoded(server, schema, robot(level=7))['level'] == 7
 
 
 def test_a_default_is_not_made_for_each_item_of_a_list(server: RegistryServer) -> None:

@@ -172,6 +172,25 @@ def test_a_default_does_not_fill_the_registry_with_zeros() -> None:
     assert 'default' not in one_field(Array(Primitive('uint8'), 1_000_000))
 
 
+@pytest.mark.parametrize('inner', [Field('v', FLOAT, math.nan), Field('v', Array(FLOAT, 5000))])
+def test_a_message_with_a_field_without_default_has_none(inner: Field) -> None:
+    """Libraries of Java refuse a schema with one that says nothing of that field."""
+    layout = Layout('demo_msgs/msg/Inner', (inner, Field('w', FLOAT)))
+    for kind in (layout, Layout('demo_msgs/msg/Middle', (Field('in', layout),)), Array(layout, 2)):
+        assert 'default' not in one_field(kind)
+    for empty in (Sequence(layout), Array(layout, 0)):
+        assert one_field(empty)['default'] == []
+
+
+def test_a_constant_beyond_what_java_holds_is_text() -> None:
+    constants = tuple(
+        Constant(name, Primitive('uint64'), value)
+        for name, value in (('BIG', 2**64 - 1), ('SMALL', 2**63 - 1))
+    )
+    [big, small] = avro_schema(Layout('demo_msgs/msg/One', (), constants))['ros.constants']
+    assert (big['value'], small['value']) == ('18446744073709551615', 2**63 - 1)
+
+
 def test_uint64_is_a_decimal_of_fixed_size_defined_once() -> None:
     wide = Primitive('uint64')
     layout = Layout('demo_msgs/msg/Wide', (Field('a', wide), Field('b', Sequence(wide))))

@@ -3,7 +3,7 @@
 import json
 import math
 from contextlib import suppress
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from hypothesis import given, settings
@@ -15,7 +15,15 @@ from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
 from ros2_kafka_bridge.formats.cdr import make_decode as make_cdr_decode
 from ros2_kafka_bridge.formats.cdr import make_encode as make_cdr_encode
 from ros2_kafka_bridge.formats.json import make_decode, make_encode, schema
-from ros2_kafka_bridge.formats.layout import Array, Field, Layout, Primitive, Sequence, String
+from ros2_kafka_bridge.formats.layout import (
+    Array,
+    Constant,
+    Field,
+    Layout,
+    Primitive,
+    Sequence,
+    String,
+)
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.message_types import document
 
@@ -535,6 +543,25 @@ def test_the_schema_follows_the_settings() -> None:
     assert lenient['required'] == []
     assert 'additionalProperties' not in lenient
     assert lenient['properties']['data']['items']['maximum'] == 255
+
+
+@pytest.mark.parametrize('non_finite', ['string', 'null', 'error'])
+def test_the_schema_is_json_where_constants_and_defaults_are_not_finite(
+    non_finite: Literal['string', 'null', 'error'],
+) -> None:
+    kind = Primitive('float64')
+    constants = (
+        Constant('NONE', kind, math.nan),
+        Constant('MOST', kind, math.inf),
+        Constant('NAME', String(), 'nan'),
+    )
+    layout = Layout('demo_msgs/msg/One', (Field('v', kind, math.nan),), constants)
+    text = schema(layout, JsonSettings(missing='default', non_finite=non_finite))
+    assert 'NaN,' not in text.replace('"NaN",', '')
+    found = json.loads(text)['$defs']['demo_msgs_msg_One']
+    assert found['ros.constants'] == {'NONE': 'NaN', 'MOST': 'Infinity', 'NAME': 'nan'}
+    default = {'string': 'NaN', 'null': None, 'error': 'no default'}
+    assert found['properties']['v'].get('default', 'no default') == default[non_finite]
 
 
 def test_the_schema_has_the_comments_and_constants_of_the_definition() -> None:

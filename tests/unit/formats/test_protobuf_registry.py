@@ -304,11 +304,6 @@ def test_a_wider_integer_takes_a_narrower_one(server: RegistryServer) -> None:
     assert read_by(server, NUMBER, wide, number=-7)[4:] == (-7).to_bytes(8, 'little', signed=True)
 
 
-def test_one_value_becomes_a_list_of_one(server: RegistryServer) -> None:
-    many = mine(('number', Sequence(Primitive('int32'))))
-    assert read_by(server, NUMBER, many, number=7) == b'\0\1\0\0\1\0\0\0\7\0\0\0'
-
-
 @pytest.mark.parametrize(
     ('there', 'here', 'said'),
     [

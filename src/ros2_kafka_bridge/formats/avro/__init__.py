@@ -228,7 +228,7 @@ def read_by_id(layout: Layout, registry: Registry) -> Callable[[bytes], Any]:
         except FAULTS as error:
             raise DecodeError(f'not a value of schema {schema_id}: {_why(error)}') from None
         _check_end(stream, f'schema {schema_id}')
-        return found[WRAPPED] if version.reader else found
+        return found[WRAPPED]
 
     registry.close_with(from_avro)
     return from_avro

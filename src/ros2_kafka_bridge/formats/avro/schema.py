@@ -1,8 +1,8 @@
 """The Avro schema of a message type: one record per type, with its full name in ROS.
 
 What Avro cannot say stands in properties of its own, which every reader passes over: `ros.type`,
-`ros.type_hash`, `ros.constants`, `ros.bound`, `ros.length`. Every field has a default, so that a
-field that is added later breaks no reader.
+`ros.type_hash`, `ros.constants`, `ros.bound`, `ros.length`. Every field has a default that Avro
+can say, and that is not too long, so that a field that is added later breaks no reader.
 """
 
 import math
@@ -77,7 +77,9 @@ def _record(layout: Layout, defined: set[str]) -> dict[str, Any]:
 
 def _constant(constant: Constant) -> dict[str, Any]:
     shown: dict[str, Any] = {'name': constant.name, 'type': _ros_type(constant.kind)}
-    shown['value'] = constant.value if _is_finite(constant.value) else str(constant.value)
+    # What no number of JSON says; libraries of Java lose integers beyond 64 bits with a sign.
+    is_number = _is_finite(constant.value) and not _is_wide(constant.value)
+    shown['value'] = constant.value if is_number else str(constant.value)
     return shown | ({'doc': constant.doc} if constant.doc else {})
 
 
@@ -174,6 +176,10 @@ def _is_finite(value: Scalar) -> bool:
     return not isinstance(value, float) or math.isfinite(value)
 
 
+def _is_wide(value: Scalar) -> bool:
+    return isinstance(value, int) and value >= 2**63
+
+
 def _zero(kind: Kind) -> Any:
     match kind:
         case Primitive('bool'):
@@ -183,10 +189,11 @@ def _zero(kind: Kind) -> Any:
         case String():
             return ''
         case Layout():
-            # The fields of the record have defaults themselves.
-            return {}
+            # The fields of the record have defaults themselves, or it has none.
+            return None if any(_default(field) is None for field in kind.fields) else {}
         case Array() | Sequence():
             length = kind.length if isinstance(kind, Array) else 0
             if is_byte(kind.item):
                 return '\0' * length
-            return [_zero(kind.item)] * length
+            zero = _zero(kind.item) if length else None
+            return None if length and zero is None else [zero] * length

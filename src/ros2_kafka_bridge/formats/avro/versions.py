@@ -1,22 +1,19 @@
 """Schemas that others have written with: whether they can be read, and safely.
 
-A schema comes from the registry by an id in a record, so that it can be anything. fastavro would
-read for ever, or end the process, with some kinds of schema; they are refused before the first
-value is read, and so is what Avro's resolution cannot read as the message type.
+A schema comes from the registry by an id in a record, so that it can be anything: it is looked at
+before the first value is read.
 """
 
 import json
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from ros2_kafka_bridge.formats.avro.resolution import Resolution, Types
+from ros2_kafka_bridge.formats.avro.resolution import Resolution
+from ros2_kafka_bridge.formats.avro.safety import UnsafeError, check_safe, only_read
 from ros2_kafka_bridge.formats.registry import NO_SCHEMA, text_of
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.formats.registry import Registry
-
-_RECORDS: Final = frozenset({'error', 'record'})
-_MOST_WITHOUT_BYTES: Final = 100
 
 FAULTS: Final = (
     ArithmeticError,
@@ -30,7 +27,7 @@ FAULTS: Final = (
 """What fastavro raises for a value that is not of its schema."""
 
 WRAPPED: Final = 'value'
-"""The field in which the value is, where it is of another schema."""
+"""The field in which fastavro gives the value."""
 
 
 class Version(NamedTuple):
@@ -38,9 +35,8 @@ class Version(NamedTuple):
 
     Args:
         problem: Why nothing that was written with it can be read; None where it can.
-        writer: The schema as fastavro reads with it.
-        reader: What it reads it as; None where it is the schema of the message type itself. Else
-            both are records with the one field `WRAPPED`.
+        writer: The schema as fastavro reads with it, as a record with the one field `WRAPPED`.
+        reader: What it reads it as, such a record, too; None where that is the same.
     """
 
     problem: str | None
@@ -139,6 +135,8 @@ def _looked_at(texts: list[str], ours: dict[str, Any]) -> Version:
 
     try:
         return _compared([json.loads(text) for text in texts], ours)
+    except UnsafeError as danger:
+        return Version(str(danger))
     except (SchemaParseException, ArithmeticError, LookupError, TypeError, ValueError) as error:
         # fastavro passes over some mistakes, such as a name that is no text.
         return Version(f'is no Avro schema: {str(error)[:500]}')
@@ -147,26 +145,23 @@ def _looked_at(texts: list[str], ours: dict[str, Any]) -> Version:
 def _compared(documents: list[Any], ours: dict[str, Any]) -> Version:
     from fastavro import parse_schema  # noqa: PLC0415 -- of an extra
 
-    if documents[-1] == ours:
-        return Version(None, parse_schema(ours))
     types: dict[str, Any] = {}
-    *others, document = documents
+    *others, document = map(only_read, documents)
     for other in others:
         parse_schema(other, types)
-    wrapped: Any = parse_schema(_wrapped(document), types)
-    parsed = wrapped['fields'][0]['type']
-    danger = _danger(parsed, types, (), {}, set())
-    if danger:
-        return Version(danger)
-    _leave_logical_types(parsed, types)
+    writer: Any = parse_schema(_wrapped(document), types)
+    if writer == parse_schema(_wrapped(only_read(ours))):
+        return Version(None, writer)
+    [written] = writer['fields']
+    check_safe(written['type'], types)
     our_types: dict[str, Any] = {}
-    reader = parse_schema(ours, our_types)
+    wanted = parse_schema(ours, our_types)
     resolution = Resolution(types, our_types)
-    mismatch = resolution.mismatch(parsed, reader)
+    mismatch = resolution.mismatch(written['type'], wanted)
     if mismatch:
         return Version(mismatch)
-    read_as = resolution.reader_for(parsed, reader)
-    return Version(None, wrapped, parse_schema(_wrapped(read_as)))
+    reader = resolution.reader_for(written['type'], wanted)
+    return Version(None, writer, parse_schema(_wrapped(reader)))
 
 
 def _wrapped(schema: Any) -> dict[str, Any]:
@@ -181,77 +176,3 @@ def _wrapped(schema: Any) -> dict[str, Any]:
         'name': 'Ros2Wrapped',
         'fields': [{'name': WRAPPED, 'type': schema}],
     }
-
-
-def _danger(
-    schema: Any, types: Types, around: tuple[str, ...], known: dict[str, int], done: set[str]
-) -> str | None:
-    """Why no value of a schema may be read, None where it may.
-
-    Args:
-        schema: As fastavro has parsed it.
-        types: All that have a name.
-        around: The types that the schema stands in.
-        known: What `_without_bytes` has counted.
-        done: The types that were looked at.
-    """
-    if isinstance(schema, list):
-        inner = schema
-    elif isinstance(schema, str):
-        if schema in around:
-            return f'has the type {schema} within itself, as no message type does'
-        if schema not in types or schema in done:
-            return None
-        done.add(schema)
-        return _danger(types[schema], types, around, known, done)
-    elif schema['type'] in _RECORDS:
-        around = (*around, schema['name'])
-        inner = [field['type'] for field in schema['fields']]
-        if sum(_without_bytes(one, types, known) for one in inner) > _MOST_WITHOUT_BYTES:
-            return f'has {_MOST_WITHOUT_BYTES} fields without bytes in {schema["name"]}, and more'
-    elif schema['type'] == 'array' and _without_bytes(schema['items'], types, known):
-        return 'has an array of items without bytes: it could be of any length'
-    else:
-        inner = [schema[key] for key in ('items', 'values') if key in schema]
-    found = (_danger(one, types, around, known, done) for one in inner)
-    return next((danger for danger in found if danger), None)
-
-
-def _without_bytes(schema: Any, types: Types, known: dict[str, int]) -> int:
-    """How much is read of a value that takes no bytes; 0 where every value takes some."""
-    if isinstance(schema, list):
-        return 0
-    kind = schema if isinstance(schema, str) else schema['type']
-    if kind in types:
-        return _without_bytes(types[kind], types, known)
-    if kind in _RECORDS:
-        name = schema['name']
-        if name not in known:
-            # A type within itself is refused where the walk comes to it.
-            known[name] = 0
-            inner = [_without_bytes(field['type'], types, known) for field in schema['fields']]
-            known[name] = 1 + sum(inner) if all(inner) else 0
-        return known[name]
-    return int(schema['size'] == 0 if kind == 'fixed' else kind == 'null')
-
-
-def _leave_logical_types(schema: Any, types: Types) -> None:
-    """Have every value read as what it is underneath, as Avro allows.
-
-    fastavro makes dates and times of numbers, which no message has, and needs minutes for a
-    decimal of a million bytes. A fixed one is the uint64 of ours, or does not fit.
-    """
-    for one in (schema, *types.values()):
-        _leave_logical_type(one)
-
-
-def _leave_logical_type(schema: Any) -> None:
-    if isinstance(schema, list):
-        for one in schema:
-            _leave_logical_type(one)
-    elif isinstance(schema, dict):
-        if schema['type'] != 'fixed':
-            schema.pop('logicalType', None)
-        inner = [schema[key] for key in ('items', 'values') if key in schema]
-        inner += [one['type'] for one in schema.get('fields', ())]
-        _leave_logical_type(inner)

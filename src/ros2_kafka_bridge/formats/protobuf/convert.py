@@ -6,7 +6,7 @@ becomes source only where it is a plain identifier.
 
 import keyword
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Final, TypeAlias
 
 import msgspec
@@ -173,14 +173,14 @@ def _unknown(message: Any, path: str) -> str:
     """Tell the first field of a message, or of those in it, that has no name."""
     for field in _unknown_fields()(message):
         return f'{path}: unknown field {field.field_number}'
+    return next(filter(None, _unknown_within(message, path)), '')
+
+
+def _unknown_within(message: Any, path: str) -> Iterator[str]:
     for descriptor, value in message.ListFields():
         if descriptor.message_type is not None:
             inner = f'{path}.{descriptor.name}'
-            found = (
-                [_unknown(item, f'{inner}[{number}]') for number, item in enumerate(value)]
-                if descriptor.is_repeated
-                else [_unknown(value, inner)]
-            )
-            if any(found):
-                return next(filter(None, found))
-    return ''
+            if descriptor.is_repeated:
+                yield from (_unknown(item, f'{inner}[{at}]') for at, item in enumerate(value))
+            else:
+                yield _unknown(value, inner)

@@ -269,7 +269,9 @@ def _constants(constants: tuple[Constant, ...]) -> str:
 
 def _constant(constant: Constant) -> str:
     doc = ' '.join(constant.doc.split())
-    words = f'{ros_type(constant.kind)} {constant.name} = {constant.value!r}'
+    value = repr(constant.value)
+    shown = value.lower() if isinstance(constant.value, bool) else value
+    words = f'{ros_type(constant.kind)} {constant.name} = {shown}'
     return f'{words}: {doc}' if doc else words
 
 

@@ -130,6 +130,8 @@ class Writers:
             if name is None or where is None or version is None or name in added:
                 continue
             added.add(name)
+            if _has(pool, name):
+                continue
             schema = client.get_version(where, version, deleted=True, fmt='serialized').schema
             text = text_of(schema)
             self._add_references(client, schema, pool, added)
@@ -158,6 +160,7 @@ class _UnusableError(Exception):
 # A zero byte, 4 bytes of the id, and a zero byte for the first message of the schema.
 _SHORT_PREFIX: Final = 6
 _LONGEST_PREFIX: Final = 64
+_LONGEST_SHOWN: Final = 60
 
 
 def _message_index(value: bytes) -> tuple[int, tuple[int, ...]]:
@@ -183,8 +186,17 @@ def _added(file: FileDescriptorProto, pool: Any) -> FileDescriptor:
     return found
 
 
+def _has(pool: Any, name: str) -> bool:
+    try:
+        pool.FindFileByName(name)
+    except KeyError:
+        return False
+    return True
+
+
 def _add_shipped(name: str, pool: Any) -> None:
-    if not name.startswith(('google/', 'confluent/')):
+    # Some registries have these as references, too.
+    if not name.startswith(('google/', 'confluent/')) or _has(pool, name):
         return
     shipped = descriptor_pool.Default().FindFileByName(name)
     for inner in shipped.dependencies:
@@ -224,13 +236,17 @@ def _differences(
         elif not _fits(written, field):
             there, here = _shown(written), _shown(field)
             yield f'{where}: was written as {there} {written.name}, and is {here} here'
+        elif written.has_default_value and written.default_value:
+            # It is not written where it is meant.
+            default = f'{written.default_value!r:.{_LONGEST_SHOWN}}'
+            yield f'{where}: was written with a default of its own ({default}), and is zero here'
         elif field.message_type and written.message_type:
             yield from _differences(written.message_type, field.message_type, where, seen)
 
 
 def _fits(written: FieldDescriptor, read: FieldDescriptor) -> bool:
-    # A list may be longer than one; a list of numbers is packed.
-    if written.is_repeated and not read.is_repeated:
+    # A list may be longer than one, and one zero is not written.
+    if written.is_repeated != read.is_repeated and not (read.is_repeated and written.has_presence):
         return False
     return written.type == read.type or read.type in _WIDER.get(written.type, ())
 
