@@ -135,7 +135,7 @@ $(READY): pyproject.toml requirements.lock
 
 # Once for all, before the tests that need them begin at the same time.
 jars: java $(READY)
-	@$(BIN)/python -c 'from ros2_kafka_bridge.testing.kafka_jars import install_jars; install_jars()'
+	@$(BIN)/python -c 'from ros2_kafka_bridge.testing.local_kafka import install_kafka; install_kafka()'
 
 java:
 	@"$${JAVA_HOME:+$$JAVA_HOME/bin/}java" -version 2>&1 | \

@@ -43,7 +43,7 @@ setup(
     ],
     entry_points={
         'console_scripts': [
-            f'bridge = {PACKAGE}.ros.executable:main',
+            f'bridge = {PACKAGE}.ros_run:main',
             f'ros2-kafka-bridge = {PACKAGE}.cli:main',
         ]
     },

@@ -28,7 +28,7 @@ from benchmarks.fuzz_versions import VERSIONS, make_check, versions_of
 from benchmarks.machine import machine, versions
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.formats.layout import Layout
+    from ros2_kafka_bridge.message_types.layout import Layout
 
 FORMAT_NAMES: Final = ('cdr', 'json', 'avro', 'protobuf', *VERSIONS)
 TYPES: Final = (
@@ -151,9 +151,9 @@ def _functions(
 def _instrument_generated(instrument: Callable[[Any], Any]) -> None:
     """Instrument what the formats compile at run time, too."""
     from ros2_kafka_bridge.formats import walk  # noqa: PLC0415
-    from ros2_kafka_bridge.formats.values import source  # noqa: PLC0415
+    from ros2_kafka_bridge.formats.generated import Source  # noqa: PLC0415
 
-    for owner, name in ((source.Source, 'function'), (walk._Code, 'compile')):  # noqa: SLF001
+    for owner, name in ((Source, 'function'), (walk._Code, 'compile')):  # noqa: SLF001
         plain = getattr(owner, name)
         setattr(owner, name, lambda *given, plain=plain: instrument(plain(*given)))
 
@@ -177,7 +177,7 @@ def seeds(format_name: str) -> Iterator[bytes]:
 
 
 def _filled(kind: Any) -> Any:
-    from ros2_kafka_bridge.formats import layout as kinds  # noqa: PLC0415
+    from ros2_kafka_bridge.message_types import layout as kinds  # noqa: PLC0415
 
     match kind:
         case kinds.Layout():

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Final, cast
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.formats.layout import Layout
     from ros2_kafka_bridge.formats.registry import Registry
+    from ros2_kafka_bridge.message_types.layout import Layout
 
 VERSIONS: Final = {'avro_versions': 'avro', 'protobuf_versions': 'protobuf'}
 """The formats of the fuzzer, and of the bridge."""

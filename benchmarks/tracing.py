@@ -12,11 +12,10 @@ from typing import Final
 
 from opentelemetry.sdk.trace.export import SpanExporter, SpanExportResult
 
-from ros2_kafka_bridge.endpoints import Message
-from ros2_kafka_bridge.kafka.headers import headers_of
-from ros2_kafka_bridge.labels import make_headers
-from ros2_kafka_bridge.logs import RouteLog
-from ros2_kafka_bridge.record_window import Entry
+from ros2_kafka_bridge.endpoints import Message, headers_of
+from ros2_kafka_bridge.logs.lines import RouteLog
+from ros2_kafka_bridge.route.labels import make_headers
+from ros2_kafka_bridge.route.record_window import Entry
 from ros2_kafka_bridge.testing.memory import MemoryRecord
 from ros2_kafka_bridge.tracing import export
 from ros2_kafka_bridge.tracing.messages import with_traceparent

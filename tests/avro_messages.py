@@ -11,11 +11,18 @@ import msgspec
 
 from ros2_kafka_bridge.config.formats import SchemaSettings
 from ros2_kafka_bridge.formats.avro import STYLE
-from ros2_kafka_bridge.formats.layout import Array, Field, Layout, Primitive, Sequence, String
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.values.read import make_read
 from ros2_kafka_bridge.formats.values.structs import make_structs
 from ros2_kafka_bridge.formats.values.write import make_write
+from ros2_kafka_bridge.message_types.layout import (
+    Array,
+    Field,
+    Layout,
+    Primitive,
+    Sequence,
+    String,
+)
 
 LOCAL: Final = Scope('robots', schema=SchemaSettings(registry=False))
 """A route without a registry."""

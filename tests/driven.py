@@ -5,7 +5,7 @@ from typing import Any, Self
 
 from harness import Bench, Process, eventually
 
-from ros2_kafka_bridge.metrics import Snapshot, from_line
+from ros2_kafka_bridge.route.counters import Snapshot, from_line
 
 
 class Driven:

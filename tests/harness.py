@@ -22,8 +22,8 @@ from patience import patient
 from ruamel.yaml import YAML
 from warm import Warm
 
+from rig.hosts import Host
 from ros2_kafka_bridge.ros.profile import FASTDDS_3, Endpoints, make_profile
-from ros2_kafka_bridge.testing.hosts import Host
 
 PEERS = Path(__file__).parent / 'peers'
 PATIENCE_S = 60.0  # stretched, as all that is waited for here (patience.patient)
@@ -37,7 +37,7 @@ CALM = {
 READ_AT_THE_START = frozenset({'PYTHONPATH', 'LD_LIBRARY_PATH'})  # by Python and the linker
 LAST_LINES = 10
 LAST_COLUMNS = 200
-WORKER = ('-P', '-m', 'ros2_kafka_bridge.worker', '--log-format=text', '--routes=')
+WORKER = ('-P', '-m', 'ros2_kafka_bridge.process.worker', '--log-format=text', '--routes=')
 
 
 class Process:

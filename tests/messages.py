@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
 from ros2_kafka_bridge.formats.cdr import make_exact
-from ros2_kafka_bridge.formats.layout import (
+from ros2_kafka_bridge.message_types.layout import (
     PRIMITIVES,
     Array,
     Kind,

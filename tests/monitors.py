@@ -18,8 +18,7 @@ import msgspec
 from harness import eventually, to_kafka, to_ros
 from ruamel.yaml import YAML
 
-from ros2_kafka_bridge.metrics import BOUNDS_S, Distribution, Measures, Snapshot, State, Trouble
-from ros2_kafka_bridge.monitoring.protocol import (
+from ros2_kafka_bridge.protocol.messages import (
     Answer,
     Configured,
     Do,
@@ -28,6 +27,14 @@ from ros2_kafka_bridge.monitoring.protocol import (
     Request,
     RouteReport,
     Worker,
+)
+from ros2_kafka_bridge.route.counters import (
+    BOUNDS_S,
+    Distribution,
+    Measures,
+    Snapshot,
+    State,
+    Trouble,
 )
 from ros2_kafka_bridge.testing.local_kafka import free_port
 

@@ -8,8 +8,8 @@ import promql_parser
 from promql_parser import Matcher, MatchOp, VectorSelector
 
 from ros2_kafka_bridge import errors
-from ros2_kafka_bridge.metrics import Outcome, State
 from ros2_kafka_bridge.monitoring.prometheus import METRICS
+from ros2_kafka_bridge.route.counters import Outcome, State
 
 OF_SCRAPES = frozenset({'job', 'instance'})
 """Labels that Prometheus itself puts on every series."""

@@ -14,13 +14,13 @@ import std_msgs.msg
 from rclpy.type_support import check_for_type_support
 from warm import end_with_parent
 
-from ros2_kafka_bridge.worker import load_checked
+from ros2_kafka_bridge.process.load import load_checked
 
 LATE: Final = (
     'confluent_kafka.admin',
     'rclpy.node',
     'ros2_kafka_bridge.bridge',
-    'ros2_kafka_bridge.supervision.standalone',
+    'ros2_kafka_bridge.process.standalone',
     'rosidl_generator_py',
 )
 EXAMPLE: Final = Path(__file__).parents[1] / 'examples' / 'bridge.yaml'

@@ -35,8 +35,8 @@ from benchmarks.faults.run import run
 from benchmarks.faults.streams import STREAMS
 from benchmarks.faults.world import SPOOLS, Hosts, Setting
 from benchmarks.processes import ProcessError
+from rig.hosts import Network
 from ros2_kafka_bridge.errors import ConfigError, TransportError
-from ros2_kafka_bridge.testing.hosts import Network
 
 OUT: Final = Path('build/faults')
 MINUTES: Final = 8.0

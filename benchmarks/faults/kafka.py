@@ -14,7 +14,7 @@ from confluent_kafka import OFFSET_BEGINNING, Consumer, KafkaException, Message,
 from benchmarks.faults import orders
 from benchmarks.faults.checker import Seen
 from benchmarks.faults.streams import LARGEST_BYTES, Stream
-from ros2_kafka_bridge.testing.local_cluster import LocalCluster
+from rig.local_cluster import LocalCluster
 
 _QUIET: Final = 3
 _REQUEST_S: Final = 30.0

@@ -10,7 +10,7 @@ from typing import Final
 
 from benchmarks.faults.stacks import write_stacks
 from benchmarks.processes import ProcessError
-from ros2_kafka_bridge.testing.hosts import Host
+from rig.hosts import Host
 from ros2_kafka_bridge.testing.owned import start_owned
 
 _END_S: Final = 5.0

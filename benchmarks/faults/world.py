@@ -16,10 +16,10 @@ from benchmarks.faults.memberships import MEMBERSHIPS, Membership
 from benchmarks.faults.parts import Part
 from benchmarks.faults.streams import SUBSCRIBER_CACHE, Stream, configuration
 from benchmarks.processes import ProcessError
+from rig.hosts import Host
+from rig.local_cluster import LocalCluster
 from ros2_kafka_bridge.ros.profile import FASTDDS_3, Endpoints, make_profile
-from ros2_kafka_bridge.testing.hosts import Host
 from ros2_kafka_bridge.testing.kafka_node import HOST
-from ros2_kafka_bridge.testing.local_cluster import LocalCluster
 
 START_S: Final = 90.0
 SPOOLS: Final = 'spools'

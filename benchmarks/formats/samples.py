@@ -14,8 +14,8 @@ from sensor_msgs.msg import Image, JointState, LaserScan, PointCloud2, PointFiel
 from std_msgs.msg import Header, String
 
 from ros2_kafka_bridge.formats.cdr import make_exact
-from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.message_types import load_layout
+from ros2_kafka_bridge.message_types.layout import Layout
 
 JOINTS: Final = 30
 BEAMS: Final = 1080

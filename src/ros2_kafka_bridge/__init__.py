@@ -17,7 +17,7 @@ if TYPE_CHECKING:
         RouteError,
         TransportError,
     )
-    from ros2_kafka_bridge.metrics import Snapshot
+    from ros2_kafka_bridge.route.counters import Snapshot
 
 __version__ = '0.1.0'
 
@@ -44,7 +44,7 @@ _HOMES = {
     'Bridge': 'bridge',
     'Config': 'config.settings',
     'Deduplicator': 'dedup',
-    'Snapshot': 'metrics',
+    'Snapshot': 'route.counters',
     'load': 'config.file',
     'loads': 'config.file',
     'without_repeats': 'dedup',

@@ -16,7 +16,7 @@ from collections import OrderedDict
 from collections.abc import Iterable, Iterator
 from typing import Any, Final, TypeVar
 
-from ros2_kafka_bridge.kafka.headers import HasHeaders, headers_of
+from ros2_kafka_bridge.endpoints import HasHeaders, headers_of
 
 MAX_PUBLISHERS: Final = 1000
 MAX_GAPS: Final = 1000

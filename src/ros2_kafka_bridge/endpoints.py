@@ -5,7 +5,8 @@ the thread of its route, also the calls back.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from operator import methodcaller
+from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
 from ros2_kafka_bridge.errors import BridgeError
 
@@ -13,6 +14,12 @@ Token = TypeVar('Token')
 
 HeaderList = list[tuple[str, str | bytes | None]]
 """Headers in their order; a name may come twice."""
+
+# confluent-kafka returns a broken list together with an exception where the name of a header is
+# not UTF-8. A call from Python's own byte code may overlook that; one from C never does.
+_ASK: Final = methodcaller('headers')
+_SOURCE_TIME: Final = 'ros.source_time_ns'
+_MOST_DIGITS: Final = 19
 
 
 class Record(Protocol):
@@ -41,6 +48,34 @@ class Record(Protocol):
     def timestamp(self) -> tuple[int, int]:
         """Kind and milliseconds since 1970; kind 0 means that there is none."""
         ...
+
+
+class HasHeaders(Protocol):
+    """A record as far as it is looked at here."""
+
+    def headers(self) -> Any:
+        """Pairs of name and value, or None."""
+        ...
+
+
+def headers_of(record: HasHeaders) -> HeaderList | None:
+    """Read its headers; None where the client cannot, for a name that is not UTF-8.
+
+    Ask once for each record: the client keeps the broken list, and a look into it can end the
+    process.
+    """
+    try:
+        return _ASK(record) or []
+    except (SystemError, UnicodeDecodeError):
+        return None
+
+
+def source_time_ns(headers: HeaderList) -> int:
+    """When a ROS message was published, since 1970, as a bridge has noted it; 0 if none has."""
+    for name, value in headers:
+        if name == _SOURCE_TIME and value and len(value) <= _MOST_DIGITS and value.isdigit():
+            return int(value)
+    return 0
 
 
 class Message(NamedTuple):
@@ -199,6 +234,13 @@ class RecordSink(Protocol[Token]):
     def close(self) -> Iterable[Token]:
         """Give up what is not delivered; return the tokens that were delivered meanwhile."""
         ...
+
+
+class Offer(NamedTuple):
+    """The part of a publisher's QoS that a subscription follows."""
+
+    reliability: str
+    durability: str
 
 
 class MessageSource(Protocol):

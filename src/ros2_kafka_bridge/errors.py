@@ -15,15 +15,37 @@ where one record is decoded, or one message encoded, it is a RecordError that te
 (`error_of_bug`). The same record would end the process again after each start.
 """
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ros2_kafka_bridge.about import About
-
 
 _LONGEST: Final = 500
+
+
+class About(NamedTuple):
+    """Which record or message an error, or a line of the log, is about; None is left out.
+
+    Args:
+        topic: The Kafka topic that it was read from, or is on its way to.
+        partition: Where the record lies in it.
+        offset: The same.
+        ros_topic: The ROS topic that a message came from.
+        gid: Of its publisher, in hex.
+        seq: Its number at its publisher.
+        trace_id: Of the trace that it belongs to.
+        error: Class of the error (`DecodeError`).
+    """
+
+    topic: str | None = None
+    partition: int | None = None
+    offset: int | None = None
+    ros_topic: str | None = None
+    gid: str | None = None
+    seq: int | None = None
+    trace_id: str | None = None
+    error: str | None = None
 
 
 class BridgeError(Exception):

@@ -15,24 +15,29 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
-from ros2_kafka_bridge.dead_letters import DeadLetters
-from ros2_kafka_bridge.endpoints import HeaderList, MessageSink, Record, RecordSource
+from ros2_kafka_bridge.dead_letters.writer import DeadLetters
+from ros2_kafka_bridge.endpoints import (
+    HeaderList,
+    MessageSink,
+    Record,
+    RecordSource,
+    source_time_ns,
+)
 from ros2_kafka_bridge.errors import BridgeError, RecordError, RouteError
 from ros2_kafka_bridge.formats import Decode
-from ros2_kafka_bridge.kafka.headers import source_time_ns
-from ros2_kafka_bridge.logs import summed
-from ros2_kafka_bridge.measuring import Meter
-from ros2_kafka_bridge.metrics import Counters, Outcome
-from ros2_kafka_bridge.pace import Pace, expires
-from ros2_kafka_bridge.pause import Pause
-from ros2_kafka_bridge.record_window import Entry, RecordWindow
-from ros2_kafka_bridge.refused import letter_of_record, refused_record
-from ros2_kafka_bridge.settling import Settling
-from ros2_kafka_bridge.status import held
-from ros2_kafka_bridge.stop import Stop
-from ros2_kafka_bridge.telling import Telling
+from ros2_kafka_bridge.logs.lines import summed
+from ros2_kafka_bridge.route.counters import Counters, Outcome
+from ros2_kafka_bridge.route.measuring import Meter
+from ros2_kafka_bridge.route.pace import Pace, expires
+from ros2_kafka_bridge.route.record_window import Entry, RecordWindow
+from ros2_kafka_bridge.route.refused import letter_of_record, refused_record
+from ros2_kafka_bridge.route.settling import Settling
+from ros2_kafka_bridge.route.status import held
+from ros2_kafka_bridge.route.telling import Telling
+from ros2_kafka_bridge.route.type_hash import CheckHeaders
+from ros2_kafka_bridge.threads.pause import Pause
+from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.tracing.records import NO_RECORD_TRACES, RecordTraces
-from ros2_kafka_bridge.type_hash import CheckHeaders
 
 BATCH = 500
 COMMIT_S = 0.2  # what a SIGKILL makes come twice; more often would cost requests

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
-from ros2_kafka_bridge.dead_letters import DeadLetters
+from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import Message, MessageSource, Outgoing, RecordSink
 from ros2_kafka_bridge.errors import (
     BridgeError,
@@ -25,20 +25,20 @@ from ros2_kafka_bridge.errors import (
     TransportError,
 )
 from ros2_kafka_bridge.formats import Encode
-from ros2_kafka_bridge.gathering import Gathering
-from ros2_kafka_bridge.labels import MakeHeaders, MakeKey
-from ros2_kafka_bridge.logs import summed
-from ros2_kafka_bridge.measuring import Meter
-from ros2_kafka_bridge.metrics import Counters, Outcome
-from ros2_kafka_bridge.pause import Pause
-from ros2_kafka_bridge.refused import Refused, letter_of_message, refused_message
+from ros2_kafka_bridge.logs.lines import summed
+from ros2_kafka_bridge.route.counters import Counters, Outcome
+from ros2_kafka_bridge.route.gathering import Gathering
+from ros2_kafka_bridge.route.labels import MakeHeaders, MakeKey
+from ros2_kafka_bridge.route.measuring import Meter
+from ros2_kafka_bridge.route.refused import Refused, letter_of_message, refused_message
+from ros2_kafka_bridge.route.telling import Telling
+from ros2_kafka_bridge.route.type_hash import CheckHeaders
+from ros2_kafka_bridge.route.window import Entry, Window
 from ros2_kafka_bridge.spool.backlog import Backlog
-from ros2_kafka_bridge.spooling import InKafka, Spooling
-from ros2_kafka_bridge.stop import Stop
-from ros2_kafka_bridge.telling import Telling
+from ros2_kafka_bridge.spool.spooling import InKafka, Spooling
+from ros2_kafka_bridge.threads.pause import Pause
+from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.tracing.messages import NO_MESSAGE_TRACES, MessageTraces
-from ros2_kafka_bridge.type_hash import CheckHeaders
-from ros2_kafka_bridge.window import Entry, Window
 
 BATCH = 500
 _IDLE_S = 0.1

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
-from ros2_kafka_bridge.dead_letters import DeadLetters, Letter
+from ros2_kafka_bridge.dead_letters.writer import DeadLetters, Letter
 from ros2_kafka_bridge.endpoints import Matches, Message
 from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.formats import Encode
@@ -20,9 +20,6 @@ from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.properties import consumer_properties, producer_properties
 from ros2_kafka_bridge.kafka.tail import Tail
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
-from ros2_kafka_bridge.labels import make_headers, make_key
-from ros2_kafka_bridge.produced import Produced
-from ros2_kafka_bridge.refused import message_of_letter
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
 from ros2_kafka_bridge.ros.profile import Endpoints
@@ -31,14 +28,17 @@ from ros2_kafka_bridge.ros.subscription import RosSource, wait_for_type
 from ros2_kafka_bridge.ros.successor import Successor
 from ros2_kafka_bridge.ros.types import load_type
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
-from ros2_kafka_bridge.route_format import asks_registry, check_of, decode_of, encode_of
+from ros2_kafka_bridge.route.format import asks_registry, check_of, decode_of, encode_of
+from ros2_kafka_bridge.route.labels import make_headers, make_key
+from ros2_kafka_bridge.route.produced import Produced
+from ros2_kafka_bridge.route.refused import message_of_letter
+from ros2_kafka_bridge.route.type_hash import check_nothing
+from ros2_kafka_bridge.route.window import Entry
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.spool.lock import is_in_use, lock_of
 from ros2_kafka_bridge.spool.store import Spool, file_of
-from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.tracing.routes import Tracing
-from ros2_kafka_bridge.type_hash import check_nothing
-from ros2_kafka_bridge.window import Entry
 
 _LARGEST_BATCH_BYTES = 1_000_000
 _LEAST_KBYTES = 1024

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from harness import Bench, Process, eventually, headers, lines, to_kafka, to_ros, totals, values
 
-from ros2_kafka_bridge.testing.local_cluster import LocalCluster
+from rig.local_cluster import LocalCluster
 
 DOWN = '/down'  # Kafka -> ROS
 UP = '/up'  # ROS -> Kafka

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import pytest
 from harness import Bench, Process, eventually, headers, lines, to_kafka, to_ros, totals, values
 
+from rig.hosts import Host, Network
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.testing.hosts import Host, Network
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
 DOWN = '/down'  # Kafka -> ROS

@@ -17,19 +17,18 @@ from harness import eventually
 from patience import patient
 
 from ros2_kafka_bridge.config.file import loads
-from ros2_kafka_bridge.metrics import Counters, Snapshot, to_line
-from ros2_kafka_bridge.monitoring.protocol import Do, Lifecycle
-from ros2_kafka_bridge.stop import Stop
-from ros2_kafka_bridge.supervision.child import start_child
-from ros2_kafka_bridge.supervision.crew import Crew
-from ros2_kafka_bridge.supervision.hangup import Signals
-from ros2_kafka_bridge.supervision.local_worker import LocalWorker
-from ros2_kafka_bridge.supervision.operations import Operations, Outcome
-from ros2_kafka_bridge.supervision.orders import Begun
-from ros2_kafka_bridge.supervision.plan import Plan, RoutePlan, plan_of, write_plan
-from ros2_kafka_bridge.supervision.shares import Share
-from ros2_kafka_bridge.supervision.standalone import Standalone
-from ros2_kafka_bridge.supervision.worker_process import WorkerProcess
+from ros2_kafka_bridge.process.child import start_child
+from ros2_kafka_bridge.process.crew import Crew
+from ros2_kafka_bridge.process.hangup import Signals
+from ros2_kafka_bridge.process.local_worker import LocalWorker
+from ros2_kafka_bridge.process.operations import Operations, Outcome
+from ros2_kafka_bridge.process.plan import Plan, RoutePlan, Share, plan_of, write_plan
+from ros2_kafka_bridge.process.standalone import Standalone
+from ros2_kafka_bridge.process.worker_process import WorkerProcess
+from ros2_kafka_bridge.protocol.messages import Do, Lifecycle
+from ros2_kafka_bridge.protocol.orders import Begun
+from ros2_kafka_bridge.route.counters import Counters, Snapshot, to_line
+from ros2_kafka_bridge.threads.stop import Stop
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.bridge import Bridge
@@ -112,7 +111,7 @@ def program(path: Path, life: str) -> str:
     path.write_text(
         f'#!{sys.executable}\n'
         'import os, pathlib, sys, time\n'
-        'if "ros2_kafka_bridge.worker" not in sys.argv:\n'
+        'if "ros2_kafka_bridge.process.worker" not in sys.argv:\n'
         f'    os.execv({sys.executable!r}, [{sys.executable!r}, *sys.argv[1:]])\n'
         'pipe = next(int(w[12:]) for w in sys.argv if w.startswith("--snapshots="))\n'
         'def say(line): os.write(pipe, line.encode() + b"\\n")\n'
@@ -222,7 +221,7 @@ def test_a_route_that_does_not_end_in_the_first_process_begins_nowhere_else_unti
     file.write_text(TEXT)
     plan = plan_of(loads(TEXT, str(file), {}), file, TEXT)
     monkeypatch.setattr('sys.executable', program(tmp_path / 'program', OBEYS))
-    monkeypatch.setattr('ros2_kafka_bridge.supervision.crew.CLOSING_S', 0.3)
+    monkeypatch.setattr('ros2_kafka_bridge.process.crew.CLOSING_S', 0.3)
     bridge = OneProcess()
     with _house(plan) as house:
         house.crew.workers.append(LocalWorker(cast('Bridge', bridge), lambda: None, house.stop))
@@ -278,7 +277,7 @@ def test_a_check_that_nobody_waits_for_any_more_ends_without_a_word(tmp_path: Pa
     pipe, its_end = os.pipe()
     os.close(pipe)
     done = subprocess.run(
-        [sys.executable, '-m', 'ros2_kafka_bridge.supervision.reload', f'--plan={plan}'],
+        [sys.executable, '-m', 'ros2_kafka_bridge.process.reload', f'--plan={plan}'],
         pass_fds=[plan], stdout=its_end, stderr=subprocess.PIPE, timeout=patient(60), check=False,
     )  # fmt: skip
     os.close(its_end)
@@ -290,7 +289,7 @@ def test_ctrl_c_is_for_the_supervisor_and_not_for_its_check(tmp_path: Path) -> N
     file = tmp_path / 'bridge.yaml'
     plan = write_plan(plan_of(loads(TEXT, str(file), {}), file, TEXT))
     os.mkfifo(file)
-    check = start_child('supervision.reload', [f'--plan={plan}'], [plan], stdout=subprocess.PIPE)
+    check = start_child('process.reload', [f'--plan={plan}'], [plan], stdout=subprocess.PIPE)
     for number in (signal.SIGINT, signal.SIGHUP):
         check.send_signal(number)
     file.write_text(TEXT)

@@ -6,7 +6,7 @@ from itertools import pairwise
 from harness import Bench, eventually, totals, values
 from workers import Watched, bridge, kill, pids, sized, there_and_back, wait_until_gone
 
-from ros2_kafka_bridge.metrics import Snapshot, State, from_line
+from ros2_kafka_bridge.route.counters import Snapshot, State, from_line
 from ros2_kafka_bridge.testing.orders import encode, orders
 
 COUNT = 20_000

@@ -14,10 +14,10 @@ import threading
 import time
 from pathlib import Path
 
-from ros2_kafka_bridge import logs
 from ros2_kafka_bridge.bridge import Bridge
-from ros2_kafka_bridge.metrics import to_line
-from ros2_kafka_bridge.worker import load_checked
+from ros2_kafka_bridge.logs import lines as logs
+from ros2_kafka_bridge.process.load import load_checked
+from ros2_kafka_bridge.route.counters import to_line
 
 _PERIOD_S = 0.1
 

@@ -228,9 +228,10 @@ def main() -> int:
     sabotage_kafka(saboteur)
     sabotage_ros(saboteur)
 
-    from ros2_kafka_bridge import backoff, logs  # noqa: PLC0415 (the libraries are replaced)
     from ros2_kafka_bridge.bridge import Bridge  # noqa: PLC0415
-    from ros2_kafka_bridge.worker import load_checked  # noqa: PLC0415
+    from ros2_kafka_bridge.logs import lines as logs  # noqa: PLC0415 (the libraries are replaced)
+    from ros2_kafka_bridge.process.load import load_checked  # noqa: PLC0415
+    from ros2_kafka_bridge.threads import backoff  # noqa: PLC0415 (the libraries are replaced)
 
     # A hundred failures in a few minutes: each is the first one.
     vars(backoff).update(_WELL_S=-1.0, _FIRST_S=0.2)

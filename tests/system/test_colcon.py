@@ -132,7 +132,7 @@ def test_without_a_configuration_it_says_how_to_name_one(workspace: Workspace) -
 def test_without_the_python_libraries_it_says_where_they_come_from(workspace: Workspace) -> None:
     code = (
         "import sys; sys.modules['typer'] = None; "
-        'from ros2_kafka_bridge.ros.executable import main; main()'
+        'from ros2_kafka_bridge.ros_run import main; main()'
     )
     told = _run(workspace, BINARIES / 'python', '-c', code)
     assert told.returncode == 2

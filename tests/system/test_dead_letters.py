@@ -22,13 +22,13 @@ from letters import HOSTILE, SMALL, done, long, route, run
 from secured import PASSWORD, USER, Right, group_right, running, topic_right
 from words import ROS_TOPIC, wait_for_commit
 
-from ros2_kafka_bridge.dead_letters import explain, from_kafka
+from ros2_kafka_bridge.dead_letters.writer import explain, from_kafka
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import DecodeError
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview
 from ros2_kafka_bridge.kafka.transactions import Parcel, Send, Transactions
-from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+from ros2_kafka_bridge.threads.stop import Stop
 
 
 @pytest.fixture

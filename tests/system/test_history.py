@@ -6,7 +6,7 @@ from harness import Bench, eventually, headers, to_kafka, totals, values
 from ros2_kafka_bridge.endpoints import HeaderList
 from ros2_kafka_bridge.kafka.properties import consumer_properties
 from ros2_kafka_bridge.kafka.tail import Tail
-from ros2_kafka_bridge.produced import FIRST_RECORDS
+from ros2_kafka_bridge.route.produced import FIRST_RECORDS
 
 GID = bytes(range(16))
 

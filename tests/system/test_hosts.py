@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from harness import eventually
 
+from rig.hosts import Host, Network
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.testing.hosts import Host, Network
 from ros2_kafka_bridge.testing.kafka_node import free_port
 
 PORT = 5000
@@ -21,7 +21,7 @@ PACKETS = 200  # as many as a socket keeps until they are read
 
 ABANDON = """
 import os, subprocess
-from ros2_kafka_bridge.testing.hosts import Network
+from rig.hosts import Network
 with Network('robot') as (robot,):
     inside = subprocess.Popen(robot.command('sleep', '1000'))
     print(inside.pid, flush=True)

@@ -14,10 +14,9 @@ from ending import ended
 from patience import patient
 
 from ros2_kafka_bridge.errors import ConfigError, TransportError
-from ros2_kafka_bridge.testing.class_archive import archive_flags, make_archive
-from ros2_kafka_bridge.testing.kafka_jars import find_jars, install_jars, java
+from ros2_kafka_bridge.testing.kafka_jars import archive_flags, find_jars, install_jars, java
 from ros2_kafka_bridge.testing.kafka_node import is_free, new_id
-from ros2_kafka_bridge.testing.local_kafka import LocalKafka, free_port
+from ros2_kafka_bridge.testing.local_kafka import LocalKafka, free_port, make_archive
 
 PROGRAM = [sys.executable, '-m', 'ros2_kafka_bridge.testing.local_kafka']
 

@@ -10,7 +10,7 @@ from driven import Driven
 from harness import Bench, eventually, lines, to_kafka, to_ros
 from words import ROS_TOPIC, words
 
-from ros2_kafka_bridge.metrics import Snapshot
+from ros2_kafka_bridge.route.counters import Snapshot
 
 COUNT = 20_000
 CDR_BYTES = 4 + 4 + 20 + 1  # encapsulation, length, text, NUL; padding may follow

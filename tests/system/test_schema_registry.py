@@ -30,7 +30,9 @@ from ros2_kafka_bridge.errors import ConfigError, DecodeError
 from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.avro import make_decode, make_encode
 from ros2_kafka_bridge.formats.avro.schema import avro_schema
-from ros2_kafka_bridge.formats.layout import (
+from ros2_kafka_bridge.formats.protobuf.schema import make_files, protobuf_sources
+from ros2_kafka_bridge.message_types import type_names
+from ros2_kafka_bridge.message_types.layout import (
     Array,
     Constant,
     Field,
@@ -39,8 +41,6 @@ from ros2_kafka_bridge.formats.layout import (
     Sequence,
     String,
 )
-from ros2_kafka_bridge.formats.protobuf.schema import make_files, protobuf_sources
-from ros2_kafka_bridge.message_types import type_names
 
 PROTOBUF = FORMATS['protobuf']
 NEWER = Layout(ROBOT.type_name, (*ROBOT.fields, Field('battery', Primitive('float32'))))

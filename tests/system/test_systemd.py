@@ -17,8 +17,8 @@ from harness import Bench, Process, eventually, to_ros
 from reloads import Reloaded
 from workers import pids
 
-from ros2_kafka_bridge.metrics import Counters, to_line
-from ros2_kafka_bridge.supervision.reports import STUCK_S
+from ros2_kafka_bridge.process.reports import STUCK_S
+from ros2_kafka_bridge.route.counters import Counters, to_line
 
 UNIT = Path(__file__).parents[2] / 'packaging/systemd/ros2-kafka-bridge@.service'
 OFF = {'listen': 'off', 'node': False}

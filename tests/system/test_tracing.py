@@ -11,7 +11,7 @@ from collector import Collector, Seen, collector
 from harness import Bench, Process, eventually, headers, lines, to_kafka, to_ros
 from words import ROS_TOPIC, wait_for, wait_for_commit
 
-from ros2_kafka_bridge.tracing.context import parse
+from ros2_kafka_bridge.route.trace_context import parse
 
 TRACE, SPAN = '4bf92f3577b34da6a3ce929d0e0e4736', '00f067aa0ba902b7'
 Unique = Callable[[str], str]

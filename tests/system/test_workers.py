@@ -222,7 +222,7 @@ def test_what_runs_for_long_has_none_of_the_command_lines_libraries_and_keeps_th
         process.wait_for('subscribes to', 60)
         command = Path(f'/proc/{process._popen.pid}/cmdline').read_bytes().split(b'\0')
         assert process.end() == 0
-    assert b'ros2_kafka_bridge.worker' in command
+    assert b'ros2_kafka_bridge.process.worker' in command
     *_, worker = process.output().split('imported package\n')
     imported = {line.rpartition('|')[2].strip() for line in worker.splitlines()}
     assert {'rclpy', 'confluent_kafka', 'pydantic'} <= imported
@@ -251,7 +251,7 @@ def test_a_signal_in_the_start_ends_the_bridge_without_a_traceback(
     bench.create_topic(f'{topic_name}.returned')
     for workers, number in product((1, 2), (signal.SIGINT, signal.SIGTERM)):
         config = bench.config(there_and_back(topic_name), workers=workers)
-        program = b'worker' if workers == 1 else b'supervision.supervisor'
+        program = b'process.worker' if workers == 1 else b'process.supervisor'
         with bench.run(config) as process:
             eventually(partial(runs, process, b'ros2_kafka_bridge.' + program), 60)
             process.send(number)
@@ -265,7 +265,7 @@ def test_a_reload_that_is_asked_for_in_the_start_is_done_after_it(
 ) -> None:
     config = bench.config(there_and_back(topic_name), workers=workers)
     bench.create_topic(topic_name)
-    program = b'worker' if workers == 1 else b'supervision.supervisor'
+    program = b'process.worker' if workers == 1 else b'process.supervisor'
     with bench.run(config) as process:
         eventually(partial(runs, process, b'ros2_kafka_bridge.' + program), 60)
         process.send(signal.SIGHUP)

@@ -12,20 +12,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
-from ros2_kafka_bridge.dead_letters import DeadLetters
+from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.dedup import Numbers
 from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import EncodeError, RecordTooLargeError, RouteError, TransportError
 from ros2_kafka_bridge.formats import guarded
-from ros2_kafka_bridge.metrics import Outcome
-from ros2_kafka_bridge.produced import Produced
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
+from ros2_kafka_bridge.route.counters import Outcome
+from ros2_kafka_bridge.route.produced import Produced
+from ros2_kafka_bridge.route.type_hash import check_nothing
+from ros2_kafka_bridge.route.window import Entry
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.spool.store import Row, Spool, file_of
-from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSink
-from ros2_kafka_bridge.type_hash import check_nothing
-from ros2_kafka_bridge.window import Entry
+from ros2_kafka_bridge.threads.stop import Stop
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 
@@ -236,7 +236,7 @@ def test_a_window_that_stays_full_goes_to_disk_as_well(
     house: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock_s = [100.0]
-    monkeypatch.setattr('ros2_kafka_bridge.spooling.time.monotonic', lambda: clock_s[0])
+    monkeypatch.setattr('ros2_kafka_bridge.spool.spooling.time.monotonic', lambda: clock_s[0])
     h = house(max_in_flight=3)
     h.sink.answering = False
     h.give(*range(1, 10))

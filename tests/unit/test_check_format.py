@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 from registry_server import RegistryServer
 
-from ros2_kafka_bridge.commands.check_format import format_findings, registry_findings
+from ros2_kafka_bridge.commands.check.formats import format_findings, registry_findings
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.message_types import load_layout
-from ros2_kafka_bridge.route_format import encode_of, with_docs
+from ros2_kafka_bridge.route.format import encode_of, with_docs
 
 STRING, FLOAT = 'std_msgs/msg/String', 'std_msgs/msg/Float64'
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from ros2_kafka_bridge.commands.check import window_finding
+from ros2_kafka_bridge.commands.check.report import window_finding
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
 
 TO_ROS = {'from': {'kafka': 'a'}, 'to': {'ros': '/a', 'type': 'std_msgs/msg/String'}}

@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from ros2_kafka_bridge.cli import app
-from ros2_kafka_bridge.commands.dead_letters import _letter_json, described
-from ros2_kafka_bridge.commands.replay_ros import Channel
+from ros2_kafka_bridge.commands.dead_letters.again import Again, Restorer
+from ros2_kafka_bridge.commands.dead_letters.replay_ros import Channel
+from ros2_kafka_bridge.commands.dead_letters.report import _letter_json, described
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
-from ros2_kafka_bridge.dead_letter_topic.again import Again, Restorer
-from ros2_kafka_bridge.dead_letter_topic.choice import Choice, limited, read_index, time_ms
-from ros2_kafka_bridge.dead_letter_topic.letter import Letter, Mark, Place, mark, parse
-from ros2_kafka_bridge.dead_letter_topic.words import escaped, hex_lines, shortened, text_lines
-from ros2_kafka_bridge.dead_letters import explain, from_kafka, from_ros, without_value
+from ros2_kafka_bridge.dead_letters.choice import Choice, limited, read_index, time_ms
+from ros2_kafka_bridge.dead_letters.letter import Letter, Mark, Place, mark, parse
+from ros2_kafka_bridge.dead_letters.words import escaped, hex_lines, shortened, text_lines
+from ros2_kafka_bridge.dead_letters.writer import explain, from_kafka, from_ros, without_value
 from ros2_kafka_bridge.endpoints import HeaderList, Load, Matches, Outgoing, Readers
 from ros2_kafka_bridge.errors import (
     ConfigError,
@@ -30,7 +30,7 @@ from ros2_kafka_bridge.errors import (
     TransportError,
 )
 from ros2_kafka_bridge.kafka import letters, overview
-from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.threads.stop import Stop
 
 TOPIC = 'orders.dead-letters'
 NOW = datetime(2026, 1, 31, 12, tzinfo=UTC)

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from ros2_kafka_bridge.commands.drafts import Draft, drafts
-from ros2_kafka_bridge.commands.init import graph_text, scalar
+from ros2_kafka_bridge.commands.init.drafts import Draft, drafts
+from ros2_kafka_bridge.commands.init.write import graph_text, scalar
 from ros2_kafka_bridge.commands.names import kafka_name, stem, unique
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute

@@ -14,11 +14,12 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.type_hash import TypeHash
 
 from ros2_kafka_bridge.config.settings import QoS
+from ros2_kafka_bridge.endpoints import Offer
 from ros2_kafka_bridge.errors import RouteError, TransportError
-from ros2_kafka_bridge.formats.layout import Layout
+from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.ros import take as inner
 from ros2_kafka_bridge.ros.node import Peer, _peer
-from ros2_kafka_bridge.ros.subscription import Offer, RosSource
+from ros2_kafka_bridge.ros.subscription import RosSource
 from ros2_kafka_bridge.ros.types import MessageType
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})

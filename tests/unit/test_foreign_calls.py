@@ -16,25 +16,25 @@ import pytest
 from confluent_kafka import KafkaError, KafkaException, TopicPartition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
-from ros2_kafka_bridge import unattended
 from ros2_kafka_bridge import wiring as wiring_module
 from ros2_kafka_bridge.config.settings import Config, QoS
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import BridgeError, RouteError
-from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.kafka import consumer, health, lock, producer, tail
 from ros2_kafka_bridge.kafka.commits import Commits
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.tail import Tail
+from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import Abilities
 from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.subscription import RosSource
 from ros2_kafka_bridge.ros.types import MessageType
-from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.threads import unattended
+from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.wiring import Wiring
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})

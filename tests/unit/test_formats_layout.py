@@ -15,7 +15,10 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError
 from ros2_kafka_bridge.formats import FORMATS
-from ros2_kafka_bridge.formats.layout import (
+from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.formats.walk import make_end, make_reader
+from ros2_kafka_bridge.message_types import type_names
+from ros2_kafka_bridge.message_types.layout import (
     PRIMITIVES,
     Array,
     Field,
@@ -26,9 +29,6 @@ from ros2_kafka_bridge.formats.layout import (
     has_slack,
     is_bulk,
 )
-from ros2_kafka_bridge.formats.scope import Scope
-from ros2_kafka_bridge.formats.walk import make_end, make_reader
-from ros2_kafka_bridge.message_types import type_names
 
 SCOPE = Scope('topic')
 EVERY_TYPE = pytest.mark.parametrize('name', type_names())

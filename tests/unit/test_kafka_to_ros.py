@@ -14,25 +14,26 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from hypothesis import given, settings, strategies
 
-from ros2_kafka_bridge import kafka_to_ros, settling
+from ros2_kafka_bridge import kafka_to_ros
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
-from ros2_kafka_bridge.dead_letters import DeadLetters
+from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.errors import DecodeError, RouteError
 from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.kafka_to_ros import BATCH, KafkaToRos
-from ros2_kafka_bridge.metrics import State
-from ros2_kafka_bridge.pause import Pause
-from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route.counters import State
+from ros2_kafka_bridge.route.type_hash import make_hash_check
 from ros2_kafka_bridge.testing.memory import (
     MemoryMessageSink,
     MemoryRecord,
     MemoryRecordSink,
     MemoryRecordSource,
 )
-from ros2_kafka_bridge.type_hash import make_hash_check
+from ros2_kafka_bridge.threads.pause import Pause
+from ros2_kafka_bridge.threads.stop import Stop
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.record_window import Entry
+    from ros2_kafka_bridge.route.record_window import Entry
 
 HASH = 'RIHS01_' + '1' * 64
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})

@@ -5,9 +5,9 @@ import pytest
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.errors import ConfigError, EncodeError
 from ros2_kafka_bridge.formats import text
-from ros2_kafka_bridge.formats.layout import Field, Layout, String
 from ros2_kafka_bridge.formats.scope import Scope
-from ros2_kafka_bridge.labels import make_headers, make_key
+from ros2_kafka_bridge.message_types.layout import Field, Layout, String
+from ros2_kafka_bridge.route.labels import make_headers, make_key
 
 SCOPE = Scope('topic')
 LAYOUT = Layout('std_msgs/msg/String', (Field('data', String()),))
@@ -58,7 +58,7 @@ def test_a_key_follows_its_template(template: str | None, key: bytes) -> None:
 def test_a_bug_in_the_making_of_a_key_is_an_error_of_that_message(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.labels.make_reader', lambda *_: {}.__getitem__)
+    monkeypatch.setattr('ros2_kafka_bridge.route.labels.make_reader', lambda *_: {}.__getitem__)
     with pytest.raises(EncodeError, match=r"^the bridge's own encoder failed: KeyError: "):
         make_key('{message.data}', '/orders', LAYOUT)(MESSAGE)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.worker import load_checked
+from ros2_kafka_bridge.process.load import load_checked
 
 MESSAGES = Path(__file__).parents[2] / 'examples' / 'msgs'
 

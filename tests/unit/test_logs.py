@@ -8,10 +8,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from ros2_kafka_bridge import logs
-from ros2_kafka_bridge.about import About
-from ros2_kafka_bridge.errors import DecodeError
-from ros2_kafka_bridge.summed import Summed
+from ros2_kafka_bridge.errors import About, DecodeError
+from ros2_kafka_bridge.logs import lines as logs
+from ros2_kafka_bridge.logs.summed import Summed
+from ros2_kafka_bridge.route.refused import about_labelled
 
 TRACE = '4bf92f3577b34da6a3ce929d0e0e4736'
 LOG = logs.RouteLog(logging.getLogger('test'), 'to_ros')
@@ -198,11 +198,11 @@ def test_a_line_of_text_names_the_trace_where_there_is_one(
 
 
 def test_what_a_record_says_of_itself_is_believed_only_where_it_can_be_true() -> None:
-    good = About.labelled(
+    good = about_labelled(
         [('ros.gid', b'00ff'), ('ros.seq', b'7'), ('traceparent', f'00-{TRACE}-{"1" * 16}-00')],
         DecodeError('broken'),
     )
     assert good == About(gid='00ff', seq=7, trace_id=TRACE, error='DecodeError')
     hostile = [('ros.gid', b'\x1b[31m'), ('ros.seq', b'9' * 5000), ('traceparent', b'x')]
-    assert About.labelled([*hostile]) == About()
-    assert About.labelled(None) == About()
+    assert about_labelled([*hostile]) == About()
+    assert about_labelled(None) == About()

@@ -6,8 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ros2_kafka_bridge.errors import DecodeError, RouteError
-from ros2_kafka_bridge.measuring import Histogram, Meter, Troubles
-from ros2_kafka_bridge.metrics import BOUNDS_S, MOST_TROUBLES, Distribution, Measures, Trouble
+from ros2_kafka_bridge.route.counters import (
+    BOUNDS_S,
+    MOST_TROUBLES,
+    Distribution,
+    Measures,
+    Trouble,
+)
+from ros2_kafka_bridge.route.measuring import Histogram, Meter, Troubles
 
 
 def counted(histogram: Histogram) -> dict[float, int]:

@@ -18,7 +18,6 @@ from hypothesis import given, strategies
 from rich.console import Console
 
 import ros2_kafka_bridge
-from ros2_kafka_bridge import logs, settling
 from ros2_kafka_bridge.commands.screen import Finding, show_findings, show_line, show_table
 from ros2_kafka_bridge.config import file as config_file
 from ros2_kafka_bridge.config.checks import key_parts, simple_name
@@ -26,7 +25,7 @@ from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.references import EXPANDED_LIMIT_CHARS, expand
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, QoS
 from ros2_kafka_bridge.config.tree import YamlError, read_yaml
-from ros2_kafka_bridge.dead_letters import HEADER_LIMIT, DeadLetters, explain, from_kafka
+from ros2_kafka_bridge.dead_letters.writer import HEADER_LIMIT, DeadLetters, explain, from_kafka
 from ros2_kafka_bridge.depth import recording
 from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing
 from ros2_kafka_bridge.errors import (
@@ -37,25 +36,27 @@ from ros2_kafka_bridge.errors import (
     RecordTooLargeError,
 )
 from ros2_kafka_bridge.formats import FORMATS
-from ros2_kafka_bridge.formats.layout import Field, Layout, Primitive, Sequence, String
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.walk import make_end
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
-from ros2_kafka_bridge.labels import KEY_LIMIT_BYTES, make_key
-from ros2_kafka_bridge.printable import printable, printable_lines
+from ros2_kafka_bridge.logs import lines as logs
+from ros2_kafka_bridge.logs.text import printable, printable_lines
+from ros2_kafka_bridge.message_types.layout import Field, Layout, Primitive, Sequence, String
+from ros2_kafka_bridge.process.plan import Share
+from ros2_kafka_bridge.process.worker_process import WorkerProcess
 from ros2_kafka_bridge.ros.node import Peer, RosNode
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.subscription import RosSource
 from ros2_kafka_bridge.ros.types import MessageType
-from ros2_kafka_bridge.supervision.shares import Share
-from ros2_kafka_bridge.supervision.worker_process import WorkerProcess
+from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route.labels import KEY_LIMIT_BYTES, make_key
+from ros2_kafka_bridge.route.type_hash import check_nothing
 from ros2_kafka_bridge.testing.memory import (
     MemoryMessageSink,
     MemoryRecord,
     MemoryRecordSink,
     MemoryRecordSource,
 )
-from ros2_kafka_bridge.type_hash import check_nothing
 
 SCOPE = Scope('topic')
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
@@ -374,7 +375,7 @@ def test_a_worker_that_talks_nonsense_does_not_end_its_supervisor(line: bytes) -
 def test_a_worker_that_ends_no_line_does_not_fill_its_supervisor(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.supervision.worker_process._LINE_LIMIT_BYTES', 100)
+    monkeypatch.setattr('ros2_kafka_bridge.process.worker_process._LINE_LIMIT_BYTES', 100)
     worker = WorkerProcess(1, Share(('orders',), to_ros=True))
     for _ in range(100):
         worker.hear(b'x' * 60)
@@ -383,7 +384,7 @@ def test_a_worker_that_ends_no_line_does_not_fill_its_supervisor(
 
 def test_a_worker_opens_as_many_files_as_its_user_may() -> None:
     code = (
-        'import resource, ros2_kafka_bridge.worker as w\n'
+        'import resource, ros2_kafka_bridge.process.worker as w\n'
         '_, hard = resource.getrlimit(resource.RLIMIT_NOFILE)\n'
         'resource.setrlimit(resource.RLIMIT_NOFILE, (64, hard))\n'
         'w.allow_open_files()\n'
@@ -427,4 +428,4 @@ def test_nothing_in_the_bridge_makes_code_or_objects_of_data() -> None:
         for name in calls(ast.parse(file.read_text(encoding='utf-8')))
         if name in forbidden
     }
-    assert found == {('formats/values/source.py', 'exec'), ('formats/walk.py', 'exec')}
+    assert found == {('formats/generated.py', 'exec'), ('formats/walk.py', 'exec')}

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from ros2_kafka_bridge.pace import Pace, expires
+from ros2_kafka_bridge.route.pace import Pace, expires
 
 
 def test_without_a_rate_every_message_goes_at_once() -> None:

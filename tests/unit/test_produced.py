@@ -8,14 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ros2_kafka_bridge import produced as under_test
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.dedup import Numbers
-from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing
+from ros2_kafka_bridge.endpoints import HeaderList, Message, Offer, Outgoing
 from ros2_kafka_bridge.errors import EncodeError, RouteError, TransportError
-from ros2_kafka_bridge.produced import Produced
-from ros2_kafka_bridge.refused import letter_of_message, message_of_letter
-from ros2_kafka_bridge.ros.subscription import Offer
+from ros2_kafka_bridge.route import produced as under_test
+from ros2_kafka_bridge.route.produced import Produced
+from ros2_kafka_bridge.route.refused import letter_of_message, message_of_letter
 from ros2_kafka_bridge.testing.memory import MemoryRecord
 
 LOG = logging.LoggerAdapter(logging.getLogger('test.produced'), {})

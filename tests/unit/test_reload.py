@@ -14,11 +14,23 @@ from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.formats import extras
-from ros2_kafka_bridge.metrics import Counters, to_line
-from ros2_kafka_bridge.stop import Part, Stop
-from ros2_kafka_bridge.supervision import orders
-from ros2_kafka_bridge.supervision.monitor_process import bind
-from ros2_kafka_bridge.supervision.orders import (
+from ros2_kafka_bridge.process.load import load_checked
+from ros2_kafka_bridge.process.monitor_process import bind
+from ros2_kafka_bridge.process.plan import (
+    Plan,
+    Rank,
+    Share,
+    plan_of,
+    read_plan,
+    share_out,
+    write_plan,
+)
+from ros2_kafka_bridge.process.reload import _OF_ALL_ROUTES, Difference, check, difference
+from ros2_kafka_bridge.process.reloading import would
+from ros2_kafka_bridge.process.systemd import Systemd
+from ros2_kafka_bridge.process.worker_process import WorkerProcess
+from ros2_kafka_bridge.protocol import orders
+from ros2_kafka_bridge.protocol.orders import (
     EVENTS,
     ORDERS,
     Begun,
@@ -28,13 +40,8 @@ from ros2_kafka_bridge.supervision.orders import (
     Loaded,
     Pause,
 )
-from ros2_kafka_bridge.supervision.plan import Plan, plan_of, read_plan, write_plan
-from ros2_kafka_bridge.supervision.reload import _OF_ALL_ROUTES, Difference, check, difference
-from ros2_kafka_bridge.supervision.reloading import would
-from ros2_kafka_bridge.supervision.shares import Rank, Share, share_out
-from ros2_kafka_bridge.supervision.systemd import Systemd
-from ros2_kafka_bridge.supervision.worker_process import WorkerProcess
-from ros2_kafka_bridge.worker import load_checked
+from ros2_kafka_bridge.route.counters import Counters, to_line
+from ros2_kafka_bridge.threads.stop import Part, Stop
 
 HEAD = """\
 name: test
@@ -166,7 +173,7 @@ def checked(before: Plan) -> Any:
     descriptor = write_plan(before)
     try:
         done = subprocess.run(
-            [sys.executable, '-m', 'ros2_kafka_bridge.supervision.reload', f'--plan={descriptor}'],
+            [sys.executable, '-m', 'ros2_kafka_bridge.process.reload', f'--plan={descriptor}'],
             pass_fds=[descriptor],
             capture_output=True,
             check=True,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
-from ros2_kafka_bridge.dead_letters import DeadLetters
+from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import (
     EncodeError,
@@ -19,16 +19,16 @@ from ros2_kafka_bridge.errors import (
     TransportError,
 )
 from ros2_kafka_bridge.formats import Encode, guarded
-from ros2_kafka_bridge.metrics import State
-from ros2_kafka_bridge.pause import Pause
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
+from ros2_kafka_bridge.route.counters import State
+from ros2_kafka_bridge.route.type_hash import check_nothing, make_publisher_check
 from ros2_kafka_bridge.spool.backlog import Backlog
-from ros2_kafka_bridge.stop import Stop
 from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSink
-from ros2_kafka_bridge.type_hash import check_nothing, make_publisher_check
+from ros2_kafka_bridge.threads.pause import Pause
+from ros2_kafka_bridge.threads.stop import Stop
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.window import Entry
+    from ros2_kafka_bridge.route.window import Entry
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 

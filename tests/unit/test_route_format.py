@@ -9,9 +9,9 @@ from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafk
 from ros2_kafka_bridge.errors import DecodeError, EncodeError, RecordTooLargeError
 from ros2_kafka_bridge.formats import FORMATS, Format
 from ros2_kafka_bridge.formats.extras import missing_extra
-from ros2_kafka_bridge.formats.layout import Array, Field, Layout, Primitive, Sequence
 from ros2_kafka_bridge.message_types import load_layout
-from ros2_kafka_bridge.route_format import asks_registry, decode_of, encode_of, scope_of
+from ros2_kafka_bridge.message_types.layout import Array, Field, Layout, Primitive, Sequence
+from ros2_kafka_bridge.route.format import asks_registry, decode_of, encode_of, scope_of
 
 NUMBERS = load_layout('std_msgs/msg/Float64MultiArray')
 BIG = Layout('demo_msgs/msg/Big', (Field('rows', Array(Primitive('float64'), 4000)),))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ros2_kafka_bridge.commands.schema import Asked, report
+from ros2_kafka_bridge.commands.schema.report import Asked, report
 from ros2_kafka_bridge.config.file import load
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.formats.avro.schema import avro_schema

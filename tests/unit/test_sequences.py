@@ -4,7 +4,8 @@ import logging
 
 import pytest
 
-from ros2_kafka_bridge.ros.subscription import Offer, Sequences
+from ros2_kafka_bridge.endpoints import Offer
+from ros2_kafka_bridge.ros.subscription import Sequences
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 VOLATILE = Offer('reliable', 'volatile')

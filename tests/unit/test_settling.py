@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import given, settings, strategies
 
-from ros2_kafka_bridge import settling
 from ros2_kafka_bridge.endpoints import Readers
-from ros2_kafka_bridge.settling import SETTLE_S, Settling
+from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route.settling import SETTLE_S, Settling
 
 
 class Topic:

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from ros2_kafka_bridge.metrics import Counters, Snapshot, State, from_line, to_line
-from ros2_kafka_bridge.supervision.orders import EVENTS, Ended
-from ros2_kafka_bridge.supervision.reports import STUCK_S, is_live
-from ros2_kafka_bridge.supervision.sender import Sender
-from ros2_kafka_bridge.supervision.shares import Share
-from ros2_kafka_bridge.supervision.systemd import Systemd
-from ros2_kafka_bridge.supervision.worker_process import WorkerProcess
+from ros2_kafka_bridge.process.plan import Share
+from ros2_kafka_bridge.process.reports import STUCK_S, is_live
+from ros2_kafka_bridge.process.sender import Sender
+from ros2_kafka_bridge.process.systemd import Systemd
+from ros2_kafka_bridge.process.worker_process import WorkerProcess
+from ros2_kafka_bridge.protocol.orders import EVENTS, Ended
+from ros2_kafka_bridge.route.counters import Counters, Snapshot, State, from_line, to_line
 
 # What a worker tells
 

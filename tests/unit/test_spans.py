@@ -13,14 +13,13 @@ from collector import Collector, collector
 
 from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.config.file import loads
-from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing
+from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing, headers_of
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
 from ros2_kafka_bridge.formats.extras import missing_extra
-from ros2_kafka_bridge.kafka.headers import headers_of
-from ros2_kafka_bridge.logs import RouteLog
-from ros2_kafka_bridge.metrics import Outcome
+from ros2_kafka_bridge.logs.lines import RouteLog
+from ros2_kafka_bridge.route.counters import Outcome
+from ros2_kafka_bridge.route.trace_context import parse
 from ros2_kafka_bridge.testing.memory import MemoryRecord
-from ros2_kafka_bridge.tracing.context import parse
 from ros2_kafka_bridge.tracing.export import MOST_WAITING, Exporter, Service, open_exporter
 from ros2_kafka_bridge.tracing.messages import SpansOfMessages, with_traceparent
 from ros2_kafka_bridge.tracing.records import NO_RECORD_TRACES, SpansOfRecords

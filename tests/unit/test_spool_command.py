@@ -12,7 +12,7 @@ import pytest
 from spools import GID, make, opened, row, rows
 from terminal import on_terminal, without_colours
 
-from ros2_kafka_bridge.commands.spool import Asked, report
+from ros2_kafka_bridge.commands.spool.report import Asked, report
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.spool.store import file_of

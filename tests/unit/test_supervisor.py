@@ -18,20 +18,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ros2_kafka_bridge import bridge
-from ros2_kafka_bridge.backoff import Backoff
 from ros2_kafka_bridge.config.file import loads
-from ros2_kafka_bridge.logs import summed
-from ros2_kafka_bridge.metrics import Counters, State, from_line, to_line
-from ros2_kafka_bridge.stop import Stop
-from ros2_kafka_bridge.supervision import orders
-from ros2_kafka_bridge.supervision.crew import CLOSING_S, Crew
-from ros2_kafka_bridge.supervision.orders import Begun
-from ros2_kafka_bridge.supervision.plan import Plan, RoutePlan, plan_of
-from ros2_kafka_bridge.supervision.shares import Rank, Share, share_out
-from ros2_kafka_bridge.supervision.supervisor import Supervisor
-from ros2_kafka_bridge.supervision.systemd import Systemd
-from ros2_kafka_bridge.supervision.worker_process import WorkerProcess
-from ros2_kafka_bridge.term import OVERLAP_S
+from ros2_kafka_bridge.logs.lines import summed
+from ros2_kafka_bridge.process.crew import CLOSING_S, Crew
+from ros2_kafka_bridge.process.plan import Plan, Rank, RoutePlan, Share, plan_of, share_out
+from ros2_kafka_bridge.process.supervisor import Supervisor
+from ros2_kafka_bridge.process.systemd import Systemd
+from ros2_kafka_bridge.process.worker_process import WorkerProcess
+from ros2_kafka_bridge.protocol import orders
+from ros2_kafka_bridge.protocol.orders import Begun
+from ros2_kafka_bridge.route.counters import Counters, State, from_line, to_line
+from ros2_kafka_bridge.threads.backoff import Backoff
+from ros2_kafka_bridge.threads.stop import Stop
+from ros2_kafka_bridge.turns.term import OVERLAP_S
 
 CONFIG = """\
 name: test
@@ -320,7 +319,7 @@ class Life:
         self.worker = WorkerProcess(1, Share(('orders',), to_ros=True))
         monkeypatch.setattr('time.monotonic', lambda: self.now_s)
         monkeypatch.setattr(
-            'ros2_kafka_bridge.supervision.worker_process.start_child',
+            'ros2_kafka_bridge.process.worker_process.start_child',
             lambda *_: subprocess.Popen(['true'], stdin=subprocess.PIPE, bufsize=0),
         )
 
@@ -358,7 +357,7 @@ def test_only_the_time_that_a_worker_ran_makes_its_pause_short_again(
 
 def test_the_supervisor_loads_no_ros_no_kafka_client_and_no_settings() -> None:
     program = (
-        'import sys; import ros2_kafka_bridge.supervision.supervisor\n'
+        'import sys; import ros2_kafka_bridge.process.supervisor\n'
         'heavy = {"rclpy", "confluent_kafka", "pydantic", "ruamel.yaml", "typer", "rich"}\n'
         'assert not heavy & {*sys.modules}, heavy & {*sys.modules}'
     )

@@ -2,8 +2,8 @@
 
 import pytest
 
-from ros2_kafka_bridge.stop import Stop
-from ros2_kafka_bridge.term import Term
+from ros2_kafka_bridge.threads.stop import Stop
+from ros2_kafka_bridge.turns.term import Term
 
 
 class MemoryLock:
@@ -46,7 +46,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr('ros2_kafka_bridge.term.time', clock)
+    monkeypatch.setattr('ros2_kafka_bridge.turns.term.time', clock)
     return clock
 
 
@@ -208,7 +208,7 @@ def test_a_stop_waits_for_no_successor_where_none_is_there_or_needed(missing: st
 
 
 def test_a_stop_waits_for_its_successor_for_a_while_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.term._COMING_S', 0.2)
+    monkeypatch.setattr('ros2_kafka_bridge.turns.term._COMING_S', 0.2)
     stop = Stop()
     stop.ask()
     assert Term(stop, MemoryLock(wanted=True), MemorySuccessor()).wait(60)

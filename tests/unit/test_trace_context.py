@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, strategies
 
 from ros2_kafka_bridge.endpoints import HeaderList
-from ros2_kafka_bridge.tracing.context import TraceContext, from_headers, parse, traceparents
+from ros2_kafka_bridge.route.trace_context import TraceContext, from_headers, parse, traceparents
 
 TRACE, SPAN = '4bf92f3577b34da6a3ce929d0e0e4736', '00f067aa0ba902b7'
 GOOD = f'00-{TRACE}-{SPAN}-01'

@@ -12,12 +12,12 @@ from ros2_kafka_bridge.bridge import Bridge
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError, RouteError, SpoolInUseError
 from ros2_kafka_bridge.kafka.lock import GroupLock
-from ros2_kafka_bridge.metrics import Counters, Outcome, Snapshot, State
-from ros2_kafka_bridge.pause import Pause
-from ros2_kafka_bridge.status import totals
-from ros2_kafka_bridge.stop import Stop
-from ros2_kafka_bridge.supervision.orders import Event
-from ros2_kafka_bridge.term import Term
+from ros2_kafka_bridge.protocol.orders import Event
+from ros2_kafka_bridge.route.counters import Counters, Outcome, Snapshot, State
+from ros2_kafka_bridge.route.status import totals
+from ros2_kafka_bridge.threads.pause import Pause
+from ros2_kafka_bridge.threads.stop import Stop
+from ros2_kafka_bridge.turns.term import Term
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.ros.successor import Successor
@@ -175,7 +175,7 @@ class House:
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.backoff._FIRST_S', 0.01)
+    monkeypatch.setattr('ros2_kafka_bridge.threads.backoff._FIRST_S', 0.01)
 
 
 def until_asked(stop: Stop) -> None:
@@ -283,7 +283,7 @@ def test_a_route_that_fails_keeps_its_turn_while_it_is_tried_again() -> None:
 def test_a_route_that_fails_for_long_goes_to_a_bridge_that_stands_by(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.lane._FAILING_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.turns.lane._FAILING_S', 0.0)
     lock = MemoryLock('ours')
     lock.wanted = True
     house = House(lock)
@@ -305,7 +305,7 @@ def test_a_route_that_fails_for_long_goes_to_a_bridge_that_stands_by(
 def test_a_route_that_gets_on_between_its_failures_is_not_given_away(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.lane._FAILING_S', 0.02)
+    monkeypatch.setattr('ros2_kafka_bridge.turns.lane._FAILING_S', 0.02)
     lock = MemoryLock('ours')
     lock.wanted = True
     house = House(lock)
@@ -329,7 +329,9 @@ def test_a_route_without_traffic_is_given_away_for_its_last_failures_only(
     monkeypatch: pytest.MonkeyPatch, *, well_s: float, given_away: bool
 ) -> None:
     now_s = 1000.0
-    monkeypatch.setattr('ros2_kafka_bridge.lane.time', SimpleNamespace(monotonic=lambda: now_s))
+    monkeypatch.setattr(
+        'ros2_kafka_bridge.turns.lane.time', SimpleNamespace(monotonic=lambda: now_s)
+    )
     lock = MemoryLock('ours')
     lock.wanted = True
     lane = House(lock).lane
@@ -347,7 +349,7 @@ def test_a_route_without_traffic_is_given_away_for_its_last_failures_only(
 def test_a_route_that_fails_stays_where_no_other_bridge_stands_by(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.lane._FAILING_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.turns.lane._FAILING_S', 0.0)
     lock = MemoryLock('ours')
     house = House(lock)
     tries: list[int] = []
@@ -483,7 +485,7 @@ def test_a_bridge_that_stands_by_leaves_the_spool_to_the_process_that_uses_it(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It stays among those that want the route: leaving them would keep it from taking over."""
-    monkeypatch.setattr('ros2_kafka_bridge.lane._BACKLOG_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.turns.lane._BACKLOG_S', 0.0)
     lock = MemoryLock('theirs theirs theirs theirs ours')
     house = House(lock)
     house.directions.append(MemoryDirection(2, house.stop))
@@ -548,8 +550,8 @@ def test_guarantee_8_a_turn_without_the_spool_goes_back_to_a_bridge_that_stands_
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Who has the spool may still run the route, and be held back by an endpoint that is idle."""
-    monkeypatch.setattr('ros2_kafka_bridge.lane._SPOOL_S', 0.0)
-    monkeypatch.setattr('ros2_kafka_bridge.lane.OVERLAP_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.turns.lane._SPOOL_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.turns.lane.OVERLAP_S', 0.0)
     lock = MemoryLock('ours')
     house = House(lock, MemoryDirection(0, fail))
     house.in_use = IN_USE
@@ -576,8 +578,8 @@ def test_guarantee_8_a_turn_without_the_spool_goes_back_to_a_bridge_that_stands_
 def test_a_turn_without_the_spool_is_kept_where_no_other_bridge_stands_by(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.lane._SPOOL_S', 0.0)
-    monkeypatch.setattr('ros2_kafka_bridge.lane.OVERLAP_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.turns.lane._SPOOL_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.turns.lane.OVERLAP_S', 0.0)
     lock = MemoryLock('ours')
     house = House(lock)
     house.directions.append(MemoryDirection(2, house.stop))

@@ -12,15 +12,8 @@ from ros_package import install_package, write_package
 from rosidl_parser import definition as idl
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.layout import (
-    Array,
-    Kind,
-    Layout,
-    Primitive,
-    Sequence,
-    String,
-)
 from ros2_kafka_bridge.message_types import type_names
+from ros2_kafka_bridge.message_types.layout import Array, Kind, Layout, Primitive, Sequence, String
 from ros2_kafka_bridge.ros.types import load_type
 
 EVERY_TYPE = pytest.mark.parametrize('name', type_names())

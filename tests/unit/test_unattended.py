@@ -5,7 +5,7 @@ import sys
 
 KNOWN = """
 import threading
-from ros2_kafka_bridge import unattended
+from ros2_kafka_bridge.threads import unattended
 ended = threading.Event()
 thread = unattended.start('a look', ended.wait)
 print(unattended.is_any_left())
@@ -15,7 +15,8 @@ print(unattended.is_any_left(), end='')
 """
 WORKER = """
 import time
-from ros2_kafka_bridge import unattended, worker
+from ros2_kafka_bridge.process import worker
+from ros2_kafka_bridge.threads import unattended
 unattended.start('a look', lambda: time.sleep(600))
 print('all was said', end='')
 worker._leave(3)

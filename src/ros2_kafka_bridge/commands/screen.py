@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ros2_kafka_bridge.printable import printable, printable_lines
+from ros2_kafka_bridge.logs.text import printable, printable_lines
 
 _DISCOVERY_S = 4.0  # Fast DDS announces a participant every 3 s: sometimes the first are missed
 

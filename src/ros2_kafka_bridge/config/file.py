@@ -12,8 +12,7 @@ from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.config.tree import Finding, Tree, YamlError, read_yaml
 from ros2_kafka_bridge.config.words import mistakes_in
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.plural import count
-from ros2_kafka_bridge.printable import printable
+from ros2_kafka_bridge.logs.text import count, printable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -12,7 +12,7 @@ from typing import Final, Self
 
 from ros2_kafka_bridge.demo.contestants import Program
 from ros2_kafka_bridge.demo.snapshots import listen
-from ros2_kafka_bridge.metrics import Snapshot
+from ros2_kafka_bridge.route.counters import Snapshot
 
 _KILLED_S: Final = 5.0
 _TAIL_LINES: Final = 8

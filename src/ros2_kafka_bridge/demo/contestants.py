@@ -95,7 +95,11 @@ def _bridge(ends: Ends) -> Sequence[Program]:
     YAML(typ='safe').dump(config, text)
     file = ends.place / 'bridge.yaml'
     file.write_text(text.getvalue(), encoding='utf-8')
-    return [Program('the bridge', [sys.executable, '-m', 'ros2_kafka_bridge.worker', str(file)])]
+    return [
+        Program(
+            'the bridge', [sys.executable, '-m', 'ros2_kafka_bridge.process.worker', str(file)]
+        )
+    ]
 
 
 def _paper(ends: Ends) -> Sequence[Program]:

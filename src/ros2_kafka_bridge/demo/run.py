@@ -16,8 +16,8 @@ from ros2_kafka_bridge.demo.table import Look, say, summary, view
 from ros2_kafka_bridge.demo.topics import Topics
 from ros2_kafka_bridge.demo.trip import Plan, Trip
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.stop import Stop, signals_to_heed
 from ros2_kafka_bridge.testing.embedded_broker import QUICK_FETCH, EmbeddedBroker
+from ros2_kafka_bridge.threads.stop import Stop, signals_to_heed
 
 RATE: Final = 300.0
 COMPARED_RATE: Final = 1000.0  # where the paper's nodes lose on an ordinary machine

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from ros2_kafka_bridge.metrics import Counters, Outcome, Snapshot, from_line, to_line
+from ros2_kafka_bridge.route.counters import Counters, Outcome, Snapshot, from_line, to_line
 
 PERIOD_S = 1.0
 

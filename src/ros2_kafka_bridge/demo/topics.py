@@ -12,7 +12,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 )
 
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.logs import client_log
+from ros2_kafka_bridge.logs.lines import client_log
 
 _REQUEST_S: Final = 5.0
 _AGAIN_S: Final = 0.5

@@ -18,7 +18,7 @@ from confluent_kafka import (
 )
 
 from ros2_kafka_bridge.demo.tally import Arrival
-from ros2_kafka_bridge.logs import client_log
+from ros2_kafka_bridge.logs.lines import client_log
 from ros2_kafka_bridge.testing.orders import Order, decode, encode, orders
 
 SEED: Final = 1

@@ -11,8 +11,8 @@ from ros2_kafka_bridge.demo.contestants import Contestant, Ends
 from ros2_kafka_bridge.demo.table import Look
 from ros2_kafka_bridge.demo.tally import Tally
 from ros2_kafka_bridge.demo.traffic import Receiver, Sender
-from ros2_kafka_bridge.metrics import Snapshot
-from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.route.counters import Snapshot
+from ros2_kafka_bridge.threads.stop import Stop
 
 START_S: Final = 60.0
 # How long nothing may arrive until what is missing counts as lost: for a contestant that knows

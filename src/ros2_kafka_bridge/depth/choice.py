@@ -10,7 +10,7 @@ from scipy import stats
 
 from ros2_kafka_bridge.depth.queue import Replay, Times, checked, replay, resample
 from ros2_kafka_bridge.depth.tail import FEWEST, Floats, Tail, find_threshold, fit
-from ros2_kafka_bridge.plural import count
+from ros2_kafka_bridge.logs.text import count
 
 USUAL_DEPTHS = (10, 100, 200)
 DEEPEST = 100_000

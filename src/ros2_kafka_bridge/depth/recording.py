@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ros2_kafka_bridge.depth.queue import Times
 from ros2_kafka_bridge.depth.recorder import HEADER
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.plural import count
+from ros2_kafka_bridge.logs.text import count
 
 _NEVER_WAITED = (
     'no message ever waited while this was recorded: what the executor does between two callbacks '

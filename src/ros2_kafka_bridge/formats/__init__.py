@@ -15,8 +15,8 @@ from ros2_kafka_bridge.errors import (
     error_of_bug,
 )
 from ros2_kafka_bridge.formats import avro, cdr, json, protobuf, text
-from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.message_types.layout import Layout
 
 Decode = Callable[[bytes | None], bytes]
 """Value of a record (None: a tombstone) -> CDR bytes. Raises DecodeError."""

@@ -6,9 +6,9 @@ Bytes are looked at, never changed: DDS takes garbage without a word, and reader
 from collections.abc import Callable
 
 from ros2_kafka_bridge.errors import DecodeError, EncodeError
-from ros2_kafka_bridge.formats.layout import Layout, has_slack
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.walk import make_end
+from ros2_kafka_bridge.message_types.layout import Layout, has_slack
 
 
 def make_decode(layout: Layout, _scope: Scope) -> Callable[[bytes | None], bytes]:

@@ -14,7 +14,6 @@ import msgspec
 
 from ros2_kafka_bridge.config.formats import JsonSettings
 from ros2_kafka_bridge.errors import DecodeError, EncodeError
-from ros2_kafka_bridge.formats.layout import Layout, Scalar
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.values.read import make_read
 from ros2_kafka_bridge.formats.values.structs import (
@@ -25,6 +24,7 @@ from ros2_kafka_bridge.formats.values.structs import (
     make_structs,
 )
 from ros2_kafka_bridge.formats.values.write import make_write
+from ros2_kafka_bridge.message_types.layout import Layout, Scalar
 
 _DIALECT: Final = 'https://json-schema.org/draft/2020-12/schema'
 

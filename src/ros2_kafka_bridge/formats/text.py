@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import Final
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
-from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.message_types.layout import Layout
 
 MESSAGE_TYPE: Final = 'std_msgs/msg/String'
 

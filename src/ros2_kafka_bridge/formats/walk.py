@@ -16,7 +16,8 @@ from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError
-from ros2_kafka_bridge.formats.layout import (
+from ros2_kafka_bridge.formats.generated import compiled
+from ros2_kafka_bridge.message_types.layout import (
     PRIMITIVES,
     Array,
     Kind,
@@ -26,7 +27,6 @@ from ros2_kafka_bridge.formats.layout import (
     String,
     width_of,
 )
-from ros2_kafka_bridge.formats.values.source import compiled
 
 _BOOL: Final = Primitive('bool')
 _EVEN_BYTES: Final = 8192

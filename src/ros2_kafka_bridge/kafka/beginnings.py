@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 from confluent_kafka import OFFSET_BEGINNING, Consumer, KafkaException, TopicPartition
 
-from ros2_kafka_bridge.about import About
+from ros2_kafka_bridge.errors import About
 from ros2_kafka_bridge.kafka.commits import Commits
-from ros2_kafka_bridge.logs import summed
+from ros2_kafka_bridge.logs.lines import summed
 
 _REQUEST_S = 10.0
 

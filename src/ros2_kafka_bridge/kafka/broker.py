@@ -11,8 +11,8 @@ from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.errors import translate
 from ros2_kafka_bridge.kafka.health import Admin
 from ros2_kafka_bridge.kafka.properties import consumer_properties
-from ros2_kafka_bridge.logs import client_log
-from ros2_kafka_bridge.plural import count
+from ros2_kafka_bridge.logs.lines import client_log
+from ros2_kafka_bridge.logs.text import count
 
 _REQUEST_S = 5.0
 

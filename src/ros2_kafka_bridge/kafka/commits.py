@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
 
-from ros2_kafka_bridge import unattended
+from ros2_kafka_bridge.threads import unattended
 
 if TYPE_CHECKING:
     import threading

@@ -15,7 +15,6 @@ from confluent_kafka import (
     TopicPartition,
 )
 
-from ros2_kafka_bridge import unattended
 from ros2_kafka_bridge.endpoints import Rebalance, Record
 from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.kafka.beginnings import Beginnings
@@ -27,6 +26,7 @@ from ros2_kafka_bridge.kafka.properties import Membership, member_name
 from ros2_kafka_bridge.kafka.recorder import Recorder, with_recording
 from ros2_kafka_bridge.kafka.statistics import read, with_statistics
 from ros2_kafka_bridge.kafka.watch import Watch
+from ros2_kafka_bridge.threads import unattended
 
 _REQUEST_S = 10.0
 _LEAVE_S = 2.0

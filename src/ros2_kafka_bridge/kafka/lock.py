@@ -35,7 +35,6 @@ from typing import Any, Final, Self
 
 from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
 
-from ros2_kafka_bridge import unattended
 from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
 from ros2_kafka_bridge.kafka.admin import ensure_topic
 from ros2_kafka_bridge.kafka.errors import Client, translate
@@ -49,7 +48,8 @@ from ros2_kafka_bridge.kafka.properties import (
 )
 from ros2_kafka_bridge.kafka.recorder import Recorder, with_recording
 from ros2_kafka_bridge.kafka.statistics import read, with_statistics
-from ros2_kafka_bridge.logs import client_log
+from ros2_kafka_bridge.logs.lines import client_log
+from ros2_kafka_bridge.threads import unattended
 
 HEARTBEAT_MS: Final = 1000
 _REQUEST_S: Final = 5.0

@@ -13,8 +13,8 @@ from ros2_kafka_bridge.errors import BridgeError, RecordError, RouteError, Trans
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.health import check_files
 from ros2_kafka_bridge.kafka.properties import canonical
-from ros2_kafka_bridge.logs import client_log
-from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.logs.lines import client_log
+from ros2_kafka_bridge.threads.stop import Stop
 
 TRANSACTION_S: Final = 20.0
 """How long a transaction may stay open: so long a killed one holds up readers of its topics."""

@@ -13,7 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.layout import Array, Kind, Layout, Sequence
 from ros2_kafka_bridge.message_types.definition import (
     Docs,
     has_parser,
@@ -34,6 +33,7 @@ from ros2_kafka_bridge.message_types.installed import (
     installed_source,
     read_installed,
 )
+from ros2_kafka_bridge.message_types.layout import Array, Kind, Layout, Sequence
 
 
 def type_names(message_path: Listed[Path] = ()) -> list[str]:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.layout import PRIMITIVES, Constant, Primitive, String
 from ros2_kafka_bridge.message_types.description import (
     EMPTY_MEMBER,
     FieldDescription,
@@ -18,6 +17,7 @@ from ros2_kafka_bridge.message_types.description import (
     Lists,
     TypeDescription,
 )
+from ros2_kafka_bridge.message_types.layout import PRIMITIVES, Constant, Primitive, String
 
 _UINT8: Final = FieldType(Ids.UINT8, 0, 0, '')
 _ROS1: Final = {'time': 'builtin_interfaces/Time', 'duration': 'builtin_interfaces/Duration'}

@@ -10,7 +10,7 @@ from typing import Final
 import msgspec
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.layout import (
+from ros2_kafka_bridge.message_types.layout import (
     PRIMITIVES,
     Array,
     Field,

@@ -1,1 +1,4 @@
-"""What watches a bridge, in a process beside those that move messages."""
+"""What watches a bridge, in a process beside those that move messages: metrics, health, page.
+
+It may use every room but the command line; nobody imports it, the supervisor starts it.
+"""

@@ -16,10 +16,10 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Final
 
-from ros2_kafka_bridge import logs
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
+from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.monitoring.state import Watch
-from ros2_kafka_bridge.stop import SIGNALS, Stop
+from ros2_kafka_bridge.threads.stop import SIGNALS, Stop
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.monitoring.server import Server

@@ -3,19 +3,19 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from ros2_kafka_bridge.commands.matching import (
-    AnyRoute,
+from ros2_kafka_bridge.commands.names import is_of_ros_itself
+from ros2_kafka_bridge.config.routes import AnyRoute
+from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
+from ros2_kafka_bridge.ros.matching import (
     Problem,
     others,
     own_publishers,
     own_readers,
     publisher_problem,
     reader_problem,
+    ros_end,
     type_of,
 )
-from ros2_kafka_bridge.commands.names import is_of_ros_itself
-from ros2_kafka_bridge.commands.topics import ros_end
-from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.ros.node import Peer, Topic, domain_in_words, middleware, own_nodes
 
 _NO_TIME_NS = 2**31 * 10**9 - 1

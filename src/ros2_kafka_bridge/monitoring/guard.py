@@ -17,7 +17,7 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from ros2_kafka_bridge.config.operations import MonitoringSettings
-from ros2_kafka_bridge.printable import printable
+from ros2_kafka_bridge.logs.text import printable
 
 OPEN_PATHS: Final = frozenset({'/metrics', '/livez', '/readyz'})
 """What Prometheus and the kubelet ask for, by addresses that nobody can list."""

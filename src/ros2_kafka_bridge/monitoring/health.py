@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
-from ros2_kafka_bridge.metrics import State
-from ros2_kafka_bridge.monitoring.limits import SILENT_S, STUCK_S
-from ros2_kafka_bridge.monitoring.protocol import Lifecycle, Report, RouteReport
+from ros2_kafka_bridge.protocol.limits import SILENT_S, STUCK_S
+from ros2_kafka_bridge.protocol.messages import Lifecycle, Report, RouteReport
+from ros2_kafka_bridge.route.counters import State
 
 _READY: Final = frozenset({State.RUNNING, State.WAITING, State.PAUSED})
 

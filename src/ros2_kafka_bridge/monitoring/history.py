@@ -4,9 +4,9 @@ import threading
 from collections import deque
 from typing import Final, NamedTuple
 
-from ros2_kafka_bridge.metrics import Snapshot
-from ros2_kafka_bridge.monitoring.protocol import Report
-from ros2_kafka_bridge.monitoring.quantiles import percentiles
+from ros2_kafka_bridge.protocol.messages import Report
+from ros2_kafka_bridge.protocol.quantiles import percentiles
+from ros2_kafka_bridge.route.counters import Snapshot
 
 SPAN_S: Final = 600
 BUCKET_S: Final = 5

@@ -6,17 +6,17 @@ from typing import Any, Final
 
 import msgspec
 
-from ros2_kafka_bridge.commands.dead_letters import NOT_OURS, open_reader
+from ros2_kafka_bridge.commands.dead_letters.report import NOT_OURS, open_reader
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
-from ros2_kafka_bridge.dead_letter_topic.letter import Letter, Mark, Place
-from ros2_kafka_bridge.dead_letter_topic.words import escaped, hex_lines, shortened, text_lines
+from ros2_kafka_bridge.dead_letters.letter import Letter, Mark, Place
+from ros2_kafka_bridge.dead_letters.words import escaped, hex_lines, shortened, text_lines
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.formats.json import make_encode
 from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.logs.text import printable, printable_lines
 from ros2_kafka_bridge.message_types import load_layout
-from ros2_kafka_bridge.printable import printable, printable_lines
-from ros2_kafka_bridge.route_format import decode_of
+from ros2_kafka_bridge.route.format import decode_of
 
 MOST_OFFSETS: Final = 2000
 MOST_LETTERS: Final = 500

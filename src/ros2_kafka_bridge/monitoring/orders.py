@@ -12,16 +12,16 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from ros2_kafka_bridge.config.settings import MonitoringSettings
-from ros2_kafka_bridge.dead_letter_topic.letter import Place
+from ros2_kafka_bridge.dead_letters.letter import Place
 from ros2_kafka_bridge.errors import BridgeError
-from ros2_kafka_bridge.logs import route_log, summed
+from ros2_kafka_bridge.logs.lines import route_log, summed
+from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.monitoring import letters
 from ros2_kafka_bridge.monitoring.guard import Refusal, is_of_this_machine, without_right
-from ros2_kafka_bridge.monitoring.protocol import Answer, Do
 from ros2_kafka_bridge.monitoring.replay import Replay
 from ros2_kafka_bridge.monitoring.replay_process import Order
 from ros2_kafka_bridge.monitoring.state import Watch
-from ros2_kafka_bridge.printable import printable
+from ros2_kafka_bridge.protocol.messages import Answer, Do
 
 _MOST_BODY_BYTES: Final = 256 * 1024
 _WRONG_TOKEN_S: Final = 0.5

@@ -11,9 +11,9 @@ from typing import Any, Final
 
 import msgspec
 
-from ros2_kafka_bridge.logs import route_log
+from ros2_kafka_bridge.logs.lines import route_log
+from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.monitoring.replay_process import Order
-from ros2_kafka_bridge.printable import printable
 
 _LINES: Final = 500
 _ENDING_S: Final = 5.0

@@ -67,11 +67,11 @@ def main() -> int:
     order = msgspec.json.decode(sys.stdin.buffer.readline(), type=Order)
     threading.Thread(target=_end_with_starter, name='starter', daemon=True).start()
 
-    from ros2_kafka_bridge.commands import replay  # noqa: PLC0415 (heavy: the order is read first)
-    from ros2_kafka_bridge.commands.dead_letters import Asked, spoken  # noqa: PLC0415
-    from ros2_kafka_bridge.dead_letter_topic.choice import Choice  # noqa: PLC0415
-    from ros2_kafka_bridge.dead_letter_topic.letter import Place  # noqa: PLC0415
-    from ros2_kafka_bridge.worker import load_checked  # noqa: PLC0415
+    from ros2_kafka_bridge.commands.dead_letters import replay  # noqa: PLC0415 (heavy: the order is read first)
+    from ros2_kafka_bridge.commands.dead_letters.report import Asked, spoken  # noqa: PLC0415
+    from ros2_kafka_bridge.dead_letters.choice import Choice  # noqa: PLC0415
+    from ros2_kafka_bridge.dead_letters.letter import Place  # noqa: PLC0415
+    from ros2_kafka_bridge.process.load import load_checked  # noqa: PLC0415
 
     places = None
     if order.places is not None:

@@ -13,7 +13,7 @@ from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
 from ros2_kafka_bridge.kafka.properties import common_properties
 from ros2_kafka_bridge.monitoring import graph
 from ros2_kafka_bridge.monitoring.state import Watch
-from ros2_kafka_bridge.monitoring.words import ends_of
+from ros2_kafka_bridge.protocol.words import ends_of
 from ros2_kafka_bridge.ros.node import RosNode, domain_in_words, open_node
 from ros2_kafka_bridge.ros.profile import Endpoints
 

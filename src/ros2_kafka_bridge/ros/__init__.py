@@ -1,1 +1,1 @@
-"""Everything that touches ROS 2. No other package imports rclpy."""
+"""Everything that touches ROS 2. No other room imports rclpy, but the paper's nodes in `demo`."""

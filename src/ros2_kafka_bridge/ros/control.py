@@ -14,17 +14,18 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
-from ros2_kafka_bridge import __version__, logs
+from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError
-from ros2_kafka_bridge.monitoring.protocol import Answer, Configured, Do, Report
+from ros2_kafka_bridge.logs import lines as logs
+from ros2_kafka_bridge.protocol.messages import Answer, Configured, Do, Report
 from ros2_kafka_bridge.ros.arguments import ROS_ARGUMENTS
 from ros2_kafka_bridge.ros.diagnostics import About, Recent, Status, statuses
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.node import RosNode, node_name, open_made
 from ros2_kafka_bridge.ros.profile import Endpoints
-from ros2_kafka_bridge.stop import Stop
+from ros2_kafka_bridge.threads.stop import Stop
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.ros.managed import ManagedNode

@@ -7,12 +7,12 @@ from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
-from ros2_kafka_bridge.metrics import Distribution, Outcome, Snapshot, State
-from ros2_kafka_bridge.monitoring.limits import OLD_S, STUCK_S
-from ros2_kafka_bridge.monitoring.protocol import Lifecycle, Report, RouteReport, Worker
-from ros2_kafka_bridge.monitoring.quantiles import percentiles
-from ros2_kafka_bridge.monitoring.words import advice, ends_of, type_of
-from ros2_kafka_bridge.plural import count
+from ros2_kafka_bridge.logs.text import count
+from ros2_kafka_bridge.protocol.limits import OLD_S, STUCK_S
+from ros2_kafka_bridge.protocol.messages import Lifecycle, Report, RouteReport, Worker
+from ros2_kafka_bridge.protocol.quantiles import percentiles
+from ros2_kafka_bridge.protocol.words import advice, ends_of, type_of
+from ros2_kafka_bridge.route.counters import Distribution, Outcome, Snapshot, State
 
 _RATE_S: Final = 10.0
 _RECENT_S: Final = 60.0

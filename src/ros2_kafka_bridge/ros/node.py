@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.printable import printable
+from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.profile import (
     FASTDDS_2,
@@ -151,6 +151,13 @@ def middleware() -> str:
     import rclpy  # noqa: PLC0415 (heavy)
 
     return str(rclpy.utilities.get_rmw_implementation_identifier())
+
+
+def rclpy_folder() -> Path:
+    """Where the rclpy in use lies: that of the wheels, or of a sourced ROS 2."""
+    import rclpy  # noqa: PLC0415 (heavy)
+
+    return Path(rclpy.__file__).parent
 
 
 @contextmanager

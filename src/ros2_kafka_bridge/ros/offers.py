@@ -16,8 +16,8 @@ from std_srvs.srv import Trigger
 from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config
-from ros2_kafka_bridge.monitoring.protocol import Answer, Do
-from ros2_kafka_bridge.monitoring.words import ends_of, type_of
+from ros2_kafka_bridge.protocol.messages import Answer, Do
+from ros2_kafka_bridge.protocol.words import ends_of, type_of
 from ros2_kafka_bridge.ros.managed import in_one_line
 from ros2_kafka_bridge.ros.route_names import ros_names
 

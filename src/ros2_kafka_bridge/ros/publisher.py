@@ -8,7 +8,7 @@ from typing import Any
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.endpoints import Load, Matches, Readers
 from ros2_kafka_bridge.errors import BridgeError
-from ros2_kafka_bridge.logs import summed
+from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.ros.errors import left_behind, translate, translated
 from ros2_kafka_bridge.ros.node import Peer, RosNode
 from ros2_kafka_bridge.ros.qos import mismatch, profile, waits

@@ -3,13 +3,12 @@
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from ros2_kafka_bridge.about import About
 from ros2_kafka_bridge.config.settings import QoS
-from ros2_kafka_bridge.endpoints import Matches, Message
-from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
-from ros2_kafka_bridge.logs import summed
+from ros2_kafka_bridge.endpoints import Matches, Message, Offer
+from ros2_kafka_bridge.errors import About, BridgeError, RouteError, TransportError
+from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.ros.errors import left_behind, translated
 from ros2_kafka_bridge.ros.node import Peer, RosNode
 from ros2_kafka_bridge.ros.qos import mismatch, profile
@@ -25,13 +24,6 @@ _REMEMBERED = 1000
 # Asking holds the thread of the route for seconds where Kafka is away: most of the time is for
 # taking from the other publishers.
 _POSTPONED_S = 10.0
-
-
-class Offer(NamedTuple):
-    """The part of a publisher's QoS that a subscription follows."""
-
-    reliability: str
-    durability: str
 
 
 DEFAULT = Offer('reliable', 'volatile')

@@ -4,15 +4,8 @@ import importlib
 from typing import Any, NamedTuple
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.layout import (
-    Array,
-    Kind,
-    Layout,
-    Primitive,
-    Sequence,
-    String,
-)
 from ros2_kafka_bridge.message_types import load_layout
+from ros2_kafka_bridge.message_types.layout import Array, Kind, Layout, Primitive, Sequence, String
 
 
 class MessageType(NamedTuple):

@@ -14,7 +14,7 @@ from typing import Final
 
 from ros2_kafka_bridge.config.settings import SpoolSettings
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.plural import count as counted
+from ros2_kafka_bridge.logs.text import count as counted
 from ros2_kafka_bridge.spool.store import Row, Spool
 
 BATCH: Final = 500

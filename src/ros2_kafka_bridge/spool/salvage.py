@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.errors import RouteError, TransportError
-from ros2_kafka_bridge.plural import count as counted
+from ros2_kafka_bridge.logs.text import count as counted
 from ros2_kafka_bridge.spool import database, health
 from ros2_kafka_bridge.spool.ledger import VERSION, Ledger
 from ros2_kafka_bridge.spool.pages import Pages

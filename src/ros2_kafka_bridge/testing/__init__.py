@@ -1,8 +1,7 @@
 """What the bridge is tested with, shipped so that its users test the same way.
 
 - `local_kafka.LocalKafka`: one real Apache Kafka node (needs Java 17 or newer, and Maven once).
-- `local_cluster.LocalCluster`: a real cluster of three, to lose one of them.
-- `hosts.Network`: hosts on a network that can be cut and made to lose packets (Linux, root).
+- `memory`: the four ends of a direction in memory, to see what it does with them.
 - `embedded_broker.EmbeddedBroker`: librdkafka's mock cluster, inside this process, at once.
 - `orders`: the random warehouse orders of the demo and of the benchmarks.
 

@@ -8,7 +8,7 @@ from typing import Final, Self
 from confluent_kafka import KafkaException, Producer
 
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.logs import client_log
+from ros2_kafka_bridge.logs.lines import client_log
 
 ANSWER_S: Final = 5.0
 

@@ -11,11 +11,15 @@ from pathlib import Path
 from typing import Final
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.testing.class_archive import make_archive
 
 JARS_VARIABLE: Final = 'ROS2_KAFKA_BRIDGE_KAFKA_JARS'
 POM: Final = Path(__file__).with_name('pom.xml')
 OLDEST_JAVA: Final = 17
+ARCHIVE: Final = 'classes.jsa'
+"""File beside the jars: Kafka's classes as Java maps them into memory, for half the start.
+
+It belongs to one Java and one set of jars. Another Java passes over it by itself.
+"""
 
 
 def find_jars(directory: Path | None = None) -> Path | None:
@@ -49,12 +53,15 @@ def install_jars(directory: Path | None = None) -> Path:
     jars.parent.mkdir(parents=True, exist_ok=True)
     with (jars.parent / '.lock').open('w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        is_new = not jars.is_dir()
-        if is_new:
+        if not jars.is_dir():
             _copy_jars(jars)
-    if is_new:
-        make_archive(jars)
     return jars
+
+
+def archive_flags(jars: Path) -> tuple[str, ...]:
+    """Java's flags for the archive of these jars; none where there is none."""
+    archive = jars / ARCHIVE
+    return (f'-XX:SharedArchiveFile={archive}',) if archive.is_file() else ()
 
 
 def java() -> str:

@@ -21,8 +21,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 )
 
 from ros2_kafka_bridge.errors import ConfigError, TransportError
-from ros2_kafka_bridge.testing.class_archive import archive_flags
-from ros2_kafka_bridge.testing.kafka_jars import install_jars, java
+from ros2_kafka_bridge.testing.kafka_jars import archive_flags, install_jars, java
 from ros2_kafka_bridge.testing.owned import start_owned
 
 HOST: Final = '127.0.0.1'

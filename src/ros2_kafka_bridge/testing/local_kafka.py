@@ -15,8 +15,8 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Final, NoReturn, Self, TextIO
 
-from ros2_kafka_bridge.errors import ConfigError, TransportError
-from ros2_kafka_bridge.testing.kafka_jars import find_jars
+from ros2_kafka_bridge.errors import BridgeError, ConfigError, TransportError
+from ros2_kafka_bridge.testing.kafka_jars import ARCHIVE, find_jars, install_jars
 from ros2_kafka_bridge.testing.kafka_node import (
     HOST,
     PROPERTIES,
@@ -28,7 +28,7 @@ from ros2_kafka_bridge.testing.kafka_node import (
     wait_for_brokers,
 )
 
-__all__ = ['HOST', 'LocalKafka', 'free_port', 'main']
+__all__ = ['HOST', 'LocalKafka', 'free_port', 'install_kafka', 'main']
 
 NODE_ID: Final = 1
 START_ATTEMPTS: Final = 5
@@ -185,6 +185,7 @@ class LocalKafka:
         self._controller_port = controller_port or free_port(self._host)
 
     def _start_once(self) -> None:
+        install_kafka()
         if self._directory is None:
             self._directory = Path(tempfile.mkdtemp(prefix='local-kafka-'))
         self._started = node = self._started or KafkaNode(self._directory, self._jvm_flags)
@@ -206,6 +207,29 @@ class LocalKafka:
             'listeners': f'{own},{more}' if more else own,
             'controller.quorum.voters': f'{NODE_ID}@{controller}',
         }
+
+
+def install_kafka(directory: Path | None = None) -> Path:
+    """Let Maven fetch Kafka's jars, if they are not there yet, and map its classes then.
+
+    Arguments, result and errors are those of `kafka_jars.install_jars`.
+    """
+    is_new = find_jars(directory) is None
+    jars = install_jars(directory)
+    if is_new:
+        make_archive(jars)
+    return jars
+
+
+def make_archive(jars: Path) -> None:
+    """Run a node once, and keep the classes that it has loaded; without them it is only slower."""
+    with tempfile.TemporaryDirectory(dir=jars.parent) as scratch:
+        made = Path(scratch) / ARCHIVE
+        # What goes wrong is said by whoever needs a node.
+        with suppress(BridgeError), LocalKafka(jvm_flags=(f'-XX:ArchiveClassesAtExit={made}',)):
+            pass
+        if made.is_file():
+            made.rename(jars / ARCHIVE)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -24,10 +24,9 @@ from opentelemetry.sdk.trace.sampling import ALWAYS_ON
 
 from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.config.words import masked_values
-from ros2_kafka_bridge.logs import RouteLog
-from ros2_kafka_bridge.plural import count
-from ros2_kafka_bridge.printable import printable
-from ros2_kafka_bridge.tracing.context import TraceContext
+from ros2_kafka_bridge.logs.lines import RouteLog
+from ros2_kafka_bridge.logs.text import count, printable
+from ros2_kafka_bridge.route.trace_context import TraceContext
 from ros2_kafka_bridge.tracing.span import Span
 
 MOST_WAITING: Final = 2048

@@ -6,8 +6,8 @@ from typing import Final, Protocol
 
 from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing
 from ros2_kafka_bridge.errors import RecordError
-from ros2_kafka_bridge.metrics import Outcome
-from ros2_kafka_bridge.tracing.context import TRACEPARENT, from_headers, traceparents
+from ros2_kafka_bridge.route.counters import Outcome
+from ros2_kafka_bridge.route.trace_context import TRACEPARENT, from_headers, traceparents
 from ros2_kafka_bridge.tracing.span import Attributes, EndSpan, Span, in_words, since_1970_ns
 
 _SAMPLED: Final = b'-01'

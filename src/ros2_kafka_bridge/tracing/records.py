@@ -6,11 +6,10 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final, NamedTuple, Protocol
 
-from ros2_kafka_bridge.endpoints import HeaderList, Record
+from ros2_kafka_bridge.endpoints import HeaderList, Record, headers_of
 from ros2_kafka_bridge.errors import RecordError
-from ros2_kafka_bridge.kafka.headers import headers_of
-from ros2_kafka_bridge.metrics import Outcome
-from ros2_kafka_bridge.tracing.context import TraceContext, from_headers
+from ros2_kafka_bridge.route.counters import Outcome
+from ros2_kafka_bridge.route.trace_context import TraceContext, from_headers
 from ros2_kafka_bridge.tracing.span import Attributes, EndSpan, Span, in_words, since_1970_ns
 
 ReadHeaders = Callable[[Record], HeaderList | None]

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import Any, Final, NamedTuple
 
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
-from ros2_kafka_bridge.logs import RouteLog
+from ros2_kafka_bridge.logs.lines import RouteLog
 from ros2_kafka_bridge.tracing.messages import (
     NO_MESSAGE_TRACES,
     MakeHeaders,

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Literal, NamedTuple
 
 from ros2_kafka_bridge.errors import RecordError
-from ros2_kafka_bridge.tracing.context import TraceContext
+from ros2_kafka_bridge.route.trace_context import TraceContext
 
 Attributes = Mapping[str, str | int]
 

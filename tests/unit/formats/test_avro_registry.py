@@ -32,7 +32,8 @@ from ros2_kafka_bridge.errors import ConfigError, DecodeError, RecordTooLargeErr
 from ros2_kafka_bridge.formats.avro import make_decode, make_encode
 from ros2_kafka_bridge.formats.avro.schema import avro_schema
 from ros2_kafka_bridge.formats.avro.versions import version_of
-from ros2_kafka_bridge.formats.layout import (
+from ros2_kafka_bridge.message_types import load_layout, type_names
+from ros2_kafka_bridge.message_types.layout import (
     Array,
     Field,
     Kind,
@@ -41,7 +42,6 @@ from ros2_kafka_bridge.formats.layout import (
     Sequence,
     String,
 )
-from ros2_kafka_bridge.message_types import load_layout, type_names
 
 STRING = load_layout('std_msgs/msg/String')
 TOPIC = SerializationContext('robots', MessageField.VALUE)

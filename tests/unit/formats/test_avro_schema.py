@@ -12,7 +12,8 @@ import pytest
 from messages import layout_of
 
 from ros2_kafka_bridge.formats.avro.schema import FILLER, avro_schema
-from ros2_kafka_bridge.formats.layout import (
+from ros2_kafka_bridge.message_types import load_layout, type_names
+from ros2_kafka_bridge.message_types.layout import (
     Array,
     Constant,
     Field,
@@ -23,7 +24,6 @@ from ros2_kafka_bridge.formats.layout import (
     Sequence,
     String,
 )
-from ros2_kafka_bridge.message_types import load_layout, type_names
 
 FLOAT = Primitive('float64')
 POINT = Layout('geo_msgs/msg/Point', (Field('x', FLOAT), Field('y', FLOAT)))

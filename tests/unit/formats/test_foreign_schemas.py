@@ -27,8 +27,8 @@ from ros2_kafka_bridge.config.formats import SchemaSettings
 from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.avro import make_to_cdr, read_by_id
 from ros2_kafka_bridge.formats.avro.schema import avro_schema
-from ros2_kafka_bridge.formats.layout import Field, Layout, Primitive, Sequence, String
 from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.message_types.layout import Field, Layout, Primitive, Sequence, String
 
 TYPES: Final = ('nav_msgs/msg/Odometry', 'diagnostic_msgs/msg/DiagnosticArray')
 

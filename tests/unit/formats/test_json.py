@@ -15,7 +15,9 @@ from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
 from ros2_kafka_bridge.formats.cdr import make_decode as make_cdr_decode
 from ros2_kafka_bridge.formats.cdr import make_encode as make_cdr_encode
 from ros2_kafka_bridge.formats.json import make_decode, make_encode, schema
-from ros2_kafka_bridge.formats.layout import (
+from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.message_types import document
+from ros2_kafka_bridge.message_types.layout import (
     Array,
     Constant,
     Field,
@@ -24,8 +26,6 @@ from ros2_kafka_bridge.formats.layout import (
     Sequence,
     String,
 )
-from ros2_kafka_bridge.formats.scope import Scope
-from ros2_kafka_bridge.message_types import document
 
 STRING = 'std_msgs/msg/String'
 FLOAT64 = 'std_msgs/msg/Float64'

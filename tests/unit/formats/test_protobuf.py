@@ -15,7 +15,11 @@ from messages import FEW, big_endian, cdr, cuts, extremes, layout_of, message_va
 from ros2_kafka_bridge.config.formats import SchemaSettings
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
 from ros2_kafka_bridge.formats import Decode, Encode
-from ros2_kafka_bridge.formats.layout import (
+from ros2_kafka_bridge.formats.protobuf import make_decode, make_encode
+from ros2_kafka_bridge.formats.protobuf.schema import make_class
+from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.message_types import type_names
+from ros2_kafka_bridge.message_types.layout import (
     Array,
     Field,
     Kind,
@@ -24,10 +28,6 @@ from ros2_kafka_bridge.formats.layout import (
     Sequence,
     String,
 )
-from ros2_kafka_bridge.formats.protobuf import make_decode, make_encode
-from ros2_kafka_bridge.formats.protobuf.schema import make_class
-from ros2_kafka_bridge.formats.scope import Scope
-from ros2_kafka_bridge.message_types import type_names
 
 EVERY_TYPE = pytest.mark.parametrize('name', type_names())
 PLAIN = Scope('robots', schema=SchemaSettings(registry=False))

@@ -17,7 +17,11 @@ from registry_server import RegistryServer
 
 from ros2_kafka_bridge.config.formats import SchemaSettings
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, RouteError
-from ros2_kafka_bridge.formats.layout import (
+from ros2_kafka_bridge.formats.protobuf import make_decode, make_encode
+from ros2_kafka_bridge.formats.protobuf.schema import make_class, make_files, protobuf_sources
+from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.message_types import document, load_layout
+from ros2_kafka_bridge.message_types.layout import (
     Array,
     Field,
     Kind,
@@ -26,10 +30,6 @@ from ros2_kafka_bridge.formats.layout import (
     Sequence,
     String,
 )
-from ros2_kafka_bridge.formats.protobuf import make_decode, make_encode
-from ros2_kafka_bridge.formats.protobuf.schema import make_class, make_files, protobuf_sources
-from ros2_kafka_bridge.formats.scope import Scope
-from ros2_kafka_bridge.message_types import document, load_layout
 
 VALUE = SerializationContext('robots', MessageField.VALUE)
 BY_TOPIC = {'subject.name.strategy.type': 'TOPIC'}

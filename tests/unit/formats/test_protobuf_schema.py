@@ -16,7 +16,6 @@ from messages import cdr_of, new_message
 
 from ros2_kafka_bridge.config.formats import SchemaSettings
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.layout import Constant, Field, Kind, Layout, Primitive, String
 from ros2_kafka_bridge.formats.protobuf import make_decode, make_encode
 from ros2_kafka_bridge.formats.protobuf.schema import (
     make_class,
@@ -26,6 +25,7 @@ from ros2_kafka_bridge.formats.protobuf.schema import (
 )
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.message_types import document, load_layout, type_names
+from ros2_kafka_bridge.message_types.layout import Constant, Field, Kind, Layout, Primitive, String
 
 PLAIN = Scope('robots', schema=SchemaSettings(registry=False))
 INT8 = Primitive('int8')

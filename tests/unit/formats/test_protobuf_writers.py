@@ -12,9 +12,9 @@ from registry_server import RegistryServer
 
 from ros2_kafka_bridge.config.formats import SchemaSettings
 from ros2_kafka_bridge.errors import DecodeError
-from ros2_kafka_bridge.formats.layout import Field, Kind, Layout, Primitive, Sequence, String
 from ros2_kafka_bridge.formats.protobuf import make_decode, make_encode
 from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.message_types.layout import Field, Kind, Layout, Primitive, Sequence, String
 
 BYTES = Sequence(Primitive('uint8'))
 

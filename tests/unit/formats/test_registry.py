@@ -17,9 +17,9 @@ from ros2_kafka_bridge.errors import BridgeError, ConfigError, DecodeError, Rout
 from ros2_kafka_bridge.formats import registry
 from ros2_kafka_bridge.formats.avro import make_decode, make_encode
 from ros2_kafka_bridge.formats.avro.schema import avro_schema
-from ros2_kafka_bridge.formats.layout import Field, Layout, Primitive, String
 from ros2_kafka_bridge.formats.registry import framed_id, open_registry
 from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.message_types.layout import Field, Layout, Primitive, String
 
 IMPATIENT = {'max.retries': 0, 'timeout': 0.5}
 SECRET = 'swordfish-31b0'  # noqa: S105 (of a test)

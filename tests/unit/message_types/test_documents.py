@@ -8,8 +8,8 @@ import pytest
 from ros_package import write_package
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.layout import Constant, Layout, Primitive, String
 from ros2_kafka_bridge.message_types import document, load_layout, type_names
+from ros2_kafka_bridge.message_types.layout import Constant, Layout, Primitive, String
 
 CRANE = """\
 # A crane of the harbour.

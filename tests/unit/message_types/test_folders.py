@@ -11,10 +11,10 @@ import pytest
 from ros_package import install_package, write_package
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.layout import Layout, Sequence
 from ros2_kafka_bridge.message_types import document, load_layout, type_names, unknown_type
 from ros2_kafka_bridge.message_types.definition import read_definition
 from ros2_kafka_bridge.message_types.installed import installed_source
+from ros2_kafka_bridge.message_types.layout import Layout, Sequence
 
 SOURCES = {name: file for name in type_names() if (file := installed_source(name))}
 CRANE = """\

@@ -9,10 +9,17 @@ from pathlib import Path
 import pytest
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.layout import Array, Field, Layout, Primitive, Sequence, String
 from ros2_kafka_bridge.message_types import load_layout, type_names, unknown_type
 from ros2_kafka_bridge.message_types.description import type_hash
 from ros2_kafka_bridge.message_types.installed import read_installed
+from ros2_kafka_bridge.message_types.layout import (
+    Array,
+    Field,
+    Layout,
+    Primitive,
+    Sequence,
+    String,
+)
 
 
 def test_the_installed_types_are_listed_without_services_and_actions() -> None:

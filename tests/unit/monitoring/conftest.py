@@ -8,9 +8,9 @@ import msgspec
 import pytest
 from monitors import TOKEN, report, snapshot
 
-from ros2_kafka_bridge.metrics import Measures, State
-from ros2_kafka_bridge.monitoring.protocol import Answer, Configured, Report, Request
 from ros2_kafka_bridge.monitoring.state import Watch
+from ros2_kafka_bridge.protocol.messages import Answer, Configured, Report, Request
+from ros2_kafka_bridge.route.counters import Measures, State
 
 if TYPE_CHECKING:
     from collections.abc import Callable

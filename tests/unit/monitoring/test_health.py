@@ -3,9 +3,9 @@
 import pytest
 from monitors import report, snapshot
 
-from ros2_kafka_bridge.metrics import State
 from ros2_kafka_bridge.monitoring.health import Health, liveness, readiness
-from ros2_kafka_bridge.monitoring.protocol import Lifecycle, Report, RouteReport, Worker
+from ros2_kafka_bridge.protocol.messages import Lifecycle, Report, RouteReport, Worker
+from ros2_kafka_bridge.route.counters import State
 
 NAMES = ['a', 'b']
 

@@ -10,9 +10,9 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families 
 from prometheus_client.parser import text_string_to_metric_families as prometheus
 from prometheus_client.registry import CollectorRegistry
 
-from ros2_kafka_bridge.metrics import Measures, Outcome, State
 from ros2_kafka_bridge.monitoring.prometheus import METRICS, PREFIX, TABLE, BridgeCollector
-from ros2_kafka_bridge.monitoring.protocol import Reload
+from ros2_kafka_bridge.protocol.messages import Reload
+from ros2_kafka_bridge.route.counters import Measures, Outcome, State
 
 from .conftest import Told
 

@@ -9,12 +9,12 @@ import pytest
 from monitors import TOKEN, report, snapshot
 
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.metrics import Measures, Trouble
 from ros2_kafka_bridge.monitoring import letters
 from ros2_kafka_bridge.monitoring.guard import is_loopback, names_of
-from ros2_kafka_bridge.monitoring.protocol import Answer
 from ros2_kafka_bridge.monitoring.replay_process import Order
 from ros2_kafka_bridge.monitoring.web import Page, make_app
+from ros2_kafka_bridge.protocol.messages import Answer
+from ros2_kafka_bridge.route.counters import Measures, Trouble
 
 from .conftest import CONFIG, Told
 

@@ -8,7 +8,8 @@ can say, and that is not too long, so that a field that is added later breaks no
 import math
 from typing import Any, Final
 
-from ros2_kafka_bridge.formats.layout import (
+from ros2_kafka_bridge.formats.values.structs import FLOATS, is_byte
+from ros2_kafka_bridge.message_types.layout import (
     Array,
     Constant,
     Field,
@@ -19,7 +20,6 @@ from ros2_kafka_bridge.formats.layout import (
     Sequence,
     String,
 )
-from ros2_kafka_bridge.formats.values.structs import FLOATS, is_byte
 
 FILLER: Final = 'structure_needs_at_least_one_member'
 """The one field of a message without fields, as ROS 2 itself lays it down.

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from typing import Any
 
 from ros2_kafka_bridge.errors import DecodeError, EncodeError
-from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.formats.protobuf.convert import (
     STYLE,
     make_fill,
@@ -20,6 +19,7 @@ from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.values.read import make_read
 from ros2_kafka_bridge.formats.values.structs import make_structs
 from ros2_kafka_bridge.formats.values.write import make_write
+from ros2_kafka_bridge.message_types.layout import Layout
 
 
 def make_decode(layout: Layout, scope: Scope) -> Callable[[bytes | None], bytes]:

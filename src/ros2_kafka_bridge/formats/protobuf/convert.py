@@ -12,9 +12,9 @@ from typing import Any, Final, TypeAlias
 import msgspec
 
 from ros2_kafka_bridge.errors import DecodeError
-from ros2_kafka_bridge.formats.layout import Array, Kind, Layout, Primitive, Sequence, String
-from ros2_kafka_bridge.formats.values.source import Source
+from ros2_kafka_bridge.formats.generated import Source
 from ros2_kafka_bridge.formats.values.structs import Structs, Style, is_byte, make_structs
+from ros2_kafka_bridge.message_types.layout import Array, Kind, Layout, Primitive, Sequence, String
 
 STYLE: Final = Style()
 """How values appear in the structs: bytes as bytes, numbers as they are."""

@@ -10,7 +10,6 @@ from confluent_kafka.schema_registry.serde import SchemaId
 from confluent_kafka.serialization import MessageField, SerializationContext
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.layout import Layout
 from ros2_kafka_bridge.formats.protobuf.schema import (
     make_files,
     message_name,
@@ -18,6 +17,7 @@ from ros2_kafka_bridge.formats.protobuf.schema import (
 )
 from ros2_kafka_bridge.formats.registry import open_registry, strategy, subject
 from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.message_types.layout import Layout
 
 
 def registered(layout: Layout, message_class: Any, scope: Scope) -> bytes:

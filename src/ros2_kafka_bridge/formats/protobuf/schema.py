@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.formats.extras import missing_extra
-from ros2_kafka_bridge.formats.layout import (
+from ros2_kafka_bridge.formats.values.structs import is_byte
+from ros2_kafka_bridge.message_types.layout import (
     Array,
     Constant,
     Field,
@@ -24,7 +25,6 @@ from ros2_kafka_bridge.formats.layout import (
     Sequence,
     String,
 )
-from ros2_kafka_bridge.formats.values.structs import is_byte
 
 if TYPE_CHECKING:
     from google.protobuf.descriptor import FieldDescriptor

@@ -16,18 +16,8 @@ from typing import Any, Final
 
 from ros2_kafka_bridge.errors import DecodeError
 from ros2_kafka_bridge.formats.cdr import make_exact
-from ros2_kafka_bridge.formats.layout import (
-    PRIMITIVES,
-    Array,
-    Kind,
-    Layout,
-    Primitive,
-    Sequence,
-    String,
-    width_of,
-)
+from ros2_kafka_bridge.formats.generated import Run, Source
 from ros2_kafka_bridge.formats.values.faults import first_fault
-from ros2_kafka_bridge.formats.values.source import Run, Source
 from ros2_kafka_bridge.formats.values.structs import (
     FLOATS,
     NON_FINITE,
@@ -37,6 +27,16 @@ from ros2_kafka_bridge.formats.values.structs import (
     is_decimal,
     is_text,
     make_structs,
+)
+from ros2_kafka_bridge.message_types.layout import (
+    PRIMITIVES,
+    Array,
+    Kind,
+    Layout,
+    Primitive,
+    Sequence,
+    String,
+    width_of,
 )
 
 

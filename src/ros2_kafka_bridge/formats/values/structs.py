@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple, TypeAlias
 
 import msgspec
 
-from ros2_kafka_bridge.formats.layout import (
+from ros2_kafka_bridge.message_types.layout import (
     Array,
     Field,
     Kind,

@@ -12,7 +12,10 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from ros2_kafka_bridge.errors import DecodeError, RecordTooLargeError
-from ros2_kafka_bridge.formats.layout import (
+from ros2_kafka_bridge.formats.generated import Run, Source
+from ros2_kafka_bridge.formats.values.faults import first_fault
+from ros2_kafka_bridge.formats.values.structs import FLOATS, Style, is_byte, is_decimal, is_text
+from ros2_kafka_bridge.message_types.layout import (
     PRIMITIVES,
     Array,
     Kind,
@@ -22,9 +25,6 @@ from ros2_kafka_bridge.formats.layout import (
     String,
     width_of,
 )
-from ros2_kafka_bridge.formats.values.faults import first_fault
-from ros2_kafka_bridge.formats.values.source import Run, Source
-from ros2_kafka_bridge.formats.values.structs import FLOATS, Style, is_byte, is_decimal, is_text
 
 
 def make_write(

@@ -1,0 +1,5 @@
+"""The test rig of `tests` and `benchmarks`, beside what is shipped in `testing`.
+
+- `hosts.Network`: hosts on a network that can be cut and made to lose packets (Linux, root).
+- `local_cluster.LocalCluster`: a real cluster of three, to lose one of them.
+"""

@@ -1,0 +1,1 @@
+"""`check`: what a configuration would meet, before it does."""

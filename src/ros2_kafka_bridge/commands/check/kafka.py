@@ -1,0 +1,147 @@
+"""What `check` finds at the broker: who answers, and what a route would meet there."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from ros2_kafka_bridge.commands.screen import Finding
+from ros2_kafka_bridge.config.routes import AnyRoute
+from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.errors import BridgeError, TransportError
+from ros2_kafka_bridge.kafka.broker import Broker, TopicView
+from ros2_kafka_bridge.kafka.names import lock_group, lock_topic
+from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
+from ros2_kafka_bridge.kafka.properties import common_properties
+from ros2_kafka_bridge.logs.text import count
+
+
+class Cluster(NamedTuple):
+    """The cluster as `check` asks it.
+
+    Args:
+        problem: Why it cannot be asked; empty if it answers.
+        creates_topics: Whether it creates what is written to; None where it does not tell.
+    """
+
+    broker: Broker
+    overview: Overview
+    problem: str
+    creates_topics: bool | None
+
+
+def ask(config: Config) -> tuple[Cluster, list[Finding]]:
+    """Look who answers."""
+    properties = common_properties(config.kafka, client_id=config.name)
+    broker, overview = Broker(properties), Overview(properties)
+    try:
+        greeting = broker.greeting()
+    except BridgeError as error:
+        where = config.kafka.get('bootstrap.servers')
+        away = isinstance(error, TransportError)
+        cure = f'is bootstrap.servers ({where}) right, does the broker run?' if away else ''
+        kafka = Cluster(broker, overview, str(error), None)
+        return kafka, [Finding('bad', 'brokers', str(error), cure)]
+    kafka = Cluster(broker, overview, '', overview.creates_topics())
+    return kafka, [Finding('ok', 'brokers', greeting)]
+
+
+def source_findings(route: KafkaToRosRoute, config: Config, kafka: Cluster) -> Iterator[Finding]:
+    """What a route from Kafka would read, and from where on."""
+    topic = route.source.kafka
+    view = kafka.broker.topic(topic)
+    yield _topic_finding('source', topic, view, 'READ')
+    if not view.exists:
+        return
+    group = route.group(config.name)
+    try:
+        committed = kafka.broker.committed(group, topic, view.partitions)
+    except BridgeError as error:
+        yield Finding('bad', 'group', f'group {group}: {error}', 'add the ACL READ on the group')
+        return
+    held = KafkaTopic(topic, view.partitions, '')
+    begins, ends = kafka.overview.begins([held]), kafka.overview.ends([held])
+    if committed:
+        places = {(topic, partition): offset for partition, offset in committed.items()}
+        behind = records(held, {**begins, **places}, ends)
+        told = '' if behind is None else f', {count(behind, "record")} to deliver'
+        yield Finding('ok', 'group', f'group {group} goes on at its committed offsets{told}')
+    elif route.source.start == 'earliest':
+        size = records(held, begins, ends)
+        told = '' if size is None else f' ({count(size, "record")})'
+        text = f'group {group} is new: start is earliest, all that the topic holds{told}'
+        yield Finding('ok', 'group', text)
+    else:
+        yield Finding('ok', 'group', f'group {group} is new: start is latest, only new ones')
+
+
+def sink_findings(route: RosToKafkaRoute, kafka: Cluster) -> Iterator[Finding]:
+    """What a route to Kafka would write to."""
+    topic = route.sink.kafka
+    view = kafka.broker.topic(topic)
+    if not view.exists:
+        yield _missing_sink(topic, kafka.creates_topics)
+        return
+    yield _topic_finding('sink', topic, view, 'WRITE')
+    if view.rights is not None and 'READ' not in view.rights:
+        text = (
+            f'no READ on topic {topic}: needed for TRANSIENT_LOCAL publishers, to skip '
+            'what is there from before a restart'
+        )
+        yield Finding('note', 'sink', text)
+
+
+def lock_findings(route: RosToKafkaRoute, config: Config, kafka: Cluster) -> Iterator[Finding]:
+    """What bridges that take turns would agree by."""
+    if not route.exclusive:
+        return
+    topic, group = lock_topic(config.name), lock_group(config.name, route.name)
+    view = kafka.broker.topic(topic)
+    if not view.exists:
+        text = f'lock topic {topic} is not there: it is created at the start, if this user may'
+        yield Finding('note', 'lock', text)
+        return
+    if view.partitions != 1:
+        text = f'lock topic {topic} has {view.partitions} partitions, and must have one'
+        yield Finding('bad', 'lock', text, 'delete it, and create it with one')
+        return
+    yield _topic_finding('lock', topic, view, 'READ')
+    try:
+        kafka.broker.committed(group, topic, view.partitions)
+    except BridgeError as error:
+        yield Finding('bad', 'lock', f'group {group}: {error}', 'add the ACL READ on the group')
+
+
+def _missing_sink(topic: str, creates_topics: bool | None) -> Finding:  # noqa: FBT001 (unknown, too)
+    text = f'topic {topic} is not there'
+    if creates_topics is None:
+        text += ': the route fails unless the broker creates topics by itself'
+        return Finding('note', 'sink', text, 'create it')
+    if creates_topics:
+        text += ': the broker creates it with its default settings'
+        return Finding('note', 'sink', text, 'create it for partitions and copies of your choice')
+    return Finding('bad', 'sink', f'{text}, and the broker creates none by itself', 'create it')
+
+
+def _topic_finding(thing: str, topic: str, view: TopicView, right: str) -> Finding:
+    if not view.exists:
+        return Finding('bad', thing, f'topic {topic} is not there ({view.problem})', 'create it')
+    if view.rights is not None and right not in view.rights:
+        return Finding('bad', thing, f'this user has no {right} on topic {topic}', 'add the ACL')
+    return Finding('ok', thing, f'topic {topic} has {count(view.partitions, "partition")}')
+
+
+def dead_letter_findings(route: AnyRoute, kafka: Cluster) -> Iterator[Finding]:
+    """Where the bad records of a route would go."""
+    if route.on_error != 'dead_letter':
+        text = f'on_error: {route.on_error}: bad records are not kept'
+        yield Finding('note', 'dead letters', text)
+        return
+    topic = route.dead_letter_topic
+    view = kafka.broker.topic(topic)
+    if view.exists:
+        yield _topic_finding('dead letters', topic, view, 'WRITE')
+    else:
+        text = (
+            f'dead-letter topic {topic} is not there: it is created at the '
+            'first dead letter, if this user may'
+        )
+        yield Finding('note', 'dead letters', text)

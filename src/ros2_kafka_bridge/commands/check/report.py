@@ -1,0 +1,214 @@
+"""What a configuration would meet: the broker, the graph, route by route. Nothing is changed."""
+
+from collections.abc import Sequence
+from itertools import chain
+from pathlib import Path
+
+from rich.console import Console
+
+from ros2_kafka_bridge.commands.check import formats as check_format
+from ros2_kafka_bridge.commands.check import kafka as check_kafka
+from ros2_kafka_bridge.commands.check import ros as check_ros
+from ros2_kafka_bridge.commands.screen import (
+    Finding,
+    screen,
+    show_findings,
+    show_line,
+    show_notes,
+    wait_for_discovery,
+)
+from ros2_kafka_bridge.config.routes import AnyRoute
+from ros2_kafka_bridge.config.settings import (
+    Config,
+    KafkaToRosRoute,
+    RosToKafkaRoute,
+    masked,
+    warnings,
+)
+from ros2_kafka_bridge.kafka_to_ros import BATCH as TO_ROS_BATCH
+from ros2_kafka_bridge.logs.lines import keep_clients_quiet
+from ros2_kafka_bridge.logs.text import count
+from ros2_kafka_bridge.ros.matching import type_of
+from ros2_kafka_bridge.ros.node import RosNode, open_node
+from ros2_kafka_bridge.ros.probe import SAMPLES, probe_topic
+from ros2_kafka_bridge.ros.profile import Endpoints
+from ros2_kafka_bridge.ros_to_kafka import BATCH as TO_KAFKA_BATCH
+
+
+def report(config: Config, file: Path, *, connect: bool) -> int:
+    """Print what the configuration says and, with `connect`, what it would meet.
+
+    Returns:
+        0 when all is well, 1 when a route could not run as it is.
+    """
+    console = screen()
+    routes = count(len(config.routes), 'route')
+    console.print(f'{file}: {routes} of bridge {config.name}, all well written')
+    shown = masked(config)
+    for section, word in (('kafka', 'kafka'), ('schema_registry', 'schema registry')):
+        for name, value in shown.get(section, {}).items():
+            console.print(f'  {word} {name}: {value}')
+    show_notes(console, warnings(config))
+    if connect:
+        return _report_connected(console, config)
+    failed = False
+    for route in config.routes:
+        console.print(f'  {_way(route)}')
+        bad = [
+            finding
+            for finding in check_format.format_findings(route, config, _said_type(route))
+            if finding.level == 'bad'
+        ]
+        for finding in bad:
+            show_line(console, f'    BAD {finding.text}', 'bold red')
+        failed = failed or bool(bad)
+    return 1 if failed else 0
+
+
+def _said_type(route: AnyRoute) -> str | None:
+    return route.sink.type if isinstance(route, KafkaToRosRoute) else route.source.type
+
+
+def _report_connected(console: Console, config: Config) -> int:
+    keep_clients_quiet()
+    kafka, findings = check_kafka.ask(config)
+    _show(console, 'Kafka', findings)
+    topic = probe_topic()
+    endpoints = Endpoints({topic: SAMPLES}, {topic: SAMPLES}, config.ros.lease_s)
+    with open_node(f'{config.name}_check', config.ros.domain_id, endpoints) as node:
+        _show(console, 'ROS', check_ros.graph_findings(node, topic, config))
+        wait_for_discovery()
+        found = {
+            route.name: _route_findings(route, config, node, kafka) for route in config.routes
+        }
+    for route in config.routes:
+        _show(console, _way(route), found[route.name])
+    if kafka.problem:
+        show_line(console, f'No route can run: {kafka.problem}', 'bold red')
+        return 1
+    show_line(console, summary(found), 'bold')
+    return 1 if any(f.level == 'bad' for f in chain(*found.values())) else 0
+
+
+def _show(console: Console, title: str, findings: Sequence[Finding]) -> None:
+    """Show what cannot stay as it is first: there are notes on a route that runs well, too."""
+    show_findings(console, title, sorted(findings, key=lambda finding: finding.level != 'bad'))
+
+
+def summary(found: dict[str, list[Finding]]) -> str:
+    """Say in a line how many of the routes would run, would wait and cannot run, and why."""
+    failing = {
+        name: [f.text for f in findings if f.level == 'bad'] for name, findings in found.items()
+    }
+    waiting = {
+        name: [f.waits for f in findings if f.waits]
+        for name, findings in found.items()
+        if not failing[name]
+    }
+    fails = [f'{name}: {texts[0]}' for name, texts in failing.items() if texts]
+    waits = [f'{name}: {", ".join(texts)}' for name, texts in waiting.items() if texts]
+    runs = len(found) - len(fails) - len(waits)
+    parts = [f'{count(runs, "route")} would run']
+    parts += [f'{len(waits)} would wait ({"; ".join(waits)})'] * bool(waits)
+    parts += [f'{len(fails)} cannot run as it is ({"; ".join(fails)})'] * bool(fails)
+    return '; '.join(parts)
+
+
+def _way(route: AnyRoute) -> str:
+    if isinstance(route, KafkaToRosRoute):
+        ends = f'Kafka {route.source.kafka} -> ROS {route.sink.ros} ({route.sink.type})'
+    else:
+        kind = route.source.type or 'the type that is published'
+        ends = f'ROS {route.source.ros} ({kind}) -> Kafka {route.sink.kafka}'
+    return f'{route.name}: {ends}, {route.format}'
+
+
+def _route_findings(
+    route: AnyRoute, config: Config, node: RosNode, kafka: check_kafka.Cluster
+) -> list[Finding]:
+    """What is found of a route, in the order in which a message meets it."""
+    asks = not kafka.problem
+    if isinstance(route, KafkaToRosRoute):
+        found = [
+            *(check_kafka.source_findings(route, config, kafka) if asks else ()),
+            *check_format.format_findings(route, config, route.sink.type),
+            *check_format.registry_findings(route, config, route.sink.type),
+            *check_ros.reader_findings(route, config, node),
+            _pace_finding(route),
+        ]
+    else:
+        publishers = check_ros.publishers(route, config, node)
+        message_type = type_of(route, publishers)
+        found = [
+            *check_ros.publisher_findings(route, publishers, message_type),
+            *check_ros.key_findings(route, message_type),
+            *check_ros.size_findings(route, message_type, node),
+            *check_format.format_findings(route, config, message_type),
+            *check_format.registry_findings(route, config, message_type),
+            *(check_kafka.sink_findings(route, kafka) if asks else ()),
+            *(check_kafka.lock_findings(route, config, kafka) if asks else ()),
+        ]
+    return [
+        *found,
+        window_finding(route),
+        *(check_kafka.dead_letter_findings(route, kafka) if asks else ()),
+    ]
+
+
+def _pace_finding(route: KafkaToRosRoute) -> Finding:
+    if route.max_rate is not None:
+        return Finding('ok', 'pace', f'at most {route.max_rate:g} messages a second (max_rate)')
+    return Finding(
+        'note',
+        'pace',
+        'a subscriber that is KEEP_LAST can overwrite its own queue, and its depth cannot '
+        'be seen from outside: if one is, set max_rate',
+    )
+
+
+def window_finding(route: AnyRoute) -> Finding:
+    """How much may be in flight, as the counters show it, and what happens then."""
+    drops = route.when_full == 'drop_oldest'
+    if isinstance(route, KafkaToRosRoute):
+        text = _window_to_ros(route, drops=drops)
+    elif route.spool is not None:
+        text = _window_with_spool(route, drops=drops)
+    else:
+        text = _window_to_kafka(route, drops=drops)
+    return Finding('note' if drops else 'ok', 'window', text)
+
+
+def _window_to_ros(route: KafkaToRosRoute, *, drops: bool) -> str:
+    most, size_bytes = route.max_in_flight, route.max_in_flight_bytes
+    waiting = f' and {most:,} waiting' if drops else ''
+    return (
+        f'at most {size_bytes:,} bytes in flight and a batch of {TO_ROS_BATCH} '
+        f'(max_in_flight_bytes), of it {most:,} messages not acknowledged{waiting} '
+        f'(max_in_flight), then {_then(drops=drops)}'
+    )
+
+
+def _window_to_kafka(route: RosToKafkaRoute, *, drops: bool) -> str:
+    most, size_bytes = route.max_in_flight, route.max_in_flight_bytes
+    messages = f'{most:,} messages in flight'
+    if drops:
+        messages = (
+            f'{2 * most:,} messages in flight, {most:,} with the producer and {most:,} waiting'
+        )
+    return (
+        f'at most {messages} (max_in_flight), or {size_bytes:,} bytes and a batch of '
+        f'{TO_KAFKA_BATCH} (max_in_flight_bytes), then {_then(drops=drops)}'
+    )
+
+
+def _window_with_spool(route: RosToKafkaRoute, *, drops: bool) -> str:
+    dropped = ', and the oldest there are dropped where it is full (when_full)' if drops else ''
+    return (
+        f'at most {route.max_in_flight:,} messages in flight (max_in_flight), or '
+        f'{route.max_in_flight_bytes:,} bytes (max_in_flight_bytes), and a batch of '
+        f'{TO_KAFKA_BATCH}, then the rest waits on disk (spool){dropped}'
+    )
+
+
+def _then(*, drops: bool) -> str:
+    return 'the oldest that wait are dropped (when_full)' if drops else 'the route waits'

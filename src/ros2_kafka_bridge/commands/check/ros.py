@@ -1,0 +1,140 @@
+"""What `check` finds in the ROS graph: who is there, and whether a route would match."""
+
+from collections.abc import Iterator
+
+from ros2_kafka_bridge.commands.screen import Finding
+from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.logs.text import count
+from ros2_kafka_bridge.message_types.layout import is_bulk
+from ros2_kafka_bridge.ros.matching import (
+    is_own,
+    others,
+    own_publishers,
+    own_readers,
+    publisher_problem,
+    reader_problem,
+)
+from ros2_kafka_bridge.ros.node import Peer, RosNode, domain_in_words, middleware, rclpy_folder
+from ros2_kafka_bridge.ros.probe import limits, probe
+from ros2_kafka_bridge.ros.sockets import receive_buffer_bytes
+
+
+def graph_findings(node: RosNode, topic: str, config: Config) -> list[Finding]:
+    """Which ROS is in use, and what it cannot do."""
+    domain = domain_in_words(config.ros.domain_id)
+    place = f'rclpy of {rclpy_folder()}, {middleware()}, {domain}'
+    found = [Finding('ok', 'graph', place)]
+    return found + [Finding('note', 'middleware', text) for text in limits(probe(node, topic))]
+
+
+def reader_findings(route: KafkaToRosRoute, config: Config, node: RosNode) -> Iterator[Finding]:
+    """Who would get the messages of a route to ROS."""
+    topic, fit = route.sink.ros, 0
+    own = own_readers(config.routes, route)
+    peers = node.subscribers(topic)
+    for peer in [*(others(peers, config.name) if own else peers), *own]:
+        if problem := reader_problem(route, peer):
+            yield Finding('bad', 'readers', f'{peer.node} {problem.text}', problem.cure)
+            continue
+        fit += 1
+        if peer.reliability == 'best_effort':
+            text = f'{peer.node} reads best effort: guarantee 1 does not hold for it'
+            yield Finding('note', 'readers', text)
+    if fit >= route.min_subscribers:
+        names = ', '.join(peer.node for peer in own)
+        text = f'{count(fit, "subscriber")} of {topic} match{"es" * (fit == 1)}'
+        yield Finding('ok', 'readers', f'{text}{names and f", with {names} of this file"}')
+        return
+    text = (
+        f'{fit} of {count(route.min_subscribers, "subscriber")} of {topic}: '
+        'the route waits for them (min_subscribers)'
+    )
+    yield Finding('note', 'readers', text, waits=f'for subscribers of {topic}')
+
+
+def publishers(route: RosToKafkaRoute, config: Config, node: RosNode) -> list[Peer]:
+    """Who publishes what a route would take, the routes of its own file among them."""
+    own = own_publishers(config.routes, route)
+    peers = node.publishers(route.source.ros)
+    return [*(others(peers, config.name) if own else peers), *own]
+
+
+def publisher_findings(
+    route: RosToKafkaRoute, peers: list[Peer], message_type: str | None
+) -> Iterator[Finding]:
+    """Whom a route from ROS would take from, and which type."""
+    topic = route.source.ros
+    types = sorted({peer.message_type for peer in peers})
+    if not peers:
+        learns = ': the route waits for one to learn its type' if message_type is None else ''
+        waits = '' if message_type else f'for a publisher of {topic}'
+        yield Finding('note', 'publishers', f'nobody publishes {topic}{learns}', waits=waits)
+    for peer in peers:
+        if problem := publisher_problem(route, peer, message_type):
+            yield Finding('bad', 'publishers', f'{peer.node} {problem.text}', problem.cure)
+        else:
+            yield _offer_finding(peer, topic)
+    if message_type is not None:
+        yield _type_finding(message_type)
+    elif types:
+        text = f'{topic} has types {" and ".join(types)}'
+        yield Finding('bad', 'type', text, 'set from.type')
+
+
+def _offer_finding(peer: Peer, topic: str) -> Finding:
+    if is_own(peer):
+        return Finding('ok', 'publishers', f'{peer.node} of this file publishes {topic}')
+    offer = f'{peer.node} publishes {peer.reliability}, {peer.durability}'
+    if peer.reliability == 'best_effort':
+        text = f'{offer}: what the network loses is lost before the bridge'
+        return Finding('note', 'publishers', text)
+    if peer.durability == 'volatile':
+        text = f'{offer}: what it sends while the bridge is dead is lost'
+        return Finding('ok', 'publishers', text)
+    text = f'{offer}: what it sends while the bridge is dead comes afterwards'
+    return Finding('ok', 'publishers', text)
+
+
+def _type_finding(message_type: str) -> Finding:
+    from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415 (reads files)
+
+    if problem := unknown_type(message_type):
+        return Finding('bad', 'type', problem, 'install its package beside the bridge')
+    return Finding('ok', 'type', f'{message_type} is installed here')
+
+
+def size_findings(
+    route: RosToKafkaRoute, message_type: str | None, node: RosNode
+) -> Iterator[Finding]:
+    """Whether messages come whole that are larger than what a socket of this host holds."""
+    from ros2_kafka_bridge.message_types import load_layout, unknown_type  # noqa: PLC0415
+
+    room_bytes = receive_buffer_bytes(node.domain_id)
+    if room_bytes is None or message_type is None or unknown_type(message_type):
+        return
+    is_said = 'max_message_bytes' in route.model_fields_set
+    if route.max_message_bytes > room_bytes and (is_said or is_bulk(load_layout(message_type))):
+        text = (
+            f'messages may have {route.max_message_bytes:,} bytes (max_message_bytes), and a UDP '
+            f'socket of DDS holds {room_bytes:,} here: of larger ones that come without shared '
+            'memory, from other hosts or DDS vendors, some come late or never'
+        )
+        cure = 'a DDS profile with a larger receiveBufferSize (docs/tuning.md, DDS)'
+        yield Finding('note', 'size', text, cure)
+
+
+def key_findings(route: RosToKafkaRoute, message_type: str | None) -> Iterator[Finding]:
+    """Whether the messages have what the key of their records is made of."""
+    from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415
+    from ros2_kafka_bridge.ros.types import load_type  # noqa: PLC0415
+    from ros2_kafka_bridge.route.labels import make_key  # noqa: PLC0415 (with the types of ROS)
+
+    if route.sink.key is None or message_type is None or unknown_type(message_type):
+        return
+    try:
+        make_key(route.sink.key, route.source.ros, load_type(message_type).layout)
+    except ConfigError as error:
+        yield Finding('bad', 'key', str(error), 'mend to.key')
+    else:
+        yield Finding('ok', 'key', f'{route.sink.key}: {message_type} has it')

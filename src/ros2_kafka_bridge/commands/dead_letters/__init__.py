@@ -1,0 +1,1 @@
+"""`dead-letters`: those of a route, shown, and sent again."""

@@ -1,0 +1,207 @@
+"""The command line of `dead-letters`: text -> configuration and choice; no logic."""
+
+import enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ros2_kafka_bridge.commands.options import AsJson
+from ros2_kafka_bridge.errors import ConfigError
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.commands.dead_letters.report import Asked
+
+app = typer.Typer(
+    help='Look at dead letters, and send them again once their cause is mended.',
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+
+class Target(enum.StrEnum):
+    """Where letters are replayed to."""
+
+    KAFKA = 'kafka'
+    ROS = 'ros'
+
+
+File = Annotated[
+    Path,
+    typer.Argument(help='Configuration (YAML): brokers and routes.', show_default=False),
+]
+Route = Annotated[str, typer.Option(metavar='NAME', help='Letters of this route.')]
+Reason = Annotated[
+    str,
+    typer.Option(metavar='TEXT', help='Reasons that hold this text or regular expression.'),
+]
+Since = Annotated[
+    str,
+    typer.Option(metavar='TIME', help='Not older: 2026-01-31T08:00, or an age as 90s, 2h, 7d.'),
+]
+Until = Annotated[str, typer.Option(metavar='TIME', help='Older than that.')]
+Partition = Annotated[
+    int | None, typer.Option(min=0, metavar='N', help='Of the dead-letter topic.')
+]
+Offset = Annotated[int | None, typer.Option(min=0, metavar='N', help='In that partition.')]
+Limit = Annotated[
+    int | None, typer.Option(min=1, metavar='N', help='At most so many, the oldest first.')
+]
+Topic = Annotated[
+    str,
+    typer.Option(metavar='TOPIC', help='Dead-letter topic.  [default: those of the routes]'),
+]
+
+
+@app.command('list')
+def list_(
+    file: File,
+    *,
+    route: Route = '',
+    reason: Reason = '',
+    since: Since = '',
+    until: Until = '',
+    partition: Partition = None,
+    offset: Offset = None,
+    limit: Limit = None,
+    topic: Topic = '',
+    as_json: AsJson = False,
+) -> None:
+    """A line for each letter, and how many there are of each route and reason.
+
+    Exit status: 0 looked, 1 Kafka was away or refused, 2 the file or an option is wrong.
+    """
+    asked = _asked(file, topic, route, reason, since, until, partition, offset, limit)
+
+    from ros2_kafka_bridge.commands.dead_letters.report import list_letters, spoken  # noqa: PLC0415 (heavy)
+
+    raise typer.Exit(spoken(lambda: list_letters(asked, as_json=as_json)))
+
+
+@app.command()
+def show(
+    file: File,
+    letter: Annotated[
+        str,
+        typer.Argument(
+            metavar='[TOPIC[P]@OFFSET]', help='One letter, as list prints it.', show_default=False
+        ),
+    ] = '',
+    *,
+    route: Route = '',
+    reason: Reason = '',
+    since: Since = '',
+    until: Until = '',
+    partition: Partition = None,
+    offset: Offset = None,
+    limit: Limit = None,
+    topic: Topic = '',
+    raw: Annotated[
+        bool, typer.Option('--raw', help='The bytes of the value, nothing else.')
+    ] = False,
+) -> None:
+    """Everything of a letter: why, its headers, its value.
+
+    Exit status: 0 shown, 1 Kafka was away or refused, 2 the file or an option is wrong, or there
+    is no such letter.
+    """
+    if letter:
+        topic, partition, offset = _place(letter, topic, partition, offset)
+    asked = _asked(file, topic, route, reason, since, until, partition, offset, limit)
+
+    from ros2_kafka_bridge.commands.dead_letters.report import show_letters, spoken  # noqa: PLC0415 (heavy)
+
+    raise typer.Exit(spoken(lambda: show_letters(asked, raw=raw)))
+
+
+@app.command()
+def replay(
+    file: File,
+    *,
+    to: Annotated[
+        Target, typer.Option(help='The topic that they were on their way to or from, or ROS.')
+    ] = Target.KAFKA,
+    route: Route = '',
+    reason: Reason = '',
+    since: Since = '',
+    until: Until = '',
+    partition: Partition = None,
+    offset: Offset = None,
+    limit: Limit = None,
+    topic: Topic = '',
+    every: Annotated[bool, typer.Option('--all', help='No filter is meant.')] = False,
+    dry_run: Annotated[
+        bool, typer.Option('--dry-run', help='Say what would be done, and do nothing.')
+    ] = False,
+    again: Annotated[bool, typer.Option('--again', help='Also what was replayed before.')] = False,
+    force: Annotated[
+        bool,
+        typer.Option('--force', help='Back to its Kafka topic also what would fail again.'),
+    ] = False,
+) -> None:
+    """Send letters again, each once and for all; what would fail again is left.
+
+    To Kafka each is written exactly once, however the replay ends, and however often it is begun;
+    to ROS at least once. docs/dead-letters.md explains it.
+
+    Exit status: 0 done, 1 some were left or Kafka or ROS was away (the same command goes on with
+    the rest), 2 the file or an option is wrong, or there is no such letter.
+    """
+    asked = _asked(file, topic, route, reason, since, until, partition, offset, limit)
+
+    from ros2_kafka_bridge.commands.dead_letters import replay as command  # noqa: PLC0415 (heavy)
+    from ros2_kafka_bridge.commands.dead_letters.report import spoken  # noqa: PLC0415
+
+    options = command.Options(
+        to_ros=to is Target.ROS, dry_run=dry_run, again=again, force=force, all=every
+    )
+    raise typer.Exit(spoken(lambda: command.replay(asked, options)))
+
+
+def _place(
+    text: str, topic: str, partition: int | None, offset: int | None
+) -> tuple[str, int, int]:
+    from ros2_kafka_bridge.dead_letters.letter import Place  # noqa: PLC0415
+
+    place = Place.parse(text)
+    if place is None:
+        raise ConfigError([f'{text!r} is no letter: one is written as orders.dead-letters[0]@5'])
+    given = zip((topic or None, partition, offset), place, strict=True)
+    if any(one not in {None, own} for one, own in given):
+        raise ConfigError([f'{text} and --topic, --partition or --offset name two letters'])
+    return place
+
+
+def _asked(
+    file: Path,
+    topic: str,
+    route: str,
+    reason: str,
+    since: str,
+    until: str,
+    partition: int | None,
+    offset: int | None,
+    limit: int | None,
+) -> 'Asked':
+    from datetime import UTC, datetime  # noqa: PLC0415 (--help must be quick)
+
+    from ros2_kafka_bridge.dead_letters.choice import Choice, time_ms  # noqa: PLC0415
+    from ros2_kafka_bridge.process.load import load_checked  # noqa: PLC0415
+
+    now = datetime.now(UTC)
+    choice = Choice(
+        route=route,
+        reason=reason,
+        since_ms=time_ms(since, '--since', now),
+        until_ms=time_ms(until, '--until', now),
+        partition=partition,
+        offset=offset,
+        limit=limit,
+    )
+    config = load_checked(file, with_ros=False)
+
+    from ros2_kafka_bridge.commands.dead_letters.report import Asked  # noqa: PLC0415 (heavy)
+
+    return Asked(config, topic, choice)

@@ -1,0 +1,311 @@
+"""Sending dead letters again: what `dead-letters replay` does.
+
+Each letter and the mark that it was replayed are written in one transaction: both, or none. The
+transactional id belongs to the dead-letter topic, so a second replay shuts out the first before it
+reads the marks. Whatever ends a replay, the next one knows exactly what is left.
+"""
+
+import signal
+import sys
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import Final, NamedTuple
+
+from ros2_kafka_bridge.commands.dead_letters.again import Again, Restorer
+from ros2_kafka_bridge.commands.dead_letters.replay_ros import RosDelivery
+from ros2_kafka_bridge.commands.dead_letters.report import Asked, none_there, open_reader
+from ros2_kafka_bridge.commands.dead_letters.report import Found as Looked
+from ros2_kafka_bridge.commands.screen import waiting
+from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
+from ros2_kafka_bridge.dead_letters.choice import Choice, Index, limited, read_index
+from ros2_kafka_bridge.dead_letters.letter import Letter, mark
+from ros2_kafka_bridge.dead_letters.words import escaped
+from ros2_kafka_bridge.errors import BridgeError, ConfigError, RecordError
+from ros2_kafka_bridge.kafka.letters import LetterReader
+from ros2_kafka_bridge.kafka.properties import producer_properties
+from ros2_kafka_bridge.kafka.transactions import Parcel, Refused, Send, Transactions
+from ros2_kafka_bridge.logs.text import count
+from ros2_kafka_bridge.threads.stop import Stop, signals_to_heed
+
+_BATCH: Final = 200
+_BATCH_BYTES: Final = 8_000_000
+_GO_ON: Final = 'the same command goes on with the rest'
+
+
+class Options(NamedTuple):
+    """How to replay.
+
+    Args:
+        to_ros: Publish straight to ROS instead of producing to the original topic.
+        dry_run: Say what would be done, and do nothing.
+        again: Also what was replayed before.
+        force: Also what would fail again, back to its topic.
+        all: No filter is meant.
+    """
+
+    to_ros: bool
+    dry_run: bool
+    again: bool
+    force: bool
+    all: bool
+
+
+class Ready(NamedTuple):
+    """A letter that can be sent."""
+
+    letter: Letter
+    again: Again
+
+    @property
+    def size_bytes(self) -> int:
+        """What it takes in memory, about."""
+        return len(self.again.record.value or b'') + 1000
+
+
+class Tally:
+    """What became of the letters."""
+
+    def __init__(self) -> None:
+        self.sent: Counter[str] = Counter()
+        self.left = 0
+        self.before = 0
+        self.foreign = 0
+
+    def leave(self, letter: Letter, reason: str) -> None:
+        """Say why a letter stays one."""
+        self.left += 1
+        _say(f'left: {letter.place}: {reason}')
+
+    def text(self, *, dry_run: bool) -> str:
+        """All of it in a line."""
+        verb = 'would be replayed' if dry_run else 'replayed'
+        total = count(sum(self.sent.values()), 'letter')
+        parts = [f'{total} {verb}' + _to(self.sent)]
+        parts += [f'{self.left} left as they are'] * bool(self.left)
+        parts += [f'{self.before} replayed before (--again)'] * bool(self.before)
+        parts += [f'{self.foreign} not dead letters of a bridge'] * bool(self.foreign)
+        return '; '.join(parts)
+
+
+def replay(asked: Asked, options: Options) -> int:
+    """Replay the letters that are meant; returns the exit status.
+
+    Raises:
+        ConfigError: The options do not go together, or there is no such letter.
+        BridgeError: Kafka was away from the start, or does not let this user in.
+    """
+    _check(asked.choice, options)
+    tally, stop = Tally(), Stop()
+    with ExitStack() as stack:
+        reader = stack.enter_context(open_reader(asked.config))
+        originals = stack.enter_context(open_reader(asked.config))
+        there = [topic for topic in asked.topics() if reader.has(topic)]
+        run = _Run(asked, options, tally, stop, reader, originals, stack)
+        try:
+            for topic in there:
+                run.replay(topic)
+        except ConfigError:
+            raise
+        except BridgeError as error:
+            if not run.began:
+                raise
+            told = f'{tally.text(dry_run=False)}, perhaps the batch in hand, too'
+            text = f'{escaped(str(error))}; {told}; {_GO_ON}, exactly'
+            print(text, file=sys.stderr)  # noqa: T201 (the words for the user)
+            return 1
+    return _end(asked, options, tally, there, cut=run.cut)
+
+
+def _check(choice: Choice, options: Options) -> None:
+    mistakes = []
+    if not choice.is_narrow and not options.all:
+        mistakes.append('which letters? Give a filter such as --route or --since, or --all')
+    if options.to_ros and options.force:
+        mistakes.append('--force goes with --to kafka only: ROS would take garbage silently')
+    if mistakes:
+        raise ConfigError(mistakes)
+
+
+def _end(asked: Asked, options: Options, tally: Tally, there: Sequence[str], *, cut: bool) -> int:
+    nothing = not (tally.sent or tally.left or tally.before or tally.foreign)
+    if nothing and not cut:
+        missing = [topic for topic in asked.topics() if topic not in there]
+        text = none_there(asked, Looked([], {}, missing))
+        if asked.choice.offset is not None:
+            raise ConfigError([text])
+        _say(text)
+        return 0
+    if cut:
+        _say(f'stopped: {tally.text(dry_run=options.dry_run)}; {_GO_ON}')
+        return 1
+    _say(tally.text(dry_run=options.dry_run))
+    return 1 if tally.left else 0
+
+
+class _Run:
+    """One replay over all its topics."""
+
+    def __init__(
+        self,
+        asked: Asked,
+        options: Options,
+        tally: Tally,
+        stop: Stop,
+        reader: LetterReader,
+        originals: LetterReader,
+        stack: ExitStack,
+    ) -> None:
+        self.began = False
+        self.cut = False
+        self._config: Config = asked.config
+        self._choice = asked.choice
+        self._options = options
+        self._tally = tally
+        self._stop = stop
+        self._reader = reader
+        self._stack = stack
+        self._ros: RosDelivery | None = None
+        self._restorer = Restorer(
+            asked.config, reader.partitions, originals.record, force=options.force
+        )
+
+    def replay(self, topic: str) -> None:
+        """Replay the letters of one dead-letter topic."""
+        if self._is_cut():
+            return
+        if self._options.dry_run:
+            for letter in self._chosen(topic, whole=False):
+                self._tell(letter)
+            return
+        properties = producer_properties(self._config.kafka, client_id=self._config.name)
+        # First the door is shut behind which others could write marks, then these are read.
+        with (
+            ExitStack() as stack,
+            Transactions(properties, f'{topic}.replay', self._stop) as transactions,
+        ):
+            letters = self._chosen(topic, whole=True)
+            stack.enter_context(_heeding(self._stop))  # also while the transactions end
+            for batch in self._batches(letters):
+                self._send(batch, transactions)
+
+    def _chosen(self, topic: str, *, whole: bool) -> Iterator[Letter]:
+        """The letters to replay, with their values, in the order of each partition."""
+        with waiting(f'Reading {topic}'):
+            found = self._reader.letters(topic, self._choice.since_ms, whole=whole)
+            index = read_index(found, self._choice)
+        left = None
+        if self._choice.limit is not None:
+            left = self._choice.limit - sum(self._tally.sent.values()) - self._tally.left
+        offsets: dict[int, set[int]] = {}
+        for letter in limited(self._open(index), left):
+            offsets.setdefault(letter.place.partition, set()).add(letter.place.offset)
+        for partition, wanted in offsets.items():
+            yield from self._reader.fetch(topic, partition, wanted)
+
+    def _open(self, index: Index) -> Iterator[Letter]:
+        """Those that are not replayed, and that can be."""
+        for letter in index.letters:
+            if letter.about is None:
+                self._tally.foreign += 1
+            elif letter.place in index.marks and not self._options.again:
+                self._tally.before += 1
+            else:
+                yield letter
+
+    def _restored(self, letter: Letter) -> Again | None:
+        try:
+            if self._options.to_ros:
+                return self._restorer.for_ros(letter)
+            return self._restorer.for_kafka(letter)
+        except RecordError as error:
+            self._tally.leave(letter, escaped(str(error)))
+            return None
+
+    def _tell(self, letter: Letter) -> None:
+        if again := self._restored(letter):
+            to = self._target(again)
+            self._tally.sent[to] += 1
+            _say(f'would replay: {letter.place} to {escaped(to)}')
+
+    def _target(self, again: Again) -> str:
+        if self._options.to_ros:
+            assert isinstance(again.route, KafkaToRosRoute), 'the restorer says so'
+            return f'ros:{again.route.sink.ros}'
+        return again.record.topic
+
+    def _batches(self, letters: Iterator[Letter]) -> Iterator[list[Ready]]:
+        batch: list[Ready] = []
+        for letter in letters:
+            if self._is_cut():
+                return
+            if again := self._restored(letter):
+                batch.append(Ready(letter, again))
+            if len(batch) >= _BATCH or sum(r.size_bytes for r in batch) > _BATCH_BYTES:
+                yield batch
+                batch = []
+        if batch and not self._is_cut():
+            yield batch
+
+    def _is_cut(self) -> bool:
+        """Whether to leave what is next to another replay."""
+        self.cut = self.cut or self._stop.asked
+        return self._stop.asked
+
+    def _send(self, batch: Sequence[Ready], transactions: Transactions) -> None:
+        self.began = True
+        if not self._options.to_ros:
+            self._write(batch, transactions)
+            return
+        for name in dict.fromkeys(one.again.route.name for one in batch if one.again.route):
+            part = [one for one in batch if one.again.route and one.again.route.name == name]
+            self._publish(part)
+            self._write(part, transactions)
+
+    def _publish(self, part: Sequence[Ready]) -> None:
+        if self._ros is None:
+            self._ros = self._stack.enter_context(RosDelivery(self._config, self._stop))
+        route = part[0].again.route
+        assert isinstance(route, KafkaToRosRoute), 'the restorer says so'
+        self._ros.deliver(route, [one.again.cdr or b'' for one in part])
+
+    def _write(self, batch: Sequence[Ready], transactions: Transactions) -> None:
+        """Write records and marks, or after publishing the marks alone."""
+        parcels = [self._parcel(number, one) for number, one in enumerate(batch)]
+        refused: list[Refused] = transactions.write(parcels)
+        bad = {one.parcel.number: one.error for one in refused}
+        for number, one in enumerate(batch):
+            if number in bad:
+                self._tally.leave(one.letter, escaped(str(bad[number])))
+            else:
+                self._tally.sent[self._target(one.again)] += 1
+
+    def _parcel(self, number: int, one: Ready) -> Parcel:
+        place = one.letter.place
+        done = Send(mark(place, self._target(one.again)), place.partition)
+        if self._options.to_ros:
+            return Parcel(number, [done])
+        return Parcel(number, [Send(one.again.record, one.again.partition), done])
+
+
+@contextmanager
+def _heeding(stop: Stop) -> Iterator[None]:
+    """End after the batch in hand at the first signal, without waiting for Kafka at the second."""
+    before = {number: signal.signal(number, stop.on_signal) for number in signals_to_heed()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _to(sent: Counter[str]) -> str:
+    if not sent:
+        return ''
+    if len(sent) == 1:
+        return f' to {escaped(next(iter(sent)))}'
+    return f' ({", ".join(f"{number} to {escaped(to)}" for to, number in sent.items())})'
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)  # noqa: T201 (the words for the user)

@@ -1,0 +1,33 @@
+"""The command line of `demo`: text -> what is asked; no logic."""
+
+from typing import Annotated
+
+import typer
+
+
+def demo(
+    *,
+    rate: Annotated[
+        float | None,
+        typer.Option(help='Orders per second.  [default: 300; with --compare 1000]'),
+    ] = None,
+    seconds: Annotated[float, typer.Option(help='How long orders are sent.')] = 20.0,
+    bootstrap_servers: Annotated[
+        str | None, typer.Option(help='A real broker.  [default: one embedded in the demo]')
+    ] = None,
+    compare: Annotated[
+        bool, typer.Option('--compare', help="Let the paper's nodes carry the same orders first.")
+    ] = False,
+    domain: Annotated[
+        int | None, typer.Option(help='ROS domain.  [default: ROS_DOMAIN_ID, or 0]')
+    ] = None,
+) -> None:
+    """Send random orders Kafka -> ROS -> Kafka, and count them on their way.
+
+    Ctrl-C ends the sending and counts what was sent; a second one ends at once (130).
+    Exit status: 0 the bridge lost nothing, 1 it did, or something failed, 2 could not start.
+    """
+    from ros2_kafka_bridge.demo import run as demonstration  # noqa: PLC0415 (heavy)
+
+    options = demonstration.Options(rate, seconds, bootstrap_servers, compare, domain)
+    raise typer.Exit(demonstration.run(options))

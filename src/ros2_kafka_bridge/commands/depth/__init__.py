@@ -1,0 +1,1 @@
+"""`depth`: which KEEP_LAST depth a reader needs for its traffic."""

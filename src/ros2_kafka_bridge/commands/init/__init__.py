@@ -1,0 +1,1 @@
+"""`init`: a configuration to begin with."""

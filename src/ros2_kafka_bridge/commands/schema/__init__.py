@@ -1,0 +1,1 @@
+"""`schema`: the schema of a message type."""

@@ -1,0 +1,1 @@
+"""`spool`: what waits on disk for Kafka."""

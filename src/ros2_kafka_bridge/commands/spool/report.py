@@ -1,0 +1,253 @@
+"""What waits on disk for Kafka: what `spool` shows. Nothing is touched by looking."""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from rich.console import Console
+
+from ros2_kafka_bridge.commands.screen import screen, show_line, show_table, waiting
+from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.logs.text import count as counted
+from ros2_kafka_bridge.logs.text import printable
+from ros2_kafka_bridge.spool.health import kind_of
+from ros2_kafka_bridge.spool.look import View, look, spools_in
+from ros2_kafka_bridge.spool.rows import Row, size_of
+from ros2_kafka_bridge.spool.store import file_of
+
+_PREVIEW_CHARS: Final = 60
+_UNITS: Final = ('kB', 'MB', 'GB', 'TB')
+_AGES: Final = ((86_400.0, 'd'), (3_600.0, 'h'), (60.0, 'min'))
+
+
+class Asked(NamedTuple):
+    """What is to be shown.
+
+    Args:
+        messages: How many of the messages of each spool.
+        values: Whether with the beginning of their values.
+        as_json: For programs instead of people.
+    """
+
+    messages: int
+    values: bool
+    as_json: bool
+
+
+class _Place(NamedTuple):
+    """A spool to look at; `route` is the route that has it, where a configuration says so."""
+
+    path: Path
+    route: str = ''
+
+
+def report(path: Path, asked: Asked) -> int:
+    """Look at the spools of a configuration, of a directory, or at one, and print what they hold.
+
+    Returns:
+        0 when all that is there is well, 1 when something is damaged, 2 when something cannot be
+        read or is no spool.
+
+    Raises:
+        ConfigError: There is nothing to look at, or the configuration is wrong.
+    """
+    places, none = _places(path)
+    with waiting('Looking at the spools'):
+        found = [(place, look(place.path, asked.messages)) for place in places]
+    if asked.as_json:
+        shown = [_as_json(place, view, asked) for place, view in found]
+        sys.stdout.write(json.dumps({'spools': shown}, indent=2) + '\n')
+    else:
+        _show(screen(), found, none, asked)
+    for view in (view for _, view in found if view.problem):
+        sys.stderr.write(f'{view.path}: {view.problem}\n')
+    if any(view.problem for _, view in found):
+        return 2
+    return 1 if any(view.damage for _, view in found) else 0
+
+
+# What to look at
+
+
+def _places(path: Path) -> tuple[list[_Place], str]:
+    """The spools that are meant, and what to say where there are none."""
+    try:
+        if path.is_dir():
+            return [
+                _Place(file) for file in spools_in(path)
+            ], f'{path}: no spool in this directory'
+        if not path.exists():
+            raise ConfigError([f'{path}: there is no such file or directory'])
+        if not _is_configuration(path):
+            return [_Place(path)], ''
+    except OSError as error:
+        raise ConfigError([f'{path}: cannot be read: {error.strerror}']) from error
+    return _places_of_configuration(path), f'{path}: no route has a spool'
+
+
+def _is_configuration(path: Path) -> bool:
+    if path.suffix in {'.yaml', '.yml'}:
+        return True
+    if '.spool' in path.suffixes or not path.is_file():
+        return False
+    return kind_of(path) == 'other'
+
+
+def _places_of_configuration(path: Path) -> list[_Place]:
+    from ros2_kafka_bridge.config.file import load  # noqa: PLC0415 (heavy, and seldom needed)
+    from ros2_kafka_bridge.config.settings import RosToKafkaRoute  # noqa: PLC0415
+
+    config = load(path, os.environ)
+    return [
+        _Place(file_of(Path(route.spool.path), config.name, route.name), route.name)
+        for route in config.routes
+        if isinstance(route, RosToKafkaRoute) and route.spool is not None
+    ]
+
+
+# For people
+
+
+def _show(console: Console, found: Sequence[tuple[_Place, View]], none: str, asked: Asked) -> None:
+    if not found:
+        show_line(console, none)
+    by_directory: dict[Path, list[tuple[_Place, View]]] = {}
+    for place, view in found:
+        if not view.problem:
+            by_directory.setdefault(place.path.parent, []).append((place, view))
+    for directory, inside in by_directory.items():
+        _show_spools(console, directory, inside)
+    for _, view in found:
+        if view.damage:
+            lost = f', {counted(view.lost, "message")} lost' if view.lost else ''
+            text = f'{view.path} is damaged: {view.damage}{lost}. What can be read is delivered'
+            show_line(console, f'{text} when a bridge opens it.', 'bold red')
+    for _, view in found:
+        if view.rows:
+            _show_rows(console, view, asked)
+
+
+def _show_spools(console: Console, directory: Path, found: Sequence[tuple[_Place, View]]) -> None:
+    columns = ['spool', '#messages', '#size', 'oldest', 'newest', 'way', 'state']
+    rows = [
+        [
+            [printable(view.path.name)],
+            [str(view.messages)],
+            [_size(view.bytes)],
+            _when(view.oldest_ns),
+            _when(view.newest_ns),
+            _way(place, view),
+            list(_state(view)),
+        ]
+        for place, view in found
+    ]
+    show_table(console, f'Spools in {directory}', columns, rows)
+
+
+def _way(place: _Place, view: View) -> list[str]:
+    route = [place.route] if place.route else []
+    ends = [printable(view.ros_topic) or '?', f'-> {printable(view.kafka_topic)}']
+    return route + (ends if view.kafka_topic else [])
+
+
+def _state(view: View) -> Iterator[str]:
+    if not view.exists:
+        yield 'not there yet'
+        return
+    yield 'DAMAGED' if view.damage else 'well'
+    yield f'open (pid {view.pid})' if view.pid else 'not open'
+    if view.dead_letters:
+        yield counted(view.dead_letters, 'dead letter')
+    yield f'version {view.version}'
+    yield f'file {_size(view.file_bytes)}'
+
+
+def _show_rows(console: Console, view: View, asked: Asked) -> None:
+    columns = ['#number', 'taken', 'key', 'publisher', '#seq', '#size', *['value'] * asked.values]
+    rows = [
+        [
+            [str(row.number)],
+            [_time(row.taken_ns), *['dead letter'] * row.dead],
+            [_text(row.record.key)],
+            [row.gid.hex() or '-'],
+            [str(row.seq) if row.seq else '-'],
+            [_size(size_of(row.record))],
+            *[[_text(row.record.value)]] * asked.values,
+        ]
+        for row in view.rows
+    ]
+    title = f'{printable(view.path.name)}: the first {len(rows)} of {view.messages}'
+    show_table(console, title, columns, rows)
+
+
+def _when(time_ns: int | None) -> list[str]:
+    if time_ns is None:
+        return []
+    return [_time(time_ns), _age((time.time_ns() - time_ns) / 1e9)]
+
+
+def _time(time_ns: int) -> str:
+    try:
+        return f'{datetime.fromtimestamp(time_ns / 1e9).astimezone():%Y-%m-%d %H:%M:%S}'
+    except (OverflowError, ValueError, OSError):  # no clock says so
+        return str(time_ns)
+
+
+def _age(age_s: float) -> str:
+    if age_s < 0:
+        return 'in the future'
+    for length_s, name in _AGES:
+        if age_s >= length_s:
+            return f'{age_s / length_s:.0f} {name} ago'
+    return f'{age_s:.0f} s ago'
+
+
+def _size(size_bytes: float) -> str:
+    if size_bytes < 1000:
+        return f'{size_bytes:.0f} B'
+    for unit in _UNITS:
+        size_bytes /= 1000
+        if size_bytes < 1000 or unit == _UNITS[-1]:
+            return f'{size_bytes:.1f} {unit}'
+    raise AssertionError
+
+
+def _text(data: bytes | None) -> str:
+    if data is None:
+        return 'null'
+    text = data[: 4 * _PREVIEW_CHARS].decode('utf-8', 'backslashreplace')
+    more = '...' if len(text) > _PREVIEW_CHARS or len(data) > 4 * _PREVIEW_CHARS else ''
+    return printable(text[:_PREVIEW_CHARS]) + more
+
+
+# For programs
+
+
+def _as_json(place: _Place, view: View, asked: Asked) -> Mapping[str, Any]:
+    return {
+        **vars(view),
+        'path': str(view.path),
+        'route': place.route,
+        'exists': view.exists,
+        'rows': [_row_as_json(row, asked) for row in view.rows],
+    }
+
+
+def _row_as_json(row: Row, asked: Asked) -> Mapping[str, Any]:
+    value = {'value': _text(row.record.value)} if asked.values else {}
+    return {
+        'number': row.number,
+        'taken_ns': row.taken_ns,
+        'dead_letter': row.dead,
+        'topic': row.record.topic,
+        'key': _text(row.record.key),
+        'gid': row.gid.hex(),
+        'seq': row.seq,
+        'bytes': size_of(row.record),
+        **value,
+    }

@@ -1,0 +1,268 @@
+"""The topics of both sides, with the routes that join them: what `topics` shows."""
+
+import dataclasses
+import json
+import sys
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Literal, NamedTuple
+
+from ros2_kafka_bridge.commands.names import is_of_kafka_itself, is_of_ros_itself, stem
+from ros2_kafka_bridge.commands.screen import screen, wait_for_discovery, waiting
+from ros2_kafka_bridge.commands.topics.tables import show
+from ros2_kafka_bridge.commands.topics.view import (
+    KafkaRow,
+    Match,
+    Pair,
+    PeerRow,
+    RosRow,
+    RouteRow,
+    View,
+)
+from ros2_kafka_bridge.config.checks import DEAD_LETTER_SUFFIX
+from ros2_kafka_bridge.config.routes import AnyRoute
+from ros2_kafka_bridge.config.settings import (
+    Config,
+    KafkaToRosRoute,
+    QoS,
+    RosSettings,
+)
+from ros2_kafka_bridge.errors import BridgeError, TransportError
+from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
+from ros2_kafka_bridge.kafka.properties import PropertyValue, common_properties
+from ros2_kafka_bridge.logs.lines import keep_clients_quiet
+from ros2_kafka_bridge.ros import rates
+from ros2_kafka_bridge.ros.matching import (
+    own_publishers,
+    own_readers,
+    publisher_problem,
+    reader_problem,
+    ros_end,
+    type_of,
+)
+from ros2_kafka_bridge.ros.node import Peer, RosNode, Topic, domain_in_words, middleware, open_node
+from ros2_kafka_bridge.ros.profile import Endpoints
+from ros2_kafka_bridge.ros.qos import mismatch, profile
+
+Offsets = Mapping[tuple[str, int], int]
+
+
+class Sides(NamedTuple):
+    """What is looked at."""
+
+    kafka: Mapping[str, PropertyValue]
+    ros: RosSettings
+    routes: Sequence[AnyRoute]
+
+    @classmethod
+    def of(cls, config: Config) -> 'Sides':
+        """Those of a configuration."""
+        return cls(config.kafka, config.ros, config.routes)
+
+    @classmethod
+    def without_file(cls, servers: str) -> 'Sides':
+        """A cluster without passwords and the domain of ROS_DOMAIN_ID, no routes."""
+        return cls({'bootstrap.servers': servers}, RosSettings(), [])
+
+
+def report(sides: Sides, *, seconds: float | None, as_json: bool) -> int:
+    """Look at both sides and print what is there.
+
+    Args:
+        sides: What to look at.
+        seconds: How long rates are measured; None does not.
+        as_json: For programs instead of people.
+
+    Returns:
+        0 when both sides were seen, 1 when Kafka was not.
+    """
+    keep_clients_quiet()
+    view = look(sides, seconds)
+    if as_json:
+        sys.stdout.write(json.dumps(dataclasses.asdict(view), indent=2) + '\n')
+    else:
+        show(screen(), view)
+    return 1 if view.kafka_problem else 0
+
+
+def look(sides: Sides, seconds: float | None) -> View:
+    """Look at both sides.
+
+    Raises:
+        ConfigError: ROS is not here.
+    """
+    overview = Overview(common_properties(sides.kafka, client_id='topics'))
+    topics, problem = _kafka_topics(overview)
+    with open_node('topics', sides.ros.domain_id, Endpoints({}, {}, sides.ros.lease_s)) as node:
+        wait_for_discovery()
+        graph = node.topics()
+        graph += _missing_in_ros(graph, sides.routes)
+        before, started_s = overview.ends(topics), time.monotonic()
+        ros_rates = {} if seconds is None else _ros_rates(node, graph, seconds)
+        after = before if seconds is None else overview.ends(topics)
+        measured_s = time.monotonic() - started_s
+    kafka_rates = {} if seconds is None else _kafka_rates(topics, before, after, measured_s)
+    begins = overview.begins(topics)
+    kafka_rows = [
+        _kafka_row(topic, sides.routes, records(topic, begins, after), kafka_rates)
+        for topic in [*topics, *_missing_in_kafka(topics, sides.routes, problem)]
+    ]
+    ros_rows = [_ros_row(topic, sides.routes, ros_rates) for topic in graph]
+    return View(
+        brokers=str(sides.kafka.get('bootstrap.servers', '')),
+        kafka_problem=problem,
+        ros_middleware=middleware(),
+        ros_domain=domain_in_words(sides.ros.domain_id),
+        seconds=seconds,
+        kafka=sorted(kafka_rows, key=lambda row: (bool(row.kind), row.name)),
+        ros=sorted(ros_rows, key=lambda row: (bool(row.kind), row.name)),
+        pairs=list(_pairs(topics, graph, sides.routes)),
+    )
+
+
+# Kafka
+
+
+def _kafka_topics(overview: Overview) -> tuple[list[KafkaTopic], str]:
+    try:
+        return overview.topics(), ''
+    except TransportError as error:
+        return [], f'{error}; is bootstrap.servers right, does the broker run?'
+    except BridgeError as error:
+        return [], str(error)
+
+
+def _kafka_rates(
+    topics: Iterable[KafkaTopic], before: Offsets, after: Offsets, measured_s: float
+) -> dict[str, float]:
+    counts = {topic.name: records(topic, before, after) for topic in topics}
+    return {name: count / measured_s for name, count in counts.items() if count is not None}
+
+
+def _missing_in_kafka(
+    topics: Iterable[KafkaTopic], routes: Sequence[AnyRoute], problem: str
+) -> Iterator[KafkaTopic]:
+    known = {topic.name for topic in topics}
+    for name in sorted({kafka_end(route) for route in routes} - known):
+        yield KafkaTopic(name, 0, 'not seen' if problem else 'not there')
+
+
+def _kafka_row(
+    topic: KafkaTopic, routes: Sequence[AnyRoute], held: int | None, found: Mapping[str, float]
+) -> KafkaRow:
+    dead_letters = {route.dead_letter_topic for route in routes}
+    kind: Literal['', 'internal', 'dead letters'] = ''
+    if is_of_kafka_itself(topic.name):
+        kind = 'internal'
+    elif topic.name in dead_letters or topic.name.endswith(DEAD_LETTER_SUFFIX):
+        kind = 'dead letters'
+    return KafkaRow(
+        name=topic.name,
+        partitions=topic.partitions,
+        records=None if topic.problem else held,
+        rate=found.get(topic.name),
+        kind=kind,
+        routes=[
+            RouteRow(route.name, 'reads' if isinstance(route, KafkaToRosRoute) else 'writes')
+            for route in routes
+            if kafka_end(route) == topic.name
+        ],
+        problem=topic.problem,
+    )
+
+
+def kafka_end(route: AnyRoute) -> str:
+    """The Kafka topic of a route."""
+    return route.source.kafka if isinstance(route, KafkaToRosRoute) else route.sink.kafka
+
+
+# ROS
+
+
+def _missing_in_ros(graph: Iterable[Topic], routes: Sequence[AnyRoute]) -> list[Topic]:
+    known = {topic.name for topic in graph}
+    missing = {ros_end(route) for route in routes} - known
+    return [Topic(name, [], [], []) for name in missing]
+
+
+def _ros_rates(node: RosNode, graph: Iterable[Topic], seconds: float) -> dict[str, float]:
+    """Count where that disturbs nobody.
+
+    A bridge waits for subscribers, and publishes again what is in flight when one has gone: it
+    would take the counting for such a one.
+    """
+    silent = {topic.name: 0.0 for topic in graph if not topic.publishers}
+    counted = {
+        topic.name: topic.types[0]
+        for topic in graph
+        if topic.publishers
+        and len(topic.types) == 1
+        and (is_of_ros_itself(topic.name) or all(_is_no_bridge(p) for p in topic.publishers))
+    }
+    with waiting(f'Counting messages ({seconds:g} s)'):
+        return silent | rates.count(node, counted, seconds)
+
+
+def _is_no_bridge(peer: Peer) -> bool:
+    return peer.named and not peer.is_bridge
+
+
+def _ros_row(topic: Topic, routes: Sequence[AnyRoute], found: Mapping[str, float]) -> RosRow:
+    joined = [route for route in routes if ros_end(route) == topic.name]
+    return RosRow(
+        name=topic.name,
+        types=topic.types,
+        publishers=[_peer_row(peer) for peer in topic.publishers],
+        subscribers=[_peer_row(peer) for peer in topic.subscribers],
+        rate=found.get(topic.name),
+        kind='of ROS itself' if is_of_ros_itself(topic.name) else '',
+        routes=[
+            RouteRow(route.name, 'publishes' if isinstance(route, KafkaToRosRoute) else 'takes')
+            for route in joined
+        ],
+        matches=[match for route in joined for match in _matches(route, topic, routes)],
+    )
+
+
+def _peer_row(peer: Peer) -> PeerRow:
+    return PeerRow(peer.node, peer.message_type, peer.reliability, peer.durability)
+
+
+def _matches(route: AnyRoute, topic: Topic, routes: Sequence[AnyRoute]) -> Iterator[Match]:
+    if isinstance(route, KafkaToRosRoute):
+        readers = [*topic.subscribers, *own_readers(routes, route)]
+        found = [(peer, reader_problem(route, peer)) for peer in readers]
+    else:
+        publishers = [*topic.publishers, *own_publishers(routes, route)]
+        message_type = type_of(route, publishers)
+        found = [(peer, publisher_problem(route, peer, message_type)) for peer in publishers]
+    for peer, problem in found:
+        text = f'{problem.text}; {problem.cure}' if problem else ''
+        yield Match(route.name, peer.node, text)
+
+
+# Both
+
+
+def _pairs(
+    topics: Sequence[KafkaTopic], graph: Sequence[Topic], routes: Sequence[AnyRoute]
+) -> Iterator[Pair]:
+    joined = {(kafka_end(route), ros_end(route)) for route in routes}
+    ours = [t.name for t in topics if not is_of_kafka_itself(t.name)]
+    by_stem = {stem(topic.name): topic for topic in graph if not is_of_ros_itself(topic.name)}
+    for kafka in ours:
+        ros = by_stem.get(stem(kafka))
+        if ros is None or (kafka, ros.name) in joined:
+            continue
+        problem = '' if len(ros.types) < 2 else f'{ros.name} has types {" and ".join(ros.types)}'
+        if any(not peer.is_bridge for peer in ros.publishers):
+            yield Pair(kafka, ros.name, 'ROS to Kafka', problem)
+        else:
+            yield Pair(kafka, ros.name, 'Kafka to ROS', problem or _unmatched(ros.subscribers))
+
+
+def _unmatched(subscribers: Sequence[Peer]) -> str:
+    """What the subscribers ask for beyond what the bridge offers by itself."""
+    asked = (mismatch(profile(QoS()), peer.qos) for peer in subscribers)
+    reasons = ', '.join(sorted({reason for reason in asked if reason}))
+    return f'{reasons}; set it in to.qos' if reasons else ''

@@ -1,0 +1,107 @@
+"""The tables of `topics`, for people."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from ros2_kafka_bridge.commands.screen import show_line, show_table
+from ros2_kafka_bridge.commands.topics.view import Pair, PeerRow, RosRow, RouteRow, View
+
+_MATCH_COLUMNS = ('route', 'node', 'would match')
+
+
+def show(console: Console, view: View) -> None:
+    """Print what was seen of Kafka, of ROS, and of both together."""
+    if view.kafka_problem:
+        show_line(console, f'Kafka ({view.brokers}): {view.kafka_problem}', 'bold red')
+    if view.kafka:
+        title = f'Kafka: {view.brokers}'
+        _show_kafka(console, title, view)
+    elif not view.kafka_problem:
+        console.print(f'Kafka: {view.brokers}: no topics')
+    title = f'ROS: {view.ros_domain}, {view.ros_middleware}'
+    if view.ros:
+        _show_ros(console, title, view)
+    else:
+        console.print(f'{title}: no topics: is it the domain of the nodes, do they run?')
+    _show_matches(console, view.ros)
+    _show_pairs(console, view.pairs)
+
+
+def _show_kafka(console: Console, title: str, view: View) -> None:
+    rated = view.seconds is not None
+    columns = ['topic', '#partitions', '#records', *['#records/s'] * rated, 'route']
+    rows: list[list[list[str]]] = []
+    for row in view.kafka:
+        about = [*_routes(row.routes), *([row.kind] if row.kind else []), *_if(row.problem)]
+        held = [str(row.partitions), _number(row.records)] if not row.problem else ['-', '-']
+        numbers = [[number] for number in held]
+        rate = [['-' if row.problem else _rate(row.rate)]] if rated else []
+        rows.append([[row.name], *numbers, *rate, about])
+    show_table(console, title, columns, rows)
+
+
+def _show_ros(console: Console, title: str, view: View) -> None:
+    rated = view.seconds is not None
+    kinds = ['topic'] if console.is_terminal else ['topic', 'type']
+    columns = [*kinds, 'publishers', 'subscribers', *['#msg/s'] * rated, 'route']
+    rows: list[list[list[str]]] = []
+    for row in view.ros:
+        types = row.types or ['nobody is there']
+        first = [[row.name, *types]] if console.is_terminal else [[row.name], [*types]]
+        ends = [_ends(row.publishers), _ends(row.subscribers)]
+        rate = [[_rate(row.rate)]] if rated else []
+        rows.append([*first, *ends, *rate, [*_routes(row.routes), *_if(row.kind)]])
+    show_table(console, title, columns, rows)
+    if rated and any(row.rate is None for row in view.ros):
+        show_line(
+            console,
+            '?: not counted: two types, a type that is not installed here, or a bridge '
+            'publishes it (counting would be a subscriber to it)',
+        )
+
+
+def _ends(peers: Sequence[PeerRow]) -> list[str]:
+    """Publishers or subscribers in short: `2 reliable, volatile`."""
+    counted = Counter((peer.reliability, peer.durability) for peer in peers)
+    return [f'{number} {", ".join(qos)}' for qos, number in sorted(counted.items())]
+
+
+def _show_matches(console: Console, found: Sequence[RosRow]) -> None:
+    rows: list[list[list[str]]] = []
+    for row in found:
+        for route in row.routes:
+            nodes = [match for match in row.matches if match.route == route.route]
+            rows += [[[route.route], [m.node], [m.problem or 'yes']] for m in nodes]
+            if not nodes:
+                does = 'subscribes to' if route.does == 'publishes' else 'publishes'
+                rows.append([[route.route], [], [f'nobody {does} {row.name}']])
+    if rows:
+        show_table(console, 'Which nodes the routes would match', _MATCH_COLUMNS, rows)
+
+
+def _show_pairs(console: Console, pairs: Sequence[Pair]) -> None:
+    if not pairs:
+        return
+    columns = ['Kafka', 'ROS', 'way', 'would match']
+    rows: list[list[list[str]]] = [
+        [[p.kafka], [p.ros], [p.way], [p.problem or 'yes']] for p in pairs
+    ]
+    show_table(console, 'Possible pairs, not joined by a route', columns, rows)
+
+
+def _routes(rows: Sequence[RouteRow]) -> list[str]:
+    return [f'{row.route} {row.does}' for row in rows]
+
+
+def _if(text: str) -> list[str]:
+    return [text] if text else []
+
+
+def _number(number: int | None) -> str:
+    return '?' if number is None else str(number)
+
+
+def _rate(rate: float | None) -> str:
+    return '?' if rate is None else f'{rate:.1f}'

@@ -1,1 +1,0 @@
-"""What a dead-letter topic holds, and how a letter becomes a record or a message again."""

@@ -1,0 +1,28 @@
+"""Numbers with their nouns; and text of others, made safe to be shown in a line or a terminal."""
+
+import re
+from typing import Final
+
+# Control characters, line ends, marks that turn the direction of writing, and lone surrogates.
+_HOSTILE: Final = re.compile(
+    '[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]'
+)
+
+
+def count(number: int, thing: str) -> str:
+    """Say how many there are of a thing: `1 route`, `2 routes`."""
+    return f'{number} {thing}' if number == 1 else f'{number} {thing}s'
+
+
+def printable(text: str) -> str:
+    r"""Write what no line may hold as its escape, such as \n or \x1b."""
+    return _HOSTILE.sub(_escaped, text)
+
+
+def printable_lines(text: str) -> str:
+    """The same, but for the ends of lines."""
+    return '\n'.join(map(printable, text.split('\n')))
+
+
+def _escaped(found: re.Match[str]) -> str:
+    return found[0].encode('unicode_escape').decode()

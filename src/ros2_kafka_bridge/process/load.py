@@ -1,0 +1,62 @@
+"""The configuration that a process begins with, checked against what is installed here."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ros2_kafka_bridge.errors import ConfigError
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.config.settings import Config
+
+
+def load_checked(file: Path, text: str | None = None, *, with_ros: bool = True) -> 'Config':
+    """The configuration in a file, checked against the types and the Kafka client found here.
+
+    Args:
+        file: The file.
+        text: What it held when it was read; None reads it now.
+        with_ros: Whether rclpy has to load the types; else a folder of .msg files is enough.
+
+    Raises:
+        ConfigError: With every mistake in the file.
+    """
+    from ros2_kafka_bridge.config.file import load, loads  # noqa: PLC0415 (heavy)
+    from ros2_kafka_bridge.formats.extras import missing_extra  # noqa: PLC0415
+    from ros2_kafka_bridge.kafka.properties import property_problems  # noqa: PLC0415
+    from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415
+
+    check_type = _not_installed if with_ros else unknown_type
+    if text is not None:
+        return loads(text, str(file), os.environ, check_type, property_problems, missing_extra)
+    return load(file, os.environ, check_type, property_problems, missing_extra)
+
+
+def _not_installed(name: str, message_path: Sequence[Path]) -> str | None:
+    """Say what is wrong with the type of a route, which rclpy has to load; None if it can."""
+    from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415 (reads files)
+
+    problem = unknown_type(name)
+    if problem and message_path and unknown_type(name, message_path) is None:
+        return (
+            f'{name} lies in ros.message_path only, which is enough without ROS: a route '
+            'that runs needs its package, built and sourced'
+        )
+    return problem
+
+
+def chosen(config: 'Config', routes: str) -> frozenset[str] | None:
+    """The names in a list with commas, None for all routes.
+
+    Raises:
+        ConfigError: There are no such routes.
+    """
+    if not routes:
+        return None
+    names = frozenset(name.strip() for name in routes.split(','))
+    known = {route.name for route in config.routes}
+    if unknown := sorted(names - known):
+        there = ', '.join(sorted(known))
+        raise ConfigError([f'--routes: no route {name}, there are {there}' for name in unknown])
+    return names

@@ -1,0 +1,60 @@
+"""How the whole bridge is doing, put together from what its workers tell."""
+
+import time
+from collections.abc import Iterable
+from typing import Final
+
+from ros2_kafka_bridge.process.crew import Crew
+from ros2_kafka_bridge.process.plan import Plan
+from ros2_kafka_bridge.protocol.messages import Lifecycle, Reload, Report, RouteReport, Worker
+from ros2_kafka_bridge.route.counters import Counters, Snapshot, State
+
+STUCK_S: Final = 90.0
+"""A route that has done one thing for so long is stuck: some take a minute on purpose."""
+
+
+def report_of(
+    plan: Plan,
+    crew: Crew,
+    lifecycle: Lifecycle,
+    started_s: float,
+    reload: Reload | None,
+    *,
+    stopping: bool,
+) -> Report:
+    """Put a report together."""
+    now_s = time.monotonic()
+    return Report(
+        time_s=time.time(),
+        lifecycle=lifecycle,
+        stopping=stopping,
+        started_s=started_s,
+        workers=tuple(
+            Worker(worker.number, worker.pid, worker.starts, worker.problem)
+            for worker in crew.workers
+        ),
+        routes=tuple(_route(name, crew, now_s) for name in plan.names),
+        paused=tuple(name for name in plan.names if name in crew.paused),
+        reload=reload,
+    )
+
+
+def _route(name: str, crew: Crew, now_s: float) -> RouteReport:
+    worker = crew.worker_of(name)
+    if worker is None:
+        snapshot = crew.last.get(name) or Counters(name).snapshot(0)
+        stopped = snapshot._replace(state=State.STOPPED, reason='', beat_s=0.0)
+        return RouteReport(0, now_s - stopped.made_s, 0.0, stopped)
+    snapshot = worker.snapshots[name]
+    age_s = max(0.0, now_s - snapshot.made_s)
+    return RouteReport(worker.number, age_s, _busy_s(snapshot, now_s), snapshot)
+
+
+def is_live(snapshots: Iterable[Snapshot]) -> bool:
+    """Whether no route is stuck; one that waits on purpose, or for its worker, is not."""
+    now_s = time.monotonic()
+    return all(_busy_s(snapshot, now_s) < STUCK_S for snapshot in snapshots)
+
+
+def _busy_s(snapshot: Snapshot, now_s: float) -> float:
+    return max(0.0, now_s - snapshot.beat_s) if snapshot.beat_s else 0.0

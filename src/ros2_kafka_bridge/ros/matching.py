@@ -1,0 +1,91 @@
+"""Whether a route's own ROS endpoint and those of others would match, and why not."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ros2_kafka_bridge.config.routes import AnyRoute, KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.ros.node import Peer, own_nodes
+from ros2_kafka_bridge.ros.qos import mismatch, profile
+
+
+class Problem(NamedTuple):
+    """Why two endpoints do not match, and what would help."""
+
+    text: str
+    cure: str
+
+
+def reader_problem(route: KafkaToRosRoute, reader: Peer) -> Problem | None:
+    """Why a subscriber would get nothing from a route; None if it would."""
+    if reader.message_type != route.sink.type:
+        text = f'reads {route.sink.ros} as {reader.message_type}'
+        return Problem(text, 'set to.type, or give one of the two another topic')
+    if reason := mismatch(profile(route.sink.qos), reader.qos):
+        return Problem(f'does not match: {reason}', 'set it in to.qos')
+    return None
+
+
+def publisher_problem(
+    route: RosToKafkaRoute, publisher: Peer, message_type: str | None
+) -> Problem | None:
+    """Why a route would get nothing from a publisher; None if it would.
+
+    Args:
+        route: The route that would take from it.
+        publisher: Seen in the graph.
+        message_type: What the route would read; None while that is open.
+    """
+    if message_type is not None and publisher.message_type != message_type:
+        text = f'publishes {publisher.message_type}, not {message_type}'
+        return Problem(text, 'set from.type, or give one of the two another topic')
+    asked = profile(route.source.qos, publisher.reliability, publisher.durability)
+    if reason := mismatch(publisher.qos, asked):
+        text = f'does not match from.qos: {reason}'
+        return Problem(text, 'leave it out to follow the publishers')
+    return None
+
+
+def type_of(route: RosToKafkaRoute, publishers: list[Peer]) -> str | None:
+    """What a route from ROS would read; None where nobody or more than one kind is there."""
+    types = {publisher.message_type for publisher in publishers}
+    return route.source.type or (types.pop() if len(types) == 1 else None)
+
+
+def others(peers: list[Peer], bridge: str) -> list[Peer]:
+    """Who is there beside the bridge of that name, which may be running just now."""
+    own = own_nodes(bridge)
+    return [peer for peer in peers if not own.fullmatch(peer.node)]
+
+
+def own_readers(routes: Sequence[AnyRoute], route: KafkaToRosRoute) -> list[Peer]:
+    """The subscribers that the other routes of a configuration would be."""
+    offered = route.sink.qos.reliability or 'reliable', route.sink.qos.durability or 'volatile'
+    return [
+        _own(f'route {other.name}', other.source.type or route.sink.type, own)
+        for other in routes
+        if isinstance(other, RosToKafkaRoute) and other.source.ros == route.sink.ros
+        for own in [profile(other.source.qos, *offered)]
+    ]
+
+
+def own_publishers(routes: Sequence[AnyRoute], route: RosToKafkaRoute) -> list[Peer]:
+    """The publishers that the other routes of a configuration would be."""
+    return [
+        _own(f'route {other.name}', other.sink.type, profile(other.sink.qos))
+        for other in routes
+        if isinstance(other, KafkaToRosRoute) and other.sink.ros == route.source.ros
+    ]
+
+
+def is_own(peer: Peer) -> bool:
+    """Whether it is a route of the configuration, not a node of the graph."""
+    return not peer.gid
+
+
+def _own(name: str, message_type: str, qos: object) -> Peer:
+    return Peer.of_qos(name, message_type, b'', '', qos)
+
+
+def ros_end(route: AnyRoute) -> str:
+    """The ROS topic of a route."""
+    return route.sink.ros if isinstance(route, KafkaToRosRoute) else route.source.ros

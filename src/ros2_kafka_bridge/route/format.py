@@ -1,0 +1,104 @@
+"""The functions of a route's format, made of its settings."""
+
+from collections.abc import Callable
+
+from ros2_kafka_bridge.config.formats import JsonSettings, SchemaSettings
+from ros2_kafka_bridge.config.routes import BLOCKS
+from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.errors import DecodeError, EncodeError
+from ros2_kafka_bridge.formats import FORMATS, Decode, Encode, guarded
+from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.message_types import document
+from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.route.type_hash import (
+    CheckHeaders,
+    check_nothing,
+    make_hash_check,
+    make_publisher_check,
+)
+
+_EVEN = frozenset({'text', 'cdr'})
+"""Formats whose values are about as large as their messages."""
+
+_LIMIT = 'max_message_bytes of the route'
+
+
+def scope_of(route: KafkaToRosRoute | RosToKafkaRoute, config: Config) -> Scope:
+    """What a format knows of a route."""
+    topic = route.sink.kafka if isinstance(route, RosToKafkaRoute) else route.source.kafka
+    registry = config.schema_registry
+    return Scope(
+        topic,
+        route.json_settings or JsonSettings(),
+        route.schema_settings or SchemaSettings(),
+        {} if registry is None else registry.properties(),
+        route.max_message_bytes,
+    )
+
+
+def decode_of(route: KafkaToRosRoute, config: Config, layout: Layout) -> Decode:
+    """Make the decode function of a route: no value and no message larger than it allows.
+
+    Raises:
+        ConfigError: The format cannot carry the type, or its settings are wrong.
+        RouteError: A Schema Registry does not answer.
+    """
+    scope, whole = scope_of(route, config), with_docs(route, config, layout)
+    decode = FORMATS[route.format].make_decode(whole, scope)
+    return guarded(decode, route.max_message_bytes, DecodeError)
+
+
+def encode_of(route: RosToKafkaRoute, config: Config, layout: Layout) -> Encode:
+    """Make the encode function of a route: no message and no value larger than it allows.
+
+    Raises:
+        ConfigError: The format cannot carry the type, or its settings are wrong.
+        RouteError: A Schema Registry does not answer.
+    """
+    scope, whole = scope_of(route, config), with_docs(route, config, layout)
+    encode = FORMATS[route.format].make_encode(whole, scope)
+    if route.format not in _EVEN:
+        encode = _not_grown(encode, route.format, route.max_message_bytes)
+    return guarded(encode, route.max_message_bytes, EncodeError)
+
+
+def with_docs(route: KafkaToRosRoute | RosToKafkaRoute, config: Config, layout: Layout) -> Layout:
+    """Add the docs to the layout of a route that registers them with its schema."""
+    in_schema = route.format in BLOCKS['schema']
+    return document(layout, config.ros.message_path) if in_schema else layout
+
+
+def asks_registry(route: KafkaToRosRoute | RosToKafkaRoute) -> bool:
+    """Whether the format of a route looks its schema up in a Schema Registry."""
+    schema = route.schema_settings or SchemaSettings()
+    return route.format in BLOCKS['schema'] and schema.registry
+
+
+def check_of(route: KafkaToRosRoute | RosToKafkaRoute, layout: Layout) -> CheckHeaders:
+    """Make the function that refuses records and messages of another version of the type."""
+    if isinstance(route, KafkaToRosRoute):
+        check = make_hash_check if route.check_type_hash else None
+    else:
+        # cdr reads no field into another: bytes and hash go on together.
+        check = None if route.format in _EVEN else make_publisher_check
+    return check(layout.type_name, layout.type_hash) if check else check_nothing
+
+
+def _not_grown(
+    encode: Callable[[bytes], bytes | None], name: str, max_bytes: int
+) -> Callable[[bytes], bytes | None]:
+    """Refuse a value that a message of the right size has become.
+
+    The message itself is not too large: its dead letter keeps it.
+    """
+
+    def encode_small(message: bytes) -> bytes | None:
+        value = encode(message)
+        if value is not None and len(value) > max_bytes:
+            raise EncodeError(
+                f'{len(message)} bytes as a message, {len(value)} bytes as {name}: more than '
+                f'{_LIMIT} ({max_bytes} bytes)'
+            )
+        return value
+
+    return encode_small

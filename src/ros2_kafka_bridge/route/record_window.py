@@ -1,0 +1,215 @@
+"""What a route from Kafka has taken and not ended yet, in the order of consumption."""
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
+from ros2_kafka_bridge.endpoints import Record
+from ros2_kafka_bridge.route.counters import Outcome
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.errors import RouteError
+
+_ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small records count too
+_PASSED = frozenset({Outcome.DROPPED, Outcome.SKIPPED})
+
+
+class Entry:
+    """One record on its way; it holds nothing of the record that is not counted as its size.
+
+    Args:
+        record: What was taken; it is not kept.
+        value: Of the record.
+        taken_s: When it was taken, by the monotonic clock.
+    """
+
+    timestamp: tuple[int, int]  # only where records age
+    made_ms: int  # since 1970, by the record or its publisher; not above 0 where that is unknown
+
+    __slots__ = (
+        'cdr', 'end', 'failure', 'made_ms', 'offset', 'outcome', 'partition', 'size_bytes',
+        'taken_s', 'timestamp', 'value_bytes',
+    )  # fmt: skip
+
+    def __init__(self, record: Record, value: bytes | None, taken_s: float) -> None:
+        self.partition = record.partition() or 0
+        self.offset = record.offset() or 0
+        self.end = self.offset + 1  # of what is behind it and was dropped, too
+        self.value_bytes = size_bytes = 0 if value is None else len(value)
+        self.size_bytes = size_bytes + _ENTRY_BYTES
+        self.taken_s = taken_s
+        self.cdr = b''
+        self.outcome: Outcome | None = None
+        self.failure: RouteError | None = None  # ends the route once all before it have ended
+
+
+class RecordWindow:
+    """The entries of a route, and the positions that may be committed for those that have left.
+
+    An entry waits in `pending` until the history takes it, then in `unconfirmed` until its readers
+    have it. One that has ended leaves once all before it have: only then does its offset count.
+    One that was passed over may leave sooner: what is before it in its partition counts for both.
+
+    Args:
+        max_entries: How many may wait, where the oldest are dropped.
+        max_bytes: How large all may be together.
+    """
+
+    def __init__(self, max_entries: int, max_bytes: int) -> None:
+        self.entries: deque[Entry] = deque()
+        self.pending: deque[Entry] = deque()
+        self.unconfirmed: deque[Entry] = deque()
+        self.positions: dict[int, int] = {}  # of each partition: the next offset to read
+        self.size_bytes = 0
+        self.max_entries = max_entries
+        self.max_bytes = max_bytes
+        self._confirmed = 0  # of those published since a reader was lost last
+        self._read_again: set[int] = set()  # partitions whose ends are not reached any more
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether no more is to be read."""
+        return self.size_bytes > self.max_bytes
+
+    @property
+    def value_bytes(self) -> int:
+        """How large the values of its records were."""
+        return sum(entry.value_bytes for entry in self.entries)
+
+    def add(self, entry: Entry) -> None:
+        """Hold one more, which comes behind all others."""
+        self.positions.setdefault(entry.partition, entry.offset)
+        self.entries.append(entry)
+        self.size_bytes += entry.size_bytes
+
+    def grow(self, entry: Entry) -> None:
+        """Count a message that is larger than the value which it was made of."""
+        self.size_bytes += len(entry.cdr) - entry.size_bytes
+        entry.size_bytes = len(entry.cdr)
+
+    # What the readers have
+
+    def confirm(self, confirmed: int) -> None:
+        """End the oldest entries that were published.
+
+        Args:
+            confirmed: How many every reader has, of those published since one was lost last.
+        """
+        unconfirmed, outcome = self.unconfirmed, Outcome.CONFIRMED
+        for _ in range(confirmed - self._confirmed):
+            entry = unconfirmed.popleft()
+            if entry.outcome is None:
+                entry.outcome = outcome
+        self._confirmed = confirmed
+
+    def take_back(self) -> int:
+        """Let what was published and not confirmed wait again; tells how many those are."""
+        again = [entry for entry in self.unconfirmed if entry.outcome is None]
+        self.unconfirmed.clear()
+        self._confirmed = 0
+        self.pending.extendleft(reversed(again))
+        return len(again)
+
+    # What leaves
+
+    def settle(self) -> list[Entry]:
+        """Let go of what has ended, and all before it has; their positions move on."""
+        entries = self.entries
+        ended = []
+        while entries and entries[0].outcome is not None:
+            ended.append(entries.popleft())
+        if ended:
+            self.positions |= {entry.partition: entry.end for entry in ended}
+            self.size_bytes -= sum([entry.size_bytes for entry in ended])
+        return ended
+
+    def skip_to(self, ends: Mapping[int, int]) -> None:
+        """Move positions on behind what is no record, while nothing is held.
+
+        Not where something was given back: the end lies behind that, too.
+        """
+        for partition, offset in ends.items():
+            if partition in self._read_again:
+                continue
+            if self.positions.get(partition, offset) < offset:
+                self.positions[partition] = offset
+
+    def drop_oldest(self) -> list[Entry]:
+        """Drop what waits and is too much; returns what has left.
+
+        It leaves at once, also where others before it stay for long: there is no end to what
+        comes behind a subscriber that does not take.
+        """
+        pending = self.pending
+        is_too_much = self.is_full
+        # The newest stays, also where what is published fills the window alone.
+        while (len(pending) > 1 and pending[0].failure is None) and (
+            len(pending) > self.max_entries or self.is_full
+        ):
+            entry = pending.popleft()
+            entry.outcome = Outcome.DROPPED
+            self.size_bytes -= entry.size_bytes
+            entry.size_bytes = 0
+            is_too_much = True
+        return self._close_up() if is_too_much else []
+
+    def _close_up(self) -> list[Entry]:
+        """Let go of what was passed over; what is before it in its partition moves on for it."""
+        kept: deque[Entry] = deque()
+        left: list[Entry] = []
+        last: dict[int, Entry] = {}  # of each partition
+        for entry in self.entries:
+            if entry.outcome not in _PASSED:
+                kept.append(entry)
+                last[entry.partition] = entry
+                continue
+            left.append(entry)
+            if entry.partition in last:
+                last[entry.partition].end = entry.end
+            else:
+                self.positions[entry.partition] = entry.end
+        self.entries = kept
+        self.size_bytes -= sum([entry.size_bytes for entry in left])
+        return left
+
+    # What is given back to Kafka
+
+    def of(self, partitions: frozenset[int]) -> list[Entry]:
+        """The entries of these partitions."""
+        return [entry for entry in self.entries if entry.partition in partitions]
+
+    def unpublished(self) -> list[Entry]:
+        """The entries that wait, and those behind them: they are read again with them."""
+        if not self.pending:
+            return []
+        waiting = set(map(id, self.pending))
+        holes: set[int] = set()
+        found = []
+        for entry in self.entries:
+            if id(entry) in waiting:
+                holes.add(entry.partition)
+            if entry.partition in holes:
+                found.append(entry)
+        return found
+
+    def give_back(self, entries: Iterable[Entry]) -> None:
+        """Let go of entries without a position for them: they are read again."""
+        for entry in entries:
+            entry.outcome = Outcome.RETURNED
+            self.size_bytes -= entry.size_bytes
+            self._read_again.add(entry.partition)
+        self.entries = deque(e for e in self.entries if e.outcome is not Outcome.RETURNED)
+        self.pending = deque(e for e in self.pending if e.outcome is None)
+
+    def forget(self, partitions: frozenset[int]) -> None:
+        """Forget partitions that others read, or this one from where they were left."""
+        for partition in partitions:
+            self.positions.pop(partition, None)
+        self._read_again -= partitions
+
+    def holds_unconfirmed(self, partitions: frozenset[int]) -> bool:
+        """Whether something of these partitions was published and has not ended."""
+        return any(e.outcome is None and e.partition in partitions for e in self.unconfirmed)

@@ -1,0 +1,144 @@
+"""What is said about what can never be delivered: in the log, and in its dead letter."""
+
+import re
+from typing import Final, NamedTuple
+
+from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.dead_letters.letter import Letter, parse
+from ros2_kafka_bridge.dead_letters.writer import explain, from_kafka, from_ros, without_value
+from ros2_kafka_bridge.dedup import place_of
+from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, Record
+from ros2_kafka_bridge.errors import About, RecordError, RecordTooLargeError, RouteError
+from ros2_kafka_bridge.logs.summed import Summed
+from ros2_kafka_bridge.route.record_window import Entry
+from ros2_kafka_bridge.route.trace_context import trace_id_of
+
+_GID: Final = re.compile(r'[0-9a-f]{2,64}')
+_NUMBER: Final = re.compile(r'\d{1,19}', re.ASCII)
+
+
+class Refused(NamedTuple):
+    """A record or message that was refused.
+
+    Args:
+        error: Why.
+        where: It was, in words.
+        about: The same, as fields of a line of the log.
+    """
+
+    error: RecordError
+    where: str
+    about: About
+
+    @property
+    def text(self) -> str:
+        """Where and why."""
+        return f'{self.where}: {self.error}'
+
+    def policy(self, on_error: str) -> str:
+        """What is done about it: what the route says, but a bug of the bridge drops nothing."""
+        return 'dead_letter' if on_error == 'drop' and self.error.bug is not None else on_error
+
+    def tell_bug(self, sums: Summed) -> None:
+        """Log a bug of the bridge with its traceback, whatever the route does about it."""
+        if self.error.bug is not None:
+            sums.error(self.text, about=self.about, bug=self.error.bug)
+
+    def failure(self, given_up: str = '') -> RouteError:
+        """What ends a route whose `on_error` is `stop`.
+
+        Args:
+            given_up: What that costs, behind a comma.
+        """
+        text = f'{self.text}; stopped, as on_error says{given_up}'
+        return RouteError(text, final=True, about=self.about)
+
+
+def refused_record(
+    route: KafkaToRosRoute, entry: Entry, headers: HeaderList | None, error: RecordError
+) -> Refused:
+    """A record that was refused.
+
+    Args:
+        route: Its route.
+        entry: Which it is.
+        headers: Of it, None where they cannot be read.
+        error: Why.
+    """
+    topic = route.source.kafka
+    about = about_labelled(headers, error)._replace(
+        topic=topic, partition=entry.partition, offset=entry.offset
+    )
+    return Refused(error, f'{topic}[{entry.partition}]@{entry.offset}', about)
+
+
+def refused_message(route: RosToKafkaRoute, headers: HeaderList, error: RecordError) -> Refused:
+    """A message that was refused.
+
+    Args:
+        route: Its route.
+        headers: Of the record that it was to become.
+        error: Why.
+    """
+    ros_topic, topic = route.source.ros, route.sink.kafka
+    about = about_labelled(headers, error)._replace(topic=topic, ros_topic=ros_topic)
+    return Refused(error, f'{ros_topic} -> {topic}', about)
+
+
+def letter_of_record(
+    route: KafkaToRosRoute,
+    entry: Entry,
+    record: Record,
+    headers: HeaderList | None,
+    error: RecordError,
+) -> Outgoing:
+    """The dead letter of a record; the arguments are those of `refused_record`."""
+    origin = from_kafka(route.name, route.source.kafka, entry.partition, entry.offset)
+    letter = Outgoing('', record.key(), record.value(), headers or [])
+    unread = '' if headers is not None else 'a name is not UTF-8'
+    return explain(letter, error, origin, unread)
+
+
+def letter_of_message(route: RosToKafkaRoute, record: Outgoing, error: RecordError) -> Outgoing:
+    """The dead letter of a message.
+
+    Args:
+        route: Its route.
+        record: That it was to become.
+        error: Why it was refused.
+    """
+    origin = from_ros(route.name, route.source.ros, route.sink.kafka)
+    letter = explain(record, error, origin)
+    return without_value(letter) if isinstance(error, RecordTooLargeError) else letter
+
+
+def message_of_letter(route: RosToKafkaRoute, record: Record) -> tuple[bytes, int] | None:
+    """Publisher and number of a message that the route has refused.
+
+    Args:
+        route: The route.
+        record: Of its dead-letter topic. Of the letters of another route, which may share that
+            topic, and of anything else it tells nothing.
+    """
+    found = parse(route.dead_letter_topic, record)
+    about = found.about if isinstance(found, Letter) else None
+    way = (route.name, route.source.ros, route.sink.kafka)
+    if about is None or (about.route, about.ros_topic, about.topic) != way:
+        return None
+    return place_of(record)
+
+
+def about_labelled(headers: HeaderList | None, error: RecordError | None = None) -> About:
+    """What the headers of a record tell, which anyone may have written, and an error."""
+    told = dict(headers or [])
+    gid, seq = _text(told.get('ros.gid')), _text(told.get('ros.seq'))
+    return About(
+        gid=gid if _GID.fullmatch(gid) else None,
+        seq=int(seq) if _NUMBER.fullmatch(seq) else None,
+        trace_id=trace_id_of(headers),
+        error=None if error is None else type(error).__name__,
+    )
+
+
+def _text(value: str | bytes | None) -> str:
+    return value if isinstance(value, str) else (value or b'').decode(errors='replace')

@@ -1,0 +1,102 @@
+"""What a person reads of the counters: lines of the log, one for each route every ten seconds."""
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from datetime import datetime, timedelta
+from typing import Final
+
+from ros2_kafka_bridge.logs.lines import route_log
+from ros2_kafka_bridge.logs.text import count
+from ros2_kafka_bridge.route.counters import Counters, Snapshot
+
+_MOST_NAMES: Final = 3
+_PERIOD_S: Final = 10.0
+
+
+def status_line(now: Snapshot, before: Snapshot, period_s: float) -> str:
+    """One line that says how a route is doing."""
+    # What runs a route again after its process had died counts from 0.
+    earlier = before.confirmed if before.confirmed <= now.confirmed else 0
+    rate = (now.confirmed - earlier) / period_s
+    state = f'{now.state} ({now.reason})' if now.reason else str(now.state)
+    lag = '' if now.lag is None else f', lag {now.lag}'
+    given_up = f', {now.given_up} given up' if now.given_up else ''
+    return (
+        f'{state}: {now.confirmed} confirmed, {rate:.0f}/s, {now.in_flight} in flight{lag}, '
+        f'{now.dead_lettered} dead-lettered{given_up}{_rare(now)}'
+    )
+
+
+def totals(snapshot: Snapshot) -> str:
+    """One line that says what became of everything a route has taken."""
+    given_up = snapshot.in_flight + snapshot.given_up
+    return (
+        f'{snapshot.taken} taken, {snapshot.confirmed} confirmed, '
+        f'{snapshot.dead_lettered} dead-lettered, {given_up} given up{_rare(snapshot)}'
+    )
+
+
+def left(snapshot: Snapshot, *, to_ros: bool) -> str:
+    """One line that says what a route still held that did not end in time, and what it costs."""
+    if not snapshot.in_flight:
+        what = 'nothing in flight'
+    elif to_ros:
+        what = f'{count(snapshot.in_flight, "record")} in flight, read again next time'
+    else:
+        held = count(snapshot.in_flight, 'message')
+        what = f'{held} in flight, lost unless in the spool, or the publisher is TRANSIENT_LOCAL'
+    return f'{what} ({totals(snapshot)})'
+
+
+def held(names: Sequence[str], for_s: float) -> str:
+    """Say who may be keeping a route waiting, and since when, by the clock of the log.
+
+    Args:
+        names: Of the nodes that are waited for; DDS does not tell which of several it is.
+        for_s: How long nothing has moved.
+    """
+    since = (datetime.now().astimezone() - timedelta(seconds=for_s)).strftime('%H:%M:%S')
+    shown = ', '.join(names[:_MOST_NAMES])
+    if len(names) > _MOST_NAMES:
+        shown += f' and {len(names) - _MOST_NAMES} more'
+    one_of = 'one of ' if len(names) > 1 else ''
+    return f'{one_of}{shown}, since {since}' if names else f'since {since}'
+
+
+def _rare(snapshot: Snapshot) -> str:
+    counts: dict[str, int] = {
+        'dropped': snapshot.dropped,
+        'skipped': snapshot.skipped,
+        'returned': snapshot.returned,
+        'spooled': snapshot.spooled,
+        'lost on a damaged disk': snapshot.lost,
+        'published again': snapshot.repeated,
+        'lost before the bridge': snapshot.lost_upstream,
+    }
+    return ''.join(f', {number} {name}' for name, number in counts.items() if number)
+
+
+class StatusLog:
+    """A line for each route, again and again.
+
+    Args:
+        snapshots: Makes the counters of all routes.
+    """
+
+    def __init__(self, snapshots: Callable[[], Iterable[Snapshot]]) -> None:
+        self._snapshots = snapshots
+        self._before = {snapshot.route: snapshot for snapshot in snapshots()}
+        self._said_s = time.monotonic()
+
+    def say(self) -> None:
+        """Say how every route is doing, unless that was said just now."""
+        now_s = time.monotonic()
+        period_s = now_s - self._said_s
+        if period_s < _PERIOD_S:
+            return
+        now = {snapshot.route: snapshot for snapshot in self._snapshots()}
+        for route, snapshot in now.items():
+            before = self._before.get(route) or Counters(route).snapshot(0)
+            line = status_line(snapshot, before, period_s)
+            route_log(route).info('%s', line)
+        self._before, self._said_s = now, now_s
