@@ -55,6 +55,7 @@ check: lint format types locked ## what must hold before a commit: lint, format,
 
 lint: $(READY)
 	$(BIN)/ruff check
+	$(BIN)/lint-imports --no-cache --no-logo
 
 format: $(READY)
 	$(BIN)/ruff format --check

@@ -1,0 +1,54 @@
+"""The house: few modules at its front, rooms that say what lives in them, imports one way."""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+HOUSE = ROOT / 'src' / 'ros2_kafka_bridge'
+FRONT = sorted(path.stem for path in HOUSE.glob('*.py') if path.stem != '__init__')
+ROOMS = sorted(path.parent for path in HOUSE.glob('*/__init__.py'))
+
+
+def test_at_most_ten_modules_stand_at_the_front() -> None:
+    assert len(FRONT) <= 10, f'which room is home to one of {", ".join(FRONT)}?'
+
+
+@pytest.mark.parametrize('room', ROOMS, ids=lambda room: room.name)
+def test_a_room_says_what_lives_there(room: Path) -> None:
+    face = ast.parse((room / '__init__.py').read_text())
+    assert ast.get_docstring(face)
+
+
+@pytest.mark.parametrize('room', ROOMS, ids=lambda room: room.name)
+def test_contributing_shows_the_room(room: Path) -> None:
+    assert f'{room.name}/' in (ROOT / 'CONTRIBUTING.md').read_text()
+
+
+def test_imports_go_down_from_room_to_room_and_never_in_a_circle() -> None:
+    linter = Path(sys.executable).with_name('lint-imports')  # in here it would silence the log
+    command = [str(linter), '--no-cache', '--no-logo']
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stdout
+
+
+def methods() -> set[str]:
+    """Every method of the house, as `Class.method`."""
+    found = set()
+    for file in HOUSE.rglob('*.py'):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ClassDef):
+                found |= {
+                    f'{node.name}.{x.name}' for x in node.body if isinstance(x, ast.FunctionDef)
+                }
+    return found
+
+
+def test_the_path_of_a_message_leads_through_functions_that_are_there() -> None:
+    named = re.findall(r'`([A-Z]\w+\.\w+)`', (ROOT / 'CONTRIBUTING.md').read_text())
+    assert len(named) > 15
+    assert not set(named) - methods()
