@@ -1,5 +1,6 @@
 """`ros2-kafka-bridge demo`: random orders, Kafka -> ROS -> Kafka, counted while they move.
 
 Read in this order: `run` is the whole demo, `trip` the way of the orders through one contestant,
-`contestants` who that can be, `tally` what is counted, `table` what a person sees of it.
+`contestants` who that can be, `tally` what is counted, `table` what a person sees of it. It is a
+client of its own, and starts the bridge as a user would.
 """

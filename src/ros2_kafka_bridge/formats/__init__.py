@@ -1,7 +1,8 @@
 """Formats: how a record's value encodes a message. One file each, one table of them.
 
 A format is asked once, when its route starts, for the functions that its loop will call:
-`decode` makes the CDR bytes of a message from a record's value, `encode` the reverse.
+`decode` makes the CDR bytes of a message from a record's value, `encode` the reverse. It knows the
+type and the settings alone; from outside only a Schema Registry is asked.
 """
 
 from collections.abc import Callable

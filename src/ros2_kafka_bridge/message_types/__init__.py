@@ -2,7 +2,7 @@
 
 A type is known from a folder of .msg files or from an installed package, where the folder comes
 first, as a workspace hides what lies below it. No ROS library is loaded for an installed type;
-.msg files are read with the parser that comes with ROS 2.
+.msg files are read with the parser that comes with ROS 2. Nothing here knows a route or a format.
 """
 
 import difflib

@@ -1,4 +1,6 @@
-"""The store on disk for messages that Kafka cannot take just now.
+"""The way over the disk, for messages that Kafka cannot take just now.
+
+`spooling` leads there and back, told by its direction when Kafka is away; it asks nobody itself.
 
 A spool is a queue of records in one SQLite file, in the order in which the bridge took them. Each
 route from ROS that asks for one has its own, `<directory>/<bridge>.<route>.spool`, and beside it:

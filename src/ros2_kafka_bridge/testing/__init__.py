@@ -5,5 +5,6 @@
 - `embedded_broker.EmbeddedBroker`: librdkafka's mock cluster, inside this process, at once.
 - `orders`: the random warehouse orders of the demo and of the benchmarks.
 
-Import the module that you need: this package itself imports nothing.
+Import the module that you need: this package itself imports nothing. Of the bridge only the demo
+uses it.
 """
