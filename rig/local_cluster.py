@@ -29,6 +29,7 @@ from ros2_kafka_bridge.testing.kafka_node import (
     replication,
     wait_for_brokers,
 )
+from ros2_kafka_bridge.testing.local_kafka import install_kafka
 
 START_ATTEMPTS: Final = 5
 REQUEST_S: Final = 30.0
@@ -229,6 +230,7 @@ class LocalCluster:
         return min(2, self._count)
 
     def _start_all(self) -> None:
+        install_kafka()
         self._directory = Path(tempfile.mkdtemp(prefix='local-cluster-'))
         self._cluster_id = new_id()
         self._ports = [

@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.errors import ConfigError
 
@@ -37,6 +37,8 @@ def find_jars(directory: Path | None = None) -> Path | None:
 def install_jars(directory: Path | None = None) -> Path:
     """Let Maven fetch Kafka's jars, if they are not there yet; two processes may do so at once.
 
+    `local_kafka.install_kafka` makes their archive, too.
+
     Args:
         directory: As in `find_jars`.
 
@@ -46,16 +48,29 @@ def install_jars(directory: Path | None = None) -> Path:
     Raises:
         ConfigError: Java or Maven is missing, or Maven cannot fetch the jars.
     """
+    return fetch_jars(directory).directory
+
+
+class Fetched(NamedTuple):
+    """Jars that are here, and whether it is this call that has fetched them."""
+
+    directory: Path
+    is_new: bool
+
+
+def fetch_jars(directory: Path | None = None) -> Fetched:
+    """As `install_jars`; of several that wait for the jars, one is told that they are new."""
     jars = _jars_of_this_pom(directory)
     if jars.is_dir():
-        return jars
+        return Fetched(jars, is_new=False)
     _check_tools()
     jars.parent.mkdir(parents=True, exist_ok=True)
     with (jars.parent / '.lock').open('w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if not jars.is_dir():
+        is_new = not jars.is_dir()
+        if is_new:
             _copy_jars(jars)
-    return jars
+    return Fetched(jars, is_new)
 
 
 def archive_flags(jars: Path) -> tuple[str, ...]:

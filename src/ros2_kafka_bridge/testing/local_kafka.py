@@ -16,7 +16,7 @@ from types import MappingProxyType, TracebackType
 from typing import Final, NoReturn, Self, TextIO
 
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, TransportError
-from ros2_kafka_bridge.testing.kafka_jars import ARCHIVE, find_jars, install_jars
+from ros2_kafka_bridge.testing.kafka_jars import ARCHIVE, fetch_jars, find_jars
 from ros2_kafka_bridge.testing.kafka_node import (
     HOST,
     PROPERTIES,
@@ -214,11 +214,10 @@ def install_kafka(directory: Path | None = None) -> Path:
 
     Arguments, result and errors are those of `kafka_jars.install_jars`.
     """
-    is_new = find_jars(directory) is None
-    jars = install_jars(directory)
-    if is_new:
-        make_archive(jars)
-    return jars
+    fetched = fetch_jars(directory)
+    if fetched.is_new:
+        make_archive(fetched.directory)
+    return fetched.directory
 
 
 def make_archive(jars: Path) -> None:
