@@ -124,7 +124,11 @@ def test_a_network_ends_with_what_runs_in_it(network: Network) -> None:
 def test_nothing_is_left_of_a_network_whose_program_was_killed(network: Network) -> None:
     assert network.hosts
     run = subprocess.run(
-        [sys.executable, '-c', ABANDON], stdout=subprocess.PIPE, check=False, timeout=60
+        [sys.executable, '-c', ABANDON],
+        cwd=Path(__file__).parents[2],  # where `rig` is found
+        stdout=subprocess.PIPE,
+        check=False,
+        timeout=60,
     )
     assert run.returncode == -signal.SIGKILL
     inside = Path(f'/proc/{int(run.stdout)}')

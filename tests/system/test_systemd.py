@@ -17,7 +17,7 @@ from harness import Bench, Process, eventually, to_ros
 from reloads import Reloaded
 from workers import pids
 
-from ros2_kafka_bridge.process.reports import STUCK_S
+from ros2_kafka_bridge.protocol.limits import STUCK_S
 from ros2_kafka_bridge.route.counters import Counters, to_line
 
 UNIT = Path(__file__).parents[2] / 'packaging/systemd/ros2-kafka-bridge@.service'

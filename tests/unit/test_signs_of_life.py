@@ -11,10 +11,11 @@ from pathlib import Path
 import pytest
 
 from ros2_kafka_bridge.process.plan import Share
-from ros2_kafka_bridge.process.reports import STUCK_S, is_live
+from ros2_kafka_bridge.process.reports import is_live
 from ros2_kafka_bridge.process.sender import Sender
 from ros2_kafka_bridge.process.systemd import Systemd
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
+from ros2_kafka_bridge.protocol.limits import STUCK_S
 from ros2_kafka_bridge.protocol.orders import EVENTS, Ended
 from ros2_kafka_bridge.route.counters import Counters, Snapshot, State, from_line, to_line
 

@@ -3,7 +3,8 @@
     python -m ros2_kafka_bridge.monitoring [--log-format text|json] [--socket FD]
 
 It carries no message. The supervisor tells it by standard input how the bridge is doing, reads
-from its standard output what is asked for, and ends it by closing the input. See `protocol.py`.
+from its standard output what is asked for, and ends it by closing the input: see
+`protocol/messages.py`.
 """
 
 import argparse

@@ -2,15 +2,12 @@
 
 import time
 from collections.abc import Iterable
-from typing import Final
 
 from ros2_kafka_bridge.process.crew import Crew
 from ros2_kafka_bridge.process.plan import Plan
+from ros2_kafka_bridge.protocol.limits import STUCK_S
 from ros2_kafka_bridge.protocol.messages import Lifecycle, Reload, Report, RouteReport, Worker
 from ros2_kafka_bridge.route.counters import Counters, Snapshot, State
-
-STUCK_S: Final = 90.0
-"""A route that has done one thing for so long is stuck: some take a minute on purpose."""
 
 
 def report_of(

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ros2_kafka_bridge.commands.depth.asked import Asked, Kafka, Ros
+from ros2_kafka_bridge.commands.options import LOCAL
 from ros2_kafka_bridge.commands.screen import waiting
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.depth.queue import SEED, Times
@@ -40,7 +41,6 @@ _AT_ONCE = (
     'an idle reader is taken to begin at once; a real one has to wake up, and meanwhile a burst '
     'fills its queue: say how long with --wake (as 0.2ms), or measure it with ServiceTimes'
 )
-_LOCAL = 'localhost:9092'
 _TYPE_S = 10.0
 _FIRST_S = 5.0
 _STEP_S = 0.1
@@ -151,7 +151,7 @@ def _properties(asked: Kafka) -> dict[str, PropertyValue]:
     if asked.config is not None:
         configured = dict(load_checked(asked.config).kafka)
     servers = {'bootstrap.servers': asked.servers} if asked.servers else {}
-    return {'bootstrap.servers': _LOCAL, **configured, **servers, **given}
+    return {'bootstrap.servers': LOCAL, **configured, **servers, **given}
 
 
 def _split(text: str) -> tuple[str, str]:
