@@ -29,7 +29,7 @@ from benchmarks.processes import Process, ProcessError
 from benchmarks.topics import EndOffset, topics
 from benchmarks.vitals import Slope, Vitals, slope, vitals
 from ros2_kafka_bridge.errors import ConfigError, TransportError
-from ros2_kafka_bridge.ros.profile import FASTDDS_3, Endpoints, make_profile
+from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Endpoints, make_profile
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
 DOMAIN: Final = 221

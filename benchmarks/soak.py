@@ -32,8 +32,8 @@ from benchmarks.processes import Process, ProcessError
 from benchmarks.topics import EndOffset, topics
 from benchmarks.vitals import Slope, Vitals, means, slope, watched
 from ros2_kafka_bridge.errors import ConfigError, TransportError
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import RosNode, open_node
-from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
 DOMAIN: Final = 220

@@ -23,7 +23,7 @@ from ruamel.yaml import YAML
 from warm import Warm
 
 from rig.hosts import Host
-from ros2_kafka_bridge.ros.profile import FASTDDS_3, Endpoints, make_profile
+from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Endpoints, make_profile
 
 PEERS = Path(__file__).parent / 'peers'
 PATIENCE_S = 60.0  # stretched, as all that is waited for here (patience.patient)

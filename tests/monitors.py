@@ -18,7 +18,7 @@ import msgspec
 from harness import eventually, to_kafka, to_ros
 from ruamel.yaml import YAML
 
-from ros2_kafka_bridge.protocol.messages import (
+from ros2_kafka_bridge.protocol.monitor import (
     Answer,
     Configured,
     Do,

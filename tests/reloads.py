@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 from harness import Bench, Process, eventually
 
-from ros2_kafka_bridge.protocol.messages import Do, Request
+from ros2_kafka_bridge.protocol.monitor import Do, Request
 
 DONE = 'reloaded: '
 REFUSED = 'refused: all goes on as it was'

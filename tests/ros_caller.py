@@ -15,8 +15,8 @@ from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import open_node
-from ros2_kafka_bridge.ros.profile import Endpoints
 
 PATIENCE_S = 60.0
 AGAIN_S = 2.0

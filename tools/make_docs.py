@@ -15,6 +15,7 @@ from typing import Any
 from pydantic_core import PydanticUndefined
 from warehouse_docs import fill
 
+from ros2_kafka_bridge.config.base import Settings
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.settings import (
     Config,
@@ -33,7 +34,6 @@ from ros2_kafka_bridge.config.settings import (
     SpoolSettings,
     TracingSettings,
 )
-from ros2_kafka_bridge.config.words import Settings
 from ros2_kafka_bridge.errors import ConfigError
 
 DOCS = Path(__file__).parent.parent / 'docs'

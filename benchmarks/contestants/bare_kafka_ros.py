@@ -17,8 +17,8 @@ from std_msgs.msg import String
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.demo.paper import arguments
 from ros2_kafka_bridge.demo.snapshots import Count
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import open_node
-from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.ros.qos import profile
 
 BATCH = 500

@@ -18,7 +18,7 @@ from benchmarks.faults.streams import SUBSCRIBER_CACHE, Stream, configuration
 from benchmarks.processes import ProcessError
 from rig.hosts import Host
 from rig.local_cluster import LocalCluster
-from ros2_kafka_bridge.ros.profile import FASTDDS_3, Endpoints, make_profile
+from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Endpoints, make_profile
 from ros2_kafka_bridge.testing.kafka_node import HOST
 
 START_S: Final = 90.0

@@ -20,7 +20,7 @@ from ros2_kafka_bridge.errors import BridgeError, SpoolInUseError
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.logs.lines import RouteLog, route_log
 from ros2_kafka_bridge.logs.text import count
-from ros2_kafka_bridge.protocol.orders import Begun, Ended, Event, Failed, Loaded
+from ros2_kafka_bridge.protocol.worker import Begun, Ended, Event, Failed, Loaded
 from ros2_kafka_bridge.ros.node import RosNode, middleware, open_node, worker_name
 from ros2_kafka_bridge.ros.probe import Abilities, limits, probe, probe_topic
 from ros2_kafka_bridge.route.counters import Snapshot
@@ -30,7 +30,7 @@ from ros2_kafka_bridge.threads.stop import Part, Stop
 from ros2_kafka_bridge.tracing.routes import open_tracing
 from ros2_kafka_bridge.turns.lane import Lane
 from ros2_kafka_bridge.turns.term import OVERLAP_S, Meanwhile, Successor, Term
-from ros2_kafka_bridge.wiring import Direction, Route, Wiring, endpoints_of
+from ros2_kafka_bridge.wiring import Direction, Wiring, endpoints_of, group_lock_of
 
 _CLOSING_S = 10.0
 _AT_ONCE_S = 2.0
@@ -74,7 +74,7 @@ class Bridge:
             Lane(
                 route,
                 Part(self.stop if isinstance(route, KafkaToRosRoute) else self._stop_takers),
-                _lock_of(route, self.config),
+                group_lock_of(route, self.config, route_log(route.name)),
                 Pause(asked=route.name in paused),
             )
             for route in config.routes
@@ -391,13 +391,6 @@ def _say_end(lane: Lane, *, late: bool) -> None:
         lane.log.error('did not end in time: it is left with %s', held)
     else:
         lane.log.info('stopped: %s', totals(now))
-
-
-def _lock_of(route: Route, config: Config) -> GroupLock | None:
-    if not isinstance(route, RosToKafkaRoute) or not route.exclusive:
-        return None
-    log = route_log(route.name)
-    return GroupLock(config.kafka, config.name, route.name, log, config.membership)
 
 
 def _of_worker(config: Config, worker: int) -> Config:

@@ -13,16 +13,17 @@ from ros2_kafka_bridge.dead_letters.writer import DeadLetters, Letter
 from ros2_kafka_bridge.endpoints import Matches, Message
 from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.formats import Encode
-from ros2_kafka_bridge.kafka.admin import ensure_topic
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
+from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.kafka.names import tail_group
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.properties import consumer_properties, producer_properties
 from ros2_kafka_bridge.kafka.tail import Tail
+from ros2_kafka_bridge.kafka.topics import ensure_topic
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
-from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.subscription import RosSource, wait_for_type
 from ros2_kafka_bridge.ros.successor import Successor
@@ -62,6 +63,13 @@ def endpoints_of(routes: list[Route], probed: str, lease_s: float | None) -> End
             room = writers.get(route.sink.ros, 0)
             writers[route.sink.ros] = max(room, route.max_in_flight)
     return Endpoints(writers, readers, lease_s)
+
+
+def group_lock_of(route: Route, config: Config, log: Log) -> GroupLock | None:
+    """Make the right to run a route alone; None where any bridge may run it beside others."""
+    if not isinstance(route, RosToKafkaRoute) or not route.exclusive:
+        return None
+    return GroupLock(config.kafka, config.name, route.name, log, config.membership)
 
 
 class Wiring:

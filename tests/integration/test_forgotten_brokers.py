@@ -10,9 +10,9 @@ from nobody import Nobody
 from patience import patient
 
 from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.errors import Client
-from ros2_kafka_bridge.kafka.health import BROKERS_LOST, ClientHealth
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.properties import consumer_properties, producer_properties

@@ -11,7 +11,7 @@ from nobody import Nobody
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.properties import consumer_properties
-from ros2_kafka_bridge.kafka.watch import Watch
+from ros2_kafka_bridge.kafka.watchdog import Watch
 
 LOG = logging.LoggerAdapter(logging.getLogger('test.stuck'), {})
 

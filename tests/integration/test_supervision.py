@@ -25,8 +25,8 @@ from ros2_kafka_bridge.process.operations import Operations, Outcome
 from ros2_kafka_bridge.process.plan import Plan, RoutePlan, Share, plan_of, write_plan
 from ros2_kafka_bridge.process.standalone import Standalone
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
-from ros2_kafka_bridge.protocol.messages import Do, Lifecycle
-from ros2_kafka_bridge.protocol.orders import Begun
+from ros2_kafka_bridge.protocol.monitor import Do, Lifecycle
+from ros2_kafka_bridge.protocol.worker import Begun
 from ros2_kafka_bridge.route.counters import Counters, Snapshot, to_line
 from ros2_kafka_bridge.threads.stop import Stop
 
@@ -277,7 +277,7 @@ def test_a_check_that_nobody_waits_for_any_more_ends_without_a_word(tmp_path: Pa
     pipe, its_end = os.pipe()
     os.close(pipe)
     done = subprocess.run(
-        [sys.executable, '-m', 'ros2_kafka_bridge.process.reload', f'--plan={plan}'],
+        [sys.executable, '-m', 'ros2_kafka_bridge.process.difference', f'--plan={plan}'],
         pass_fds=[plan], stdout=its_end, stderr=subprocess.PIPE, timeout=patient(60), check=False,
     )  # fmt: skip
     os.close(its_end)
@@ -289,7 +289,7 @@ def test_ctrl_c_is_for_the_supervisor_and_not_for_its_check(tmp_path: Path) -> N
     file = tmp_path / 'bridge.yaml'
     plan = write_plan(plan_of(loads(TEXT, str(file), {}), file, TEXT))
     os.mkfifo(file)
-    check = start_child('process.reload', [f'--plan={plan}'], [plan], stdout=subprocess.PIPE)
+    check = start_child('process.difference', [f'--plan={plan}'], [plan], stdout=subprocess.PIPE)
     for number in (signal.SIGINT, signal.SIGHUP):
         check.send_signal(number)
     file.write_text(TEXT)

@@ -213,7 +213,7 @@ def test_a_client_that_does_not_read_what_its_partition_holds_is_given_up(
     with opened(bench, topic_name) as source:
         eventually(lambda: read(1) and source.ends == {0: 1, 1: 0}, 30)
         # Only now: while it begins, a client may well be slower than that.
-        monkeypatch.setattr('ros2_kafka_bridge.kafka.watch._STUCK_LOOK_S', 0.3)
+        monkeypatch.setattr('ros2_kafka_bridge.kafka.watchdog._STUCK_LOOK_S', 0.3)
         source._watch.begin()
         source.commit({0: 1})
         assert source._consumer is not None
@@ -229,7 +229,7 @@ def test_a_client_that_does_not_read_what_its_partition_holds_is_given_up(
 def test_a_partition_that_ends_with_the_mark_of_a_transaction_is_read_to_its_end(
     bench: Bench, topic_name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.kafka.watch._STUCK_LOOK_S', 1.0)
+    monkeypatch.setattr('ros2_kafka_bridge.kafka.watchdog._STUCK_LOOK_S', 1.0)
     bench.create_topic(topic_name)
     with Producer(
         {'bootstrap.servers': bench.bootstrap_servers, 'transactional.id': topic_name}

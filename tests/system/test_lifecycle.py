@@ -14,7 +14,7 @@ from harness import Bench, Process, eventually, to_kafka, to_ros, values
 from reloads import Reloaded, request
 from workers import gone, pids, there_and_back, wait_until_gone
 
-from ros2_kafka_bridge.protocol.messages import Do
+from ros2_kafka_bridge.protocol.monitor import Do
 
 OFF = {'listen': 'off', 'node': False}
 

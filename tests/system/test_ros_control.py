@@ -24,8 +24,8 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from ros_caller import caller
 
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import open_node
-from ros2_kafka_bridge.ros.profile import Endpoints
 
 JAZZY = Path(__file__).parents[2] / '.venv-jazzy' / 'bin' / 'python'
 OK, WARN, ERROR = 0, 1, 2

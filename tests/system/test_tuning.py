@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from ros2_kafka_bridge.ros.profile import Endpoints, make_profile
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints, make_profile
 
 PAGE = Path(__file__).parents[2] / 'docs' / 'tuning.md'
 START = """

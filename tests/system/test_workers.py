@@ -16,8 +16,8 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 from harness import Bench, Process, eventually, lines, to_kafka, to_ros, values
 from workers import Watched, bridge, gone, pids, sized, there_and_back, wait_until_gone
 
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import open_node
-from ros2_kafka_bridge.ros.profile import Endpoints
 
 COUNT = 20_000
 

@@ -9,6 +9,7 @@ import pytest
 from pydantic import ValidationError
 from schema_check import schema_problems
 
+from ros2_kafka_bridge.config.base import field_names
 from ros2_kafka_bridge.config.checks import KeyPart, key_parts
 from ros2_kafka_bridge.config.file import load, loads
 from ros2_kafka_bridge.config.settings import (
@@ -24,7 +25,6 @@ from ros2_kafka_bridge.config.settings import (
     masked,
     warnings,
 )
-from ros2_kafka_bridge.config.words import field_names
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.kafka.properties import is_secret, property_problems
 

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from ros2_kafka_bridge.cli import app
-from ros2_kafka_bridge.commands.dead_letters.again import Again, Restorer
 from ros2_kafka_bridge.commands.dead_letters.replay_ros import Channel
 from ros2_kafka_bridge.commands.dead_letters.report import _letter_json, described
+from ros2_kafka_bridge.commands.dead_letters.restore import Again, Restorer
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters.choice import Choice, limited, read_index, time_ms
 from ros2_kafka_bridge.dead_letters.letter import Letter, Mark, Place, mark, parse
-from ros2_kafka_bridge.dead_letters.words import escaped, hex_lines, shortened, text_lines
+from ros2_kafka_bridge.dead_letters.shown import escaped, hex_lines, shortened, text_lines
 from ros2_kafka_bridge.dead_letters.writer import explain, from_kafka, from_ros, without_value
 from ros2_kafka_bridge.endpoints import HeaderList, Load, Matches, Outgoing, Readers
 from ros2_kafka_bridge.errors import (

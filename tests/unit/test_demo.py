@@ -6,8 +6,7 @@ import pytest
 from rich.console import Console
 
 from ros2_kafka_bridge.demo.run import Options, losses, run
-from ros2_kafka_bridge.demo.spark import spark
-from ros2_kafka_bridge.demo.table import Look, line, page, summary
+from ros2_kafka_bridge.demo.table import Look, line, page, spark, summary
 from ros2_kafka_bridge.demo.tally import Arrival, Latency, Tally, percentile
 from ros2_kafka_bridge.errors import ConfigError
 

@@ -7,8 +7,15 @@ import pytest
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.monitoring.history import History
-from ros2_kafka_bridge.protocol.messages import Lifecycle, Reload, Report, RouteReport, Worker
-from ros2_kafka_bridge.ros.diagnostics import About, Change, Level, Recent, Status, statuses
+from ros2_kafka_bridge.protocol.monitor import Lifecycle, Reload, Report, RouteReport, Worker
+from ros2_kafka_bridge.ros.control.diagnostics import (
+    About,
+    Change,
+    Level,
+    Recent,
+    Status,
+    statuses,
+)
 from ros2_kafka_bridge.route.counters import Counters, Distribution, Measures, Snapshot, State
 
 FILE = """

@@ -4,7 +4,7 @@ import pytest
 from confluent_kafka import Consumer, Producer, TopicPartition
 
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.kafka.admin import ensure_topic
+from ros2_kafka_bridge.kafka.topics import ensure_topic
 from ros2_kafka_bridge.testing import embedded_broker
 from ros2_kafka_bridge.testing.embedded_broker import EmbeddedBroker
 

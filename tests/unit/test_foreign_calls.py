@@ -20,16 +20,16 @@ from ros2_kafka_bridge import wiring as wiring_module
 from ros2_kafka_bridge.config.settings import Config, QoS
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import BridgeError, RouteError
-from ros2_kafka_bridge.kafka import consumer, health, lock, producer, tail
+from ros2_kafka_bridge.kafka import admin, consumer, lock, producer, tail
 from ros2_kafka_bridge.kafka.commits import Commits
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.tail import Tail
 from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import Abilities
-from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.subscription import RosSource
 from ros2_kafka_bridge.ros.types import MessageType
@@ -170,7 +170,7 @@ def of_kafka(monkeypatch: pytest.MonkeyPatch) -> Library:
     for module in (consumer, tail, lock):
         monkeypatch.setattr(module, 'Consumer', lambda *_, **__: client.Consumer() and client)
     monkeypatch.setattr(producer, 'Producer', lambda *_, **__: client.Producer() and client)
-    monkeypatch.setattr(health, 'AdminClient', lambda *_, **__: client.AdminClient() and client)
+    monkeypatch.setattr(admin, 'AdminClient', lambda *_, **__: client.AdminClient() and client)
     return client
 
 

@@ -8,9 +8,11 @@ import pytest
 from confluent_kafka import KafkaError
 
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.kafka import health as under_test
+from ros2_kafka_bridge.kafka import client_health as under_test
+from ros2_kafka_bridge.kafka.admin import Admin
+from ros2_kafka_bridge.kafka.client_health import ClientHealth
 from ros2_kafka_bridge.kafka.errors import Client
-from ros2_kafka_bridge.kafka.health import Admin, ClientHealth, check_files
+from ros2_kafka_bridge.kafka.tls import check_files
 
 NOBODY = KafkaError(KafkaError._ALL_BROKERS_DOWN, '1/1 brokers are down')
 NO_TOKEN = KafkaError(KafkaError._AUTHENTICATION, 'Failed to acquire SASL OAUTHBEARER token: 400')

@@ -7,7 +7,7 @@ import pytest
 from confluent_kafka import OFFSET_END, KafkaError, KafkaException, TopicPartition
 
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.kafka.watch import Watch
+from ros2_kafka_bridge.kafka.watchdog import Watch
 
 
 class Broker:
@@ -73,7 +73,7 @@ def test_a_client_that_kafka_does_not_let_into_its_group_says_so(
     """As where the coordinator of the group has failed: Kafka is there, and nothing is read."""
     now_s = 1000.0
     monkeypatch.setattr(
-        'ros2_kafka_bridge.kafka.watch.time', SimpleNamespace(monotonic=lambda: now_s)
+        'ros2_kafka_bridge.kafka.watchdog.time', SimpleNamespace(monotonic=lambda: now_s)
     )
     watch = Watch('t', fetch_s=0.5)
     watch.begin()

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.ros.profile import NAMESPACE, Endpoints, make_profile, user_profile
+from ros2_kafka_bridge.ros.fastdds_profile import NAMESPACE, Endpoints, make_profile, user_profile
 
 NAMES = {'d': NAMESPACE}
 ORDERS = Endpoints({'/orders': 500}, {'/returned': 2000})

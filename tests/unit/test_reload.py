@@ -14,6 +14,7 @@ from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.formats import extras
+from ros2_kafka_bridge.process.difference import _OF_ALL_ROUTES, Difference, check, difference
 from ros2_kafka_bridge.process.load import load_checked
 from ros2_kafka_bridge.process.monitor_process import bind
 from ros2_kafka_bridge.process.plan import (
@@ -25,12 +26,11 @@ from ros2_kafka_bridge.process.plan import (
     share_out,
     write_plan,
 )
-from ros2_kafka_bridge.process.reload import _OF_ALL_ROUTES, Difference, check, difference
 from ros2_kafka_bridge.process.reloading import would
 from ros2_kafka_bridge.process.systemd import Systemd
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
-from ros2_kafka_bridge.protocol import orders
-from ros2_kafka_bridge.protocol.orders import (
+from ros2_kafka_bridge.protocol import worker as wire
+from ros2_kafka_bridge.protocol.worker import (
     EVENTS,
     ORDERS,
     Begun,
@@ -173,7 +173,7 @@ def checked(before: Plan) -> Any:
     descriptor = write_plan(before)
     try:
         done = subprocess.run(
-            [sys.executable, '-m', 'ros2_kafka_bridge.process.reload', f'--plan={descriptor}'],
+            [sys.executable, '-m', 'ros2_kafka_bridge.process.difference', f'--plan={descriptor}'],
             pass_fds=[descriptor],
             capture_output=True,
             check=True,
@@ -219,27 +219,27 @@ def test_a_plan_goes_through_a_file_in_memory_whoever_has_read_it_before() -> No
 # Orders and events
 
 
-@pytest.mark.parametrize('order', [Drain(), End(('a', 'ü')), Pause('a "b"'), orders.Begin()])
-def test_an_order_is_one_line_and_comes_back_as_it_was(order: orders.Order) -> None:
-    line = orders.to_line(order)
+@pytest.mark.parametrize('order', [Drain(), End(('a', 'ü')), Pause('a "b"'), wire.Begin()])
+def test_an_order_is_one_line_and_comes_back_as_it_was(order: wire.Order) -> None:
+    line = wire.to_line(order)
     assert line.count(b'\n') == 1
     assert ORDERS.decode(line) == order
 
 
-@pytest.mark.parametrize('event', [Loaded(), Begun(), Ended(('a',)), orders.Failed()])
-def test_an_event_is_one_line_and_comes_back_as_it_was(event: orders.Event) -> None:
-    assert EVENTS.decode(orders.to_line(event)) == event
+@pytest.mark.parametrize('event', [Loaded(), Begun(), Ended(('a',)), wire.Failed()])
+def test_an_event_is_one_line_and_comes_back_as_it_was(event: wire.Event) -> None:
+    assert EVENTS.decode(wire.to_line(event)) == event
 
 
 def test_a_worker_says_in_between_what_has_happened() -> None:
     worker = WorkerProcess(1, Share(('a', 'b'), to_ros=True))
     snapshots = to_line([Counters('a', taken=3).snapshot(3), Counters('b').snapshot(0)])
-    worker.hear(orders.to_line(Loaded()) + snapshots + orders.to_line(Begun()))
+    worker.hear(wire.to_line(Loaded()) + snapshots + wire.to_line(Begun()))
     assert worker.loaded
     assert worker.begun
     assert worker.snapshots['a'].taken == 3
     worker.leaving = {'a'}
-    worker.hear(snapshots + orders.to_line(Ended(('a',))) + b'{"type":"unheard of"}\n')
+    worker.hear(snapshots + wire.to_line(Ended(('a',))) + b'{"type":"unheard of"}\n')
     assert list(worker.snapshots) == ['b']
     assert worker.leaving == set()
 

@@ -5,7 +5,7 @@ import re
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ros2_kafka_bridge.ros.route_names import ros_names
+from ros2_kafka_bridge.ros.control.route_names import ros_names
 
 NAMES = st.lists(st.from_regex(r'[A-Za-z0-9._-]{1,90}', fullmatch=True), unique=True, max_size=8)
 

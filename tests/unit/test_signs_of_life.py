@@ -16,7 +16,7 @@ from ros2_kafka_bridge.process.sender import Sender
 from ros2_kafka_bridge.process.systemd import Systemd
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
 from ros2_kafka_bridge.protocol.limits import STUCK_S
-from ros2_kafka_bridge.protocol.orders import EVENTS, Ended
+from ros2_kafka_bridge.protocol.worker import EVENTS, Ended
 from ros2_kafka_bridge.route.counters import Counters, Snapshot, State, from_line, to_line
 
 # What a worker tells

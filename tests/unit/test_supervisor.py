@@ -25,8 +25,8 @@ from ros2_kafka_bridge.process.plan import Plan, Rank, RoutePlan, Share, plan_of
 from ros2_kafka_bridge.process.supervisor import Supervisor
 from ros2_kafka_bridge.process.systemd import Systemd
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
-from ros2_kafka_bridge.protocol import orders
-from ros2_kafka_bridge.protocol.orders import Begun
+from ros2_kafka_bridge.protocol import worker as wire
+from ros2_kafka_bridge.protocol.worker import Begun
 from ros2_kafka_bridge.route.counters import Counters, State, from_line, to_line
 from ros2_kafka_bridge.threads.backoff import Backoff
 from ros2_kafka_bridge.threads.stop import Stop
@@ -328,7 +328,7 @@ class Life:
         self.worker.start([], [])
         self.now_s += starts_s
         if runs_s is not None:
-            self.worker.hear(orders.to_line(Begun()))
+            self.worker.hear(wire.to_line(Begun()))
             self.now_s += runs_s
         self.worker.kill()
         self.worker.exit_status()

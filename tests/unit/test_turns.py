@@ -12,7 +12,7 @@ from ros2_kafka_bridge.bridge import Bridge
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError, RouteError, SpoolInUseError
 from ros2_kafka_bridge.kafka.lock import GroupLock
-from ros2_kafka_bridge.protocol.orders import Event
+from ros2_kafka_bridge.protocol.worker import Event
 from ros2_kafka_bridge.route.counters import Counters, Outcome, Snapshot, State
 from ros2_kafka_bridge.route.status import totals
 from ros2_kafka_bridge.threads.pause import Pause

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from ros2_kafka_bridge.config import checks
+from ros2_kafka_bridge.config.base import Mistake, Settings
 from ros2_kafka_bridge.config.values import (
     Count,
     Directory,
@@ -18,7 +19,6 @@ from ros2_kafka_bridge.config.values import (
     Properties,
     RosTopic,
 )
-from ros2_kafka_bridge.config.words import Mistake, Settings
 from ros2_kafka_bridge.kafka.properties import is_consumers
 
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from ros2_kafka_bridge.config.base import mistakes_in
 from ros2_kafka_bridge.config.references import UnreadableError, expand, read_limited
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.config.tree import Finding, Tree, YamlError, read_yaml
-from ros2_kafka_bridge.config.words import mistakes_in
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.logs.text import count, printable
 

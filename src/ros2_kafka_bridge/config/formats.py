@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from ros2_kafka_bridge.config.words import Settings
+from ros2_kafka_bridge.config.base import Settings
 
 
 class JsonSettings(Settings):

@@ -7,8 +7,8 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
 
+from ros2_kafka_bridge.config.base import Mistake, Settings, kind_of
 from ros2_kafka_bridge.config.values import CountOrNone, NotNegative, Positive
-from ros2_kafka_bridge.config.words import Mistake, Settings, kind_of
 from ros2_kafka_bridge.kafka.properties import PropertyValue
 
 _SECRET: dict[str, Any] = {'writeOnly': True}

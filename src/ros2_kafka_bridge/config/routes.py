@@ -6,6 +6,16 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo
 
 from ros2_kafka_bridge.config import checks
+from ros2_kafka_bridge.config.base import (
+    Mistake,
+    Settings,
+    field_names,
+    kind_of,
+    look,
+    mistakes_in,
+    near,
+    refused,
+)
 from ros2_kafka_bridge.config.endpoints import (
     KafkaSink,
     KafkaSource,
@@ -21,16 +31,6 @@ from ros2_kafka_bridge.config.values import (
     Name,
     NotNegative,
     Positive,
-)
-from ros2_kafka_bridge.config.words import (
-    Mistake,
-    Settings,
-    field_names,
-    kind_of,
-    look,
-    mistakes_in,
-    near,
-    refused,
 )
 from ros2_kafka_bridge.kafka.names import reading_group
 
@@ -254,3 +254,22 @@ def _misplaced_in_end(side: str, kind: str, name: str) -> Iterator[Mistake]:
 
 
 AnyRoute = Annotated[KafkaToRosRoute | RosToKafkaRoute, BeforeValidator(_by_direction)]
+
+
+def direction_of(route: AnyRoute) -> str:
+    """`kafka_to_ros` or `ros_to_kafka`."""
+    return 'kafka_to_ros' if isinstance(route, KafkaToRosRoute) else 'ros_to_kafka'
+
+
+def ends_of(route: AnyRoute) -> tuple[str, str]:
+    """The topic that a route reads, and the one that it writes."""
+    if isinstance(route, KafkaToRosRoute):
+        return route.source.kafka, route.sink.ros
+    return route.source.ros, route.sink.kafka
+
+
+def type_of(route: AnyRoute) -> str:
+    """The message type; empty where the graph tells it."""
+    if isinstance(route, KafkaToRosRoute):
+        return route.sink.type
+    return route.source.type or ''

@@ -6,6 +6,16 @@ from typing import Any
 from pydantic import Field, ValidationError, model_validator
 
 from ros2_kafka_bridge.config import checks
+from ros2_kafka_bridge.config.base import (
+    MASK,
+    Mistake,
+    Settings,
+    field_names,
+    look,
+    masked_values,
+    mistakes_in,
+    near,
+)
 from ros2_kafka_bridge.config.endpoints import (
     KafkaSink,
     KafkaSource,
@@ -17,7 +27,7 @@ from ros2_kafka_bridge.config.endpoints import (
 )
 from ros2_kafka_bridge.config.formats import JsonSettings, SchemaSettings
 from ros2_kafka_bridge.config.groups import group_mistakes
-from ros2_kafka_bridge.config.operations import MonitoringSettings, TracingSettings
+from ros2_kafka_bridge.config.monitoring import MonitoringSettings, TracingSettings
 from ros2_kafka_bridge.config.registry import SchemaRegistrySettings
 from ros2_kafka_bridge.config.routes import (
     BLOCKS,
@@ -34,16 +44,6 @@ from ros2_kafka_bridge.config.values import (
     CheckKafka,
     Count,
     Properties,
-)
-from ros2_kafka_bridge.config.words import (
-    MASK,
-    Mistake,
-    Settings,
-    field_names,
-    look,
-    masked_values,
-    mistakes_in,
-    near,
 )
 from ros2_kafka_bridge.kafka.properties import Membership, canonical, is_secret
 

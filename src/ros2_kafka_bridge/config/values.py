@@ -9,7 +9,7 @@ from typing import Annotated
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 
 from ros2_kafka_bridge.config import checks
-from ros2_kafka_bridge.config.words import Mistake, kind_of, refused
+from ros2_kafka_bridge.config.base import Mistake, kind_of, refused
 from ros2_kafka_bridge.kafka.properties import PropertyValue, is_secret, refusal
 
 CheckType = Callable[[str, Sequence[Path]], str | None]

@@ -5,18 +5,20 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
+from statistics import fmean
 from typing import Final, NamedTuple
 
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 
-from ros2_kafka_bridge.demo.spark import spark
 from ros2_kafka_bridge.demo.tally import Latency
 
 _REFRESH_S: Final = 0.25
 _LINE_S: Final = 1.0
 _SPARK_WIDTH: Final = 24  # two of them, the words and the frame fit into 80 columns
+_BARS: Final = '▁▂▃▄▅▆▇█'
 _HINT: Final = 'Kafka -> ROS, ROS -> Kafka: as told once a second. Ctrl-C: stop and count.'
 
 
@@ -184,3 +186,17 @@ def line(look: Look) -> str:
     if look.latency is None:
         return told
     return f'{told}, latency {" / ".join(f"{1000 * time_s:.1f}" for time_s in look.latency)} ms'
+
+
+def spark(values: Sequence[float], width: int) -> str:
+    """Draw values as bars between 0 and the highest of them, at most `width` of them.
+
+    More values than that are drawn as the means of neighbours.
+    """
+    if not values:
+        return ''
+    count = min(width, len(values))
+    edges = [len(values) * number // count for number in range(count + 1)]
+    means = [fmean(values[start:end]) for start, end in pairwise(edges)]
+    highest = max(means) or 1
+    return ''.join(_BARS[round(mean / highest * (len(_BARS) - 1))] for mean in means)

@@ -1,57 +1,63 @@
-"""Topics: looking at them and creating them."""
+"""The client that asks a cluster about itself, with errors that say why it does not answer."""
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from confluent_kafka import KafkaError, KafkaException
-from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
-    ConfigResource,
-    NewTopic,
-    ResourceType,
-)
+from confluent_kafka.admin import AdminClient
 
-from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.kafka.health import Admin
-
-_REQUEST_S = 3.0
-_LOOK_S = 2.0
-_DONE = {
-    KafkaError.TOPIC_ALREADY_EXISTS,
-    KafkaError.TOPIC_AUTHORIZATION_FAILED,
-    KafkaError.CLUSTER_AUTHORIZATION_FAILED,
-}
+from ros2_kafka_bridge.errors import BridgeError, TransportError
+from ros2_kafka_bridge.kafka.errors import Client, explain, translate
+from ros2_kafka_bridge.kafka.tls import check_files
 
 
-def ensure_topic(properties: Mapping[str, Any], topic: str) -> None:
-    """Create a topic of one partition if it is not there and may be created.
+class _Cause:
+    """The first error of a client that names its cause, or else the first of all."""
 
-    Without the permission nothing is done here: producing then says what is missing.
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self.error: KafkaError | None = None
+
+    def note(self, error: KafkaError) -> None:
+        if self.error is None or explain(error, self._client).names_cause:
+            self.error = error
+
+
+class Admin:
+    """An AdminClient; a request that fails for want of a connection says why there is none.
 
     Raises:
-        TransportError: The broker did not answer.
-        RouteError: This user is not let in.
+        RouteError: librdkafka refuses the properties, or what is in their files.
     """
-    admin = Admin(properties, __name__)
-    with admin.translated(f'topic {topic}'):
-        if topic in admin.requests.list_topics(timeout=_REQUEST_S).topics:
-            return
-        new = NewTopic(topic, num_partitions=1)
-        answer = admin.requests.create_topics([new], request_timeout=_REQUEST_S)[topic]
+
+    def __init__(self, properties: Mapping[str, Any], name: str) -> None:
+        check_files(properties, 'the Kafka client')
+        self._client = Client(properties=properties)
+        # The client must not hold this object, which holds the client: such a circle ends in the
+        # garbage collector, which takes the callback away from a client that still calls it.
+        self._cause = _Cause(self._client)
+        own: dict[str, Any] = {'error_cb': self._cause.note}
         try:
-            answer.result(_REQUEST_S + 1)
-        except TimeoutError as error:
-            raise TransportError(f'topic {topic}: the broker does not answer') from error
+            self.requests = AdminClient(
+                {**properties, **own},
+                logger=logging.getLogger(f'{name}.librdkafka'),
+            )
+        except KafkaException as error:  # a file that is half written, perhaps
+            raise translate(error.args[0], 'the Kafka client', self._client) from error
+
+    @contextmanager
+    def translated(self, where: str) -> Iterator[None]:
+        """Make the bridge's errors of those that a request raises."""
+        try:
+            yield
         except KafkaException as error:
-            if error.args[0].code() not in _DONE:
-                raise
+            self.requests.poll(0)  # calls back what has come meanwhile
+            raise self._translate(error.args[0], where) from error
 
-
-def topic_limit_bytes(properties: Mapping[str, Any], topic: str) -> int | None:
-    """Look up the topic's max.message.bytes; None where the broker does not tell."""
-    admin = Admin(properties, __name__).requests
-    resource = ConfigResource(ResourceType.TOPIC, topic)
-    try:
-        answer = admin.describe_configs([resource], request_timeout=_LOOK_S)[resource]
-        return int(answer.result(_LOOK_S + 1)['max.message.bytes'].value)
-    except (KafkaException, TimeoutError, KeyError, TypeError):  # not all brokers tell all
-        return None
+    def _translate(self, error: KafkaError, where: str) -> BridgeError:
+        problem = translate(error, where, self._client)
+        if isinstance(problem, TransportError) and self._cause.error is not None:
+            return translate(self._cause.error, where, self._client)
+        return problem

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 from confluent_kafka import Consumer, KafkaException, TopicPartition
 
 from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.kafka.admin import Admin
 from ros2_kafka_bridge.kafka.errors import translate
-from ros2_kafka_bridge.kafka.health import Admin
 from ros2_kafka_bridge.kafka.properties import consumer_properties
 from ros2_kafka_bridge.logs.lines import client_log
 from ros2_kafka_bridge.logs.text import count

@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 
 from confluent_kafka import KafkaError, KafkaException, TopicCollection
 
-from ros2_kafka_bridge.kafka.health import Admin
+from ros2_kafka_bridge.kafka.admin import Admin
 from ros2_kafka_bridge.logs.lines import client_log
 
 _REQUEST_S: Final = 5.0

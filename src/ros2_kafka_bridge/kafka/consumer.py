@@ -18,14 +18,15 @@ from confluent_kafka import (
 from ros2_kafka_bridge.endpoints import Rebalance, Record
 from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.kafka.beginnings import Beginnings
+from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth
 from ros2_kafka_bridge.kafka.commits import Commits
 from ros2_kafka_bridge.kafka.errors import Client, translate
-from ros2_kafka_bridge.kafka.health import BROKERS_LOST, ClientHealth, check_files
 from ros2_kafka_bridge.kafka.lag import Lag
 from ros2_kafka_bridge.kafka.properties import Membership, member_name
 from ros2_kafka_bridge.kafka.recorder import Recorder, with_recording
 from ros2_kafka_bridge.kafka.statistics import read, with_statistics
-from ros2_kafka_bridge.kafka.watch import Watch
+from ros2_kafka_bridge.kafka.tls import check_files
+from ros2_kafka_bridge.kafka.watchdog import Watch
 from ros2_kafka_bridge.threads import unattended
 
 _REQUEST_S = 10.0

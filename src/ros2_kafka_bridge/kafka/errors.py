@@ -100,6 +100,11 @@ class Problem(NamedTuple):
         """Both in one."""
         return f'{self.text}; {self.cure}' if self.cure else self.text
 
+    @property
+    def names_cause(self) -> bool:
+        """Whether it says why, and not only that nobody answers."""
+        return bool(self.cure) and self.text != NO_ANSWER
+
 
 class Client(NamedTuple):
     """What an error does not tell of the client that it comes from.

@@ -16,8 +16,8 @@ from ros2_kafka_bridge.dead_letters.letter import Letter, Mark, Place, parse
 from ros2_kafka_bridge.endpoints import Record
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.errors import Client, translate
-from ros2_kafka_bridge.kafka.health import check_files
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview
+from ros2_kafka_bridge.kafka.tls import check_files
 from ros2_kafka_bridge.logs.lines import client_log
 
 _REQUEST_S: Final = 5.0

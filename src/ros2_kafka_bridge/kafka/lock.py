@@ -36,9 +36,9 @@ from typing import Any, Final, Self
 from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
 
 from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
-from ros2_kafka_bridge.kafka.admin import ensure_topic
+from ros2_kafka_bridge.kafka.admin import Admin
+from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth
 from ros2_kafka_bridge.kafka.errors import Client, translate
-from ros2_kafka_bridge.kafka.health import BROKERS_LOST, Admin, ClientHealth, check_files
 from ros2_kafka_bridge.kafka.names import lock_group, lock_topic
 from ros2_kafka_bridge.kafka.properties import (
     Membership,
@@ -48,6 +48,8 @@ from ros2_kafka_bridge.kafka.properties import (
 )
 from ros2_kafka_bridge.kafka.recorder import Recorder, with_recording
 from ros2_kafka_bridge.kafka.statistics import read, with_statistics
+from ros2_kafka_bridge.kafka.tls import check_files
+from ros2_kafka_bridge.kafka.topics import ensure_topic
 from ros2_kafka_bridge.logs.lines import client_log
 from ros2_kafka_bridge.threads import unattended
 

@@ -10,7 +10,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     ResourceType,
 )
 
-from ros2_kafka_bridge.kafka.health import Admin
+from ros2_kafka_bridge.kafka.admin import Admin
 
 _REQUEST_S = 5.0
 

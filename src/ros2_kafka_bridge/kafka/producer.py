@@ -15,11 +15,12 @@ from ros2_kafka_bridge.errors import (
     RouteError,
     TransportError,
 )
-from ros2_kafka_bridge.kafka.admin import topic_limit_bytes
+from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth
 from ros2_kafka_bridge.kafka.errors import Client, translate
-from ros2_kafka_bridge.kafka.health import BROKERS_LOST, ClientHealth, check_files
 from ros2_kafka_bridge.kafka.properties import LINGER_MS
 from ros2_kafka_bridge.kafka.statistics import read, with_statistics
+from ros2_kafka_bridge.kafka.tls import check_files
+from ros2_kafka_bridge.kafka.topics import topic_limit_bytes
 
 _LARGEST_BYTES = 1_000_000  # librdkafka's default, of a batch and of a message
 _QUEUE = 'queue.buffering.max.messages'

@@ -12,7 +12,7 @@ from confluent_kafka import Consumer, KafkaError, KafkaException, Message, Topic
 from ros2_kafka_bridge.dedup import Numbers, place_of
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.errors import Client, translate
-from ros2_kafka_bridge.kafka.health import check_files
+from ros2_kafka_bridge.kafka.tls import check_files
 
 # The caller is the thread of a route: while it waits here nothing is taken from ROS.
 _REQUEST_S: Final = 2.0

@@ -16,7 +16,7 @@ from confluent_kafka import (
 
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka.errors import Client, translate
-from ros2_kafka_bridge.kafka.health import check_files
+from ros2_kafka_bridge.kafka.tls import check_files
 from ros2_kafka_bridge.logs.lines import client_log
 
 _REQUEST_S = 5.0

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from ros2_kafka_bridge.errors import RouteError
+
 _PATIENCE_S: Final = 10.0
 _FILES: Final = (
     'ssl.ca.location',
@@ -57,11 +59,20 @@ def distrust(address: Address, properties: Mapping[str, Any]) -> str:
         return ''
 
 
-def unreadable(properties: Mapping[str, Any]) -> str:
-    """What is wrong with the files that properties name; empty where nothing is.
+def check_files(properties: Mapping[str, Any], where: str) -> None:
+    """Look for the files that a client will read.
 
     librdkafka says it worse and, where it asks for tokens, ends the process for it.
+
+    Raises:
+        RouteError: One of them cannot be read; it says which.
     """
+    if problem := _unreadable(properties):
+        raise RouteError(f'{where}: {problem}')
+
+
+def _unreadable(properties: Mapping[str, Any]) -> str:
+    """What is wrong with the files that properties name; empty where nothing is."""
     for name in _FILES:
         value = str(properties.get(name, 'probe'))
         if value == 'probe' or Path(value).is_dir():

@@ -11,8 +11,8 @@ from confluent_kafka import KafkaError, KafkaException, Message, Producer
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import BridgeError, RecordError, RouteError, TransportError
 from ros2_kafka_bridge.kafka.errors import Client, translate
-from ros2_kafka_bridge.kafka.health import check_files
 from ros2_kafka_bridge.kafka.properties import canonical
+from ros2_kafka_bridge.kafka.tls import check_files
 from ros2_kafka_bridge.logs.lines import client_log
 from ros2_kafka_bridge.threads.stop import Stop
 

@@ -122,12 +122,12 @@ def set_up(log_format: LogFormat, worker: int = 0) -> None:
     logger.propagate = False
     # The client's own lines repeat what the bridge says with the route and the cure.
     for client in (
-        'admin',
         'broker',
         'consumer',
         'overview',
         'producer',
         'tail',
+        'topics',
     ):
         logging.getLogger(f'ros2_kafka_bridge.kafka.{client}.librdkafka').setLevel(
             logging.CRITICAL

@@ -4,7 +4,7 @@
 
 It carries no message. The supervisor tells it by standard input how the bridge is doing, reads
 from its standard output what is asked for, and ends it by closing the input: see
-`protocol/messages.py`.
+`protocol/monitor.py`.
 """
 
 import argparse
@@ -139,7 +139,7 @@ class _Process:
 
     def _control(self) -> None:
         """Run the ROS node of the bridge; without ROS, the rest goes on."""
-        from ros2_kafka_bridge.ros.control import run_control  # noqa: PLC0415 (heavy)
+        from ros2_kafka_bridge.ros.control.node import run_control  # noqa: PLC0415 (heavy)
 
         while not self._stop.asked:
             try:

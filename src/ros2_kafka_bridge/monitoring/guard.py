@@ -16,7 +16,7 @@ from starlette.datastructures import Headers
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from ros2_kafka_bridge.config.operations import MonitoringSettings
+from ros2_kafka_bridge.config.monitoring import MonitoringSettings
 from ros2_kafka_bridge.logs.text import printable
 
 OPEN_PATHS: Final = frozenset({'/metrics', '/livez', '/readyz'})

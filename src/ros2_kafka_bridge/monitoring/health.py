@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 from ros2_kafka_bridge.protocol.limits import SILENT_S, STUCK_S
-from ros2_kafka_bridge.protocol.messages import Lifecycle, Report, RouteReport
+from ros2_kafka_bridge.protocol.monitor import Lifecycle, Report, RouteReport
 from ros2_kafka_bridge.route.counters import State
 
 _READY: Final = frozenset({State.RUNNING, State.WAITING, State.PAUSED})

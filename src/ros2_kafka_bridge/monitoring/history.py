@@ -4,7 +4,7 @@ import threading
 from collections import deque
 from typing import Final, NamedTuple
 
-from ros2_kafka_bridge.protocol.messages import Report
+from ros2_kafka_bridge.protocol.monitor import Report
 from ros2_kafka_bridge.protocol.quantiles import percentiles
 from ros2_kafka_bridge.route.counters import Snapshot
 

@@ -10,7 +10,7 @@ from ros2_kafka_bridge.commands.dead_letters.report import NOT_OURS, open_reader
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters.letter import Letter, Mark, Place
-from ros2_kafka_bridge.dead_letters.words import escaped, hex_lines, shortened, text_lines
+from ros2_kafka_bridge.dead_letters.shown import escaped, hex_lines, shortened, text_lines
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.formats.json import make_encode
 from ros2_kafka_bridge.formats.scope import Scope

@@ -16,11 +16,10 @@ from prometheus_client.registry import Collector
 from prometheus_client.utils import floatToGoString
 
 from ros2_kafka_bridge import __version__
-from ros2_kafka_bridge.config.routes import AnyRoute
+from ros2_kafka_bridge.config.routes import AnyRoute, direction_of, ends_of, type_of
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.monitoring.state import Watch
-from ros2_kafka_bridge.protocol.messages import Report, RouteReport, Worker
-from ros2_kafka_bridge.protocol.words import direction_of, ends_of, type_of
+from ros2_kafka_bridge.protocol.monitor import Report, RouteReport, Worker
 from ros2_kafka_bridge.route.counters import BOUNDS_S, Distribution, Outcome, State
 
 PREFIX: Final = 'ros2_kafka_bridge_'

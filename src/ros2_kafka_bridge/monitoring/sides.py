@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any, Final, Self
 
+from ros2_kafka_bridge.config.routes import ends_of
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.kafka.cluster import Cluster
@@ -13,9 +14,8 @@ from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
 from ros2_kafka_bridge.kafka.properties import common_properties
 from ros2_kafka_bridge.monitoring import graph
 from ros2_kafka_bridge.monitoring.state import Watch
-from ros2_kafka_bridge.protocol.words import ends_of
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import RosNode, domain_in_words, open_node
-from ros2_kafka_bridge.ros.profile import Endpoints
 
 _OFTEN_S: Final = 3.0
 _SELDOM_S: Final = 15.0

@@ -15,7 +15,7 @@ from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.monitoring.history import History
-from ros2_kafka_bridge.protocol.messages import Answer, Configured, Do, Report, Request, ToMonitor
+from ros2_kafka_bridge.protocol.monitor import Answer, Configured, Do, Report, Request, ToMonitor
 
 _PATIENCE_S: Final = 60.0
 _DRAINING: Final = frozenset({Do.RELOAD, Do.DEACTIVATE, Do.CLEANUP, Do.SHUTDOWN})

@@ -4,15 +4,15 @@ import time
 from typing import Any
 
 from ros2_kafka_bridge import __version__
-from ros2_kafka_bridge.config.routes import AnyRoute
+from ros2_kafka_bridge.config.routes import AnyRoute, direction_of, ends_of, type_of
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.monitoring.health import liveness, readiness
 from ros2_kafka_bridge.monitoring.history import Recent
 from ros2_kafka_bridge.monitoring.prometheus import memory_bytes
 from ros2_kafka_bridge.monitoring.state import Watch
+from ros2_kafka_bridge.protocol.advice import ERROR_ADVICE, advice
 from ros2_kafka_bridge.protocol.limits import OLD_S
-from ros2_kafka_bridge.protocol.messages import RouteReport
-from ros2_kafka_bridge.protocol.words import ERROR_ADVICE, advice, direction_of, ends_of, type_of
+from ros2_kafka_bridge.protocol.monitor import RouteReport
 from ros2_kafka_bridge.route.counters import Outcome
 
 _MOST_TROUBLES = 100

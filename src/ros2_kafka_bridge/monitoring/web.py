@@ -22,12 +22,12 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from ros2_kafka_bridge.monitoring import view
+from ros2_kafka_bridge.monitoring.actions import Orders
 from ros2_kafka_bridge.monitoring.board import Board
 from ros2_kafka_bridge.monitoring.events import Events
 from ros2_kafka_bridge.monitoring.guard import Guard, Names
 from ros2_kafka_bridge.monitoring.health import Health, liveness, readiness
 from ros2_kafka_bridge.monitoring.history import BUCKET_S, SPAN_S
-from ros2_kafka_bridge.monitoring.orders import Orders
 from ros2_kafka_bridge.monitoring.prometheus import BridgeCollector
 from ros2_kafka_bridge.monitoring.replay import Replay
 from ros2_kafka_bridge.monitoring.sides import Sides

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from ros2_kafka_bridge.process.plan import Rank
-from ros2_kafka_bridge.protocol.orders import Order, Pause, Resume
+from ros2_kafka_bridge.protocol.worker import Order, Pause, Resume
 from ros2_kafka_bridge.route.counters import Snapshot
 from ros2_kafka_bridge.threads.stop import Stop
 

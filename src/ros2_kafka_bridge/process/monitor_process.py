@@ -21,7 +21,7 @@ from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.process.child import start_child
 from ros2_kafka_bridge.process.plan import OFF
-from ros2_kafka_bridge.protocol.messages import Answer, Configured, Report, Request
+from ros2_kafka_bridge.protocol.monitor import Answer, Configured, Report, Request
 from ros2_kafka_bridge.threads.backoff import Backoff
 
 _LINE_LIMIT_BYTES: Final = 64 * 1024

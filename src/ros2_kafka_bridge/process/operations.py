@@ -12,10 +12,10 @@ from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.process.crew import Crew
+from ros2_kafka_bridge.process.difference import Checked
 from ros2_kafka_bridge.process.plan import Plan, hold, share_out
-from ros2_kafka_bridge.process.reload import Checked
 from ros2_kafka_bridge.process.reloading import check, did, hand_over, would
-from ros2_kafka_bridge.protocol.messages import Answer, Configured, Do, Lifecycle, Reload, Request
+from ros2_kafka_bridge.protocol.monitor import Answer, Configured, Do, Lifecycle, Reload, Request
 from ros2_kafka_bridge.threads.stop import Stop
 
 _BEGIN_S: Final = 50.0

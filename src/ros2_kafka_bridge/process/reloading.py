@@ -12,8 +12,8 @@ import msgspec
 
 from ros2_kafka_bridge.process.child import start_child
 from ros2_kafka_bridge.process.crew import CLOSING_S, Crew
+from ros2_kafka_bridge.process.difference import Checked, Difference
 from ros2_kafka_bridge.process.plan import Plan, Share, held_plan, share_out
-from ros2_kafka_bridge.process.reload import Checked, Difference
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
 from ros2_kafka_bridge.turns.term import KNOWN_S
 
@@ -42,7 +42,7 @@ def check(plan: Plan) -> Generator[None, None, Checked]:
 def _checker(plan: Plan) -> Iterator[subprocess.Popen[bytes]]:
     with held_plan(plan) as descriptor:
         process = start_child(
-            'process.reload',
+            'process.difference',
             [f'--plan={descriptor}'],
             [descriptor],
             stdin=subprocess.DEVNULL,

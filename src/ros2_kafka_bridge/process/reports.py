@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from ros2_kafka_bridge.process.crew import Crew
 from ros2_kafka_bridge.process.plan import Plan
 from ros2_kafka_bridge.protocol.limits import STUCK_S
-from ros2_kafka_bridge.protocol.messages import Lifecycle, Reload, Report, RouteReport, Worker
+from ros2_kafka_bridge.protocol.monitor import Lifecycle, Reload, Report, RouteReport, Worker
 from ros2_kafka_bridge.route.counters import Counters, Snapshot, State
 
 

@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable
 from typing import Final, Self
 
-from ros2_kafka_bridge.protocol import orders
-from ros2_kafka_bridge.protocol.orders import Event
+from ros2_kafka_bridge.protocol import worker as wire
+from ros2_kafka_bridge.protocol.worker import Event
 from ros2_kafka_bridge.route.counters import Snapshot, to_line
 
 _PERIOD_S: Final = 1.0
@@ -58,7 +58,7 @@ class Sender:
         A pipe without room gets it in time.
         """
         with contextlib.suppress(OSError), self._lock:
-            line = to_line(self._snapshots()) + (orders.to_line(event) if self._events else b'')
+            line = to_line(self._snapshots()) + (wire.to_line(event) if self._events else b'')
             left = self._send(line)
             if left:  # the rest of another came first
                 left = self._send(left)

@@ -15,7 +15,7 @@ from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.process.hangup import Signals
 from ros2_kafka_bridge.process.plan import Plan
 from ros2_kafka_bridge.process.systemd import Systemd
-from ros2_kafka_bridge.protocol.orders import Begun, Event
+from ros2_kafka_bridge.protocol.worker import Begun, Event
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.bridge import Bridge, Tell

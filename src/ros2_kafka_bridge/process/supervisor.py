@@ -27,7 +27,7 @@ from ros2_kafka_bridge.process.operations import Operations
 from ros2_kafka_bridge.process.plan import OFF, Plan, read_plan
 from ros2_kafka_bridge.process.reports import is_live, report_of
 from ros2_kafka_bridge.process.systemd import Systemd
-from ros2_kafka_bridge.protocol.messages import Lifecycle
+from ros2_kafka_bridge.protocol.monitor import Lifecycle
 from ros2_kafka_bridge.route.counters import Snapshot
 from ros2_kafka_bridge.route.status import StatusLog
 from ros2_kafka_bridge.threads.stop import Stop

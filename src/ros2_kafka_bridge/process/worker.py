@@ -32,7 +32,7 @@ from ros2_kafka_bridge.process.hangup import Signals
 from ros2_kafka_bridge.process.load import chosen, load_checked
 from ros2_kafka_bridge.process.plan import Plan, content, plan_of, write_plan
 from ros2_kafka_bridge.process.sender import Sender
-from ros2_kafka_bridge.protocol.orders import (
+from ros2_kafka_bridge.protocol.worker import (
     ORDERS,
     Begin,
     Drain,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 
 from ros2_kafka_bridge.process.child import start_child
 from ros2_kafka_bridge.process.plan import Share
-from ros2_kafka_bridge.protocol import orders
-from ros2_kafka_bridge.protocol.orders import EVENTS, Begun, Drain, End, Ended, Loaded, Order
+from ros2_kafka_bridge.protocol import worker as wire
+from ros2_kafka_bridge.protocol.worker import EVENTS, Begun, Drain, End, Ended, Loaded, Order
 from ros2_kafka_bridge.route.counters import Counters, Snapshot, State, from_line
 from ros2_kafka_bridge.threads.backoff import Backoff
 
@@ -158,7 +158,7 @@ class WorkerProcess:
             with contextlib.suppress(ValueError):
                 self._note(EVENTS.decode(line))
 
-    def _note(self, event: orders.Event) -> None:
+    def _note(self, event: wire.Event) -> None:
         match event:
             case Loaded():
                 self.loaded = True
@@ -178,7 +178,7 @@ class WorkerProcess:
     def tell(self, order: Order) -> None:
         """Give it an order, if it runs; one that was not begun is begun by `start`."""
         if self.runs:
-            self._untold += orders.to_line(order)
+            self._untold += wire.to_line(order)
             self.flush()
 
     def flush(self) -> None:
@@ -198,7 +198,7 @@ class WorkerProcess:
         """Let one begin that waits."""
         self.waits = False
         self._started_s = self._heard_s = time.monotonic()
-        self.tell(orders.Begin())
+        self.tell(wire.Begin())
 
     def end(self, routes: Iterable[str]) -> None:
         """Let some of its routes drain, and have them no more after that."""

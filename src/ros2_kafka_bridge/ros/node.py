@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.ros.errors import translated
-from ros2_kafka_bridge.ros.profile import (
+from ros2_kafka_bridge.ros.fastdds_profile import (
     FASTDDS_2,
     FASTDDS_3,
     Dialect,

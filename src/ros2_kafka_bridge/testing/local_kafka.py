@@ -281,7 +281,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _create_topics(bootstrap_servers: str, topics: Sequence[str]) -> None:
-    from ros2_kafka_bridge.kafka.admin import ensure_topic  # noqa: PLC0415 (heavy)
+    from ros2_kafka_bridge.kafka.topics import ensure_topic  # noqa: PLC0415 (heavy)
 
     for topic in topics:
         ensure_topic({'bootstrap.servers': bootstrap_servers}, topic)

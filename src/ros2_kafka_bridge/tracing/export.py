@@ -23,7 +23,7 @@ from opentelemetry.sdk.trace.id_generator import IdGenerator, RandomIdGenerator
 from opentelemetry.sdk.trace.sampling import ALWAYS_ON
 
 from ros2_kafka_bridge import __version__
-from ros2_kafka_bridge.config.words import masked_values
+from ros2_kafka_bridge.config.base import masked_values
 from ros2_kafka_bridge.logs.lines import RouteLog
 from ros2_kafka_bridge.logs.text import count, printable
 from ros2_kafka_bridge.route.trace_context import TraceContext

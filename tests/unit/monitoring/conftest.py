@@ -9,7 +9,7 @@ import pytest
 from monitors import TOKEN, report, snapshot
 
 from ros2_kafka_bridge.monitoring.state import Watch
-from ros2_kafka_bridge.protocol.messages import Answer, Configured, Report, Request
+from ros2_kafka_bridge.protocol.monitor import Answer, Configured, Report, Request
 from ros2_kafka_bridge.route.counters import Measures, State
 
 if TYPE_CHECKING:

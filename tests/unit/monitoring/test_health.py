@@ -4,7 +4,7 @@ import pytest
 from monitors import report, snapshot
 
 from ros2_kafka_bridge.monitoring.health import Health, liveness, readiness
-from ros2_kafka_bridge.protocol.messages import Lifecycle, Report, RouteReport, Worker
+from ros2_kafka_bridge.protocol.monitor import Lifecycle, Report, RouteReport, Worker
 from ros2_kafka_bridge.route.counters import State
 
 NAMES = ['a', 'b']

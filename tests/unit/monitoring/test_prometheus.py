@@ -11,7 +11,7 @@ from prometheus_client.parser import text_string_to_metric_families as prometheu
 from prometheus_client.registry import CollectorRegistry
 
 from ros2_kafka_bridge.monitoring.prometheus import METRICS, PREFIX, TABLE, BridgeCollector
-from ros2_kafka_bridge.protocol.messages import Reload
+from ros2_kafka_bridge.protocol.monitor import Reload
 from ros2_kafka_bridge.route.counters import Measures, Outcome, State
 
 from .conftest import Told

@@ -7,7 +7,7 @@ from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.monitoring.board import Board
 from ros2_kafka_bridge.monitoring.history import SPAN_S, History
 from ros2_kafka_bridge.monitoring.state import Watch
-from ros2_kafka_bridge.protocol.messages import Configured, Do
+from ros2_kafka_bridge.protocol.monitor import Configured, Do
 from ros2_kafka_bridge.protocol.quantiles import percentiles
 from ros2_kafka_bridge.route.counters import BOUNDS_S, Distribution, Measures
 

@@ -13,7 +13,7 @@ from ros2_kafka_bridge.monitoring import letters
 from ros2_kafka_bridge.monitoring.guard import is_loopback, names_of
 from ros2_kafka_bridge.monitoring.replay_process import Order
 from ros2_kafka_bridge.monitoring.web import Page, make_app
-from ros2_kafka_bridge.protocol.messages import Answer
+from ros2_kafka_bridge.protocol.monitor import Answer
 from ros2_kafka_bridge.route.counters import Measures, Trouble
 
 from .conftest import CONFIG, Told

@@ -28,10 +28,10 @@ from ros2_kafka_bridge.config.settings import (
 from ros2_kafka_bridge.kafka_to_ros import BATCH as TO_ROS_BATCH
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
 from ros2_kafka_bridge.logs.text import count
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.matching import type_of
 from ros2_kafka_bridge.ros.node import RosNode, open_node
 from ros2_kafka_bridge.ros.probe import SAMPLES, probe_topic
-from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.ros_to_kafka import BATCH as TO_KAFKA_BATCH
 
 

@@ -12,15 +12,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Final, NamedTuple
 
-from ros2_kafka_bridge.commands.dead_letters.again import Again, Restorer
 from ros2_kafka_bridge.commands.dead_letters.replay_ros import RosDelivery
 from ros2_kafka_bridge.commands.dead_letters.report import Asked, none_there, open_reader
 from ros2_kafka_bridge.commands.dead_letters.report import Found as Looked
+from ros2_kafka_bridge.commands.dead_letters.restore import Again, Restorer
 from ros2_kafka_bridge.commands.screen import waiting
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters.choice import Choice, Index, limited, read_index
 from ros2_kafka_bridge.dead_letters.letter import Letter, mark
-from ros2_kafka_bridge.dead_letters.words import escaped
+from ros2_kafka_bridge.dead_letters.shown import escaped
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, RecordError
 from ros2_kafka_bridge.kafka.letters import LetterReader
 from ros2_kafka_bridge.kafka.properties import producer_properties

@@ -13,8 +13,8 @@ from ros2_kafka_bridge.endpoints import MessageSink, Readers
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.logs.lines import route_log
 from ros2_kafka_bridge.logs.text import count
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import RosNode, open_node
-from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.types import load_type
 from ros2_kafka_bridge.route.pace import Pace

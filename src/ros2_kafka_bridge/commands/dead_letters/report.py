@@ -15,7 +15,7 @@ from ros2_kafka_bridge.commands.screen import screen, show_line, show_table, wai
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.dead_letters.choice import Choice, limited, read_index
 from ros2_kafka_bridge.dead_letters.letter import Letter, Mark, Place
-from ros2_kafka_bridge.dead_letters.words import escaped, hex_lines, shortened, text_lines
+from ros2_kafka_bridge.dead_letters.shown import escaped, hex_lines, shortened, text_lines
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.kafka.letters import LetterReader
 from ros2_kafka_bridge.kafka.overview import Overview

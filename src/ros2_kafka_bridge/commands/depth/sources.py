@@ -24,8 +24,8 @@ from ros2_kafka_bridge.kafka.properties import (
 from ros2_kafka_bridge.kafka.timestamps import read_timestamps
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.process.load import load_checked
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import RosNode, domain_in_words, open_node
-from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.ros.subscription import RosSource, wait_for_type
 from ros2_kafka_bridge.ros.types import load_type
 

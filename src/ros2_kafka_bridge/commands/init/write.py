@@ -20,8 +20,8 @@ from ros2_kafka_bridge.kafka.overview import Overview
 from ros2_kafka_bridge.kafka.properties import common_properties
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
 from ros2_kafka_bridge.message_types import unknown_type
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import Topic, domain_in_words, open_node
-from ros2_kafka_bridge.ros.profile import Endpoints
 
 _WIDTH = 98
 

@@ -9,7 +9,7 @@ from urllib.error import HTTPError, URLError
 from urllib.request import ProxyHandler, Request, build_opener
 
 from ros2_kafka_bridge.commands.screen import screen, show_line, show_table
-from ros2_kafka_bridge.config.operations import Address
+from ros2_kafka_bridge.config.monitoring import Address
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import ConfigError
 

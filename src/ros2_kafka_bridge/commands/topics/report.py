@@ -32,6 +32,7 @@ from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
 from ros2_kafka_bridge.kafka.properties import PropertyValue, common_properties
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
 from ros2_kafka_bridge.ros import rates
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.matching import (
     own_publishers,
     own_readers,
@@ -41,7 +42,6 @@ from ros2_kafka_bridge.ros.matching import (
     type_of,
 )
 from ros2_kafka_bridge.ros.node import Peer, RosNode, Topic, domain_in_words, middleware, open_node
-from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 
 Offsets = Mapping[tuple[str, int], int]

@@ -5,7 +5,7 @@ from typing import Final, NamedTuple, TypeVar
 
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters.letter import About, Letter
-from ros2_kafka_bridge.dead_letters.words import escaped
+from ros2_kafka_bridge.dead_letters.shown import escaped
 from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing, Record, headers_of
 from ros2_kafka_bridge.errors import ConfigError, RecordError
 from ros2_kafka_bridge.formats import Decode, Encode

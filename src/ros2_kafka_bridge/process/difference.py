@@ -1,6 +1,6 @@
 """What a changed configuration changes in a running bridge.
 
-    python -m ros2_kafka_bridge.process.reload --plan FD
+    python -m ros2_kafka_bridge.process.difference --plan FD
 
 reads the file of that plan again and prints what it found, as a line of JSON. The process that
 runs the bridge starts it: to read a configuration needs much, and might even fail badly.
@@ -115,7 +115,7 @@ def _compared(path: str, before: Any, after: Any) -> Iterator[str]:
 
 
 def _shown(path: str, value: Any) -> str:
-    from ros2_kafka_bridge.config.words import MASK, masked_values  # noqa: PLC0415 (heavy)
+    from ros2_kafka_bridge.config.base import MASK, masked_values  # noqa: PLC0415 (heavy)
     from ros2_kafka_bridge.kafka.properties import is_secret  # noqa: PLC0415
     from ros2_kafka_bridge.logs.text import printable  # noqa: PLC0415
 
@@ -155,7 +155,7 @@ def check(before: Plan) -> Checked:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print what is found in the file of a plan; returns the exit status."""
-    parser = argparse.ArgumentParser(prog='python -m ros2_kafka_bridge.process.reload')
+    parser = argparse.ArgumentParser(prog='python -m ros2_kafka_bridge.process.difference')
     parser.add_argument('--plan', type=int, required=True, metavar='FD')
     options = parser.parse_args(arguments)
     # Held back at the start, as the others: but when its supervisor has gone, who could end it?

@@ -14,12 +14,11 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from ros2_kafka_bridge import __version__
-from ros2_kafka_bridge.config.routes import AnyRoute
+from ros2_kafka_bridge.config.routes import AnyRoute, ends_of, type_of
 from ros2_kafka_bridge.config.settings import Config
-from ros2_kafka_bridge.protocol.messages import Answer, Do
-from ros2_kafka_bridge.protocol.words import ends_of, type_of
-from ros2_kafka_bridge.ros.managed import in_one_line
-from ros2_kafka_bridge.ros.route_names import ros_names
+from ros2_kafka_bridge.protocol.monitor import Answer, Do
+from ros2_kafka_bridge.ros.control.lifecycle import in_one_line
+from ros2_kafka_bridge.ros.control.route_names import ros_names
 
 _Log = logging.LoggerAdapter[logging.Logger]
 

@@ -7,8 +7,8 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from ros2_kafka_bridge.config.base import Mistake, Settings
 from ros2_kafka_bridge.config.values import no_bool
-from ros2_kafka_bridge.config.words import Mistake, Settings
 
 _SECRET: Final[dict[str, Any]] = {'writeOnly': True}
 _SHORTEST_TOKEN: Final = 16

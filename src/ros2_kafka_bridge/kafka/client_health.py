@@ -2,32 +2,18 @@
 
 import logging
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from typing import Any, Final
+from typing import Final
 
-from confluent_kafka import KafkaError, KafkaException
-from confluent_kafka.admin import AdminClient
+from confluent_kafka import KafkaError
 
-from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
-from ros2_kafka_bridge.kafka.errors import NO_ANSWER, Client, Problem, explain, translate
+from ros2_kafka_bridge.errors import RouteError, TransportError
+from ros2_kafka_bridge.kafka.errors import Client, Problem, explain, translate
 from ros2_kafka_bridge.kafka.statistics import Statistics
-from ros2_kafka_bridge.kafka.tls import unreadable
 
 _TOLD_AGAIN_S: Final = 60.0
 _BLIP_S: Final = 1.0  # a connection that is made anew looks as if no broker answered
 _WITHOUT_S: Final = 1.0  # it knows none for a moment, too, before it tries bootstrap.servers again
 BROKERS_LOST: Final = 'the Kafka client has forgotten all brokers: begins anew with another'
-
-
-def check_files(properties: Mapping[str, Any], where: str) -> None:
-    """Look for the files that a client will read.
-
-    Raises:
-        RouteError: One of them cannot be read; it says which.
-    """
-    if problem := unreadable(properties):
-        raise RouteError(f'{where}: {problem}')
 
 
 class ClientHealth:
@@ -123,7 +109,7 @@ class ClientHealth:
     def _is_news(self, problem: Problem) -> bool:
         """Whether it says more than is known: the first, or the cause of it."""
         known = self._cause if self.away else None
-        return known is None or (_is_cause(problem) and not _is_cause(known))
+        return known is None or (problem.names_cause and not known.names_cause)
 
     def _due(self) -> bool:
         """Whether to say that Kafka is away: once a minute where the cause is the same.
@@ -131,63 +117,9 @@ class ClientHealth:
         While an old token holds, records go on between two requests for a new one that fail.
         """
         now_s = time.monotonic()
-        if self._cause is None or not _is_cause(self._cause):
+        if self._cause is None or not self._cause.names_cause:
             return now_s - self._away_since_s >= _BLIP_S
         due = now_s - self._told.get(self.away, -_TOLD_AGAIN_S) >= _TOLD_AGAIN_S
         if due:
             self._told[self.away] = now_s
         return due
-
-
-def _is_cause(problem: Problem) -> bool:
-    return bool(problem.cure) and problem.text != NO_ANSWER
-
-
-class _Cause:
-    """The first error of a client that names its cause, or else the first of all."""
-
-    def __init__(self, client: Client) -> None:
-        self._client = client
-        self.error: KafkaError | None = None
-
-    def note(self, error: KafkaError) -> None:
-        if self.error is None or _is_cause(explain(error, self._client)):
-            self.error = error
-
-
-class Admin:
-    """An AdminClient; a request that fails for want of a connection says why there is none.
-
-    Raises:
-        RouteError: librdkafka refuses the properties, or what is in their files.
-    """
-
-    def __init__(self, properties: Mapping[str, Any], name: str) -> None:
-        check_files(properties, 'the Kafka client')
-        self._client = Client(properties=properties)
-        # The client must not hold this object, which holds the client: such a circle ends in the
-        # garbage collector, which takes the callback away from a client that still calls it.
-        self._cause = _Cause(self._client)
-        own: dict[str, Any] = {'error_cb': self._cause.note}
-        try:
-            self.requests = AdminClient(
-                {**properties, **own},
-                logger=logging.getLogger(f'{name}.librdkafka'),
-            )
-        except KafkaException as error:  # a file that is half written, perhaps
-            raise translate(error.args[0], 'the Kafka client', self._client) from error
-
-    @contextmanager
-    def translated(self, where: str) -> Iterator[None]:
-        """Make the bridge's errors of those that a request raises."""
-        try:
-            yield
-        except KafkaException as error:
-            self.requests.poll(0)  # calls back what has come meanwhile
-            raise self._translate(error.args[0], where) from error
-
-    def _translate(self, error: KafkaError, where: str) -> BridgeError:
-        problem = translate(error, where, self._client)
-        if isinstance(problem, TransportError) and self._cause.error is not None:
-            return translate(self._cause.error, where, self._client)
-        return problem

@@ -14,7 +14,7 @@ from rclpy.lifecycle.node import LifecycleNodeMixin
 from rclpy.node import Node
 
 from ros2_kafka_bridge.errors import BridgeError
-from ros2_kafka_bridge.protocol.messages import Answer, Do, Lifecycle
+from ros2_kafka_bridge.protocol.monitor import Answer, Do, Lifecycle
 from ros2_kafka_bridge.ros.errors import translated
 
 _Log = logging.LoggerAdapter[logging.Logger]

@@ -19,16 +19,16 @@ from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.logs import lines as logs
-from ros2_kafka_bridge.protocol.messages import Answer, Configured, Do, Report
+from ros2_kafka_bridge.protocol.monitor import Answer, Configured, Do, Report
 from ros2_kafka_bridge.ros.arguments import ROS_ARGUMENTS
-from ros2_kafka_bridge.ros.diagnostics import About, Recent, Status, statuses
+from ros2_kafka_bridge.ros.control.diagnostics import About, Recent, Status, statuses
 from ros2_kafka_bridge.ros.errors import translated
+from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import RosNode, node_name, open_made
-from ros2_kafka_bridge.ros.profile import Endpoints
 from ros2_kafka_bridge.threads.stop import Stop
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.ros.managed import ManagedNode
+    from ros2_kafka_bridge.ros.control.lifecycle import ManagedNode
 
 _PERIOD_S: Final = 1.0
 _LOOK_S: Final = 0.2
@@ -132,7 +132,7 @@ class _Place(NamedTuple):
 
 def _opened(place: _Place, asking: 'Asking', log: _Log) -> Any:
     def make(context: Any) -> 'ManagedNode':
-        from ros2_kafka_bridge.ros.managed import ManagedNode  # noqa: PLC0415 (rclpy)
+        from ros2_kafka_bridge.ros.control.lifecycle import ManagedNode  # noqa: PLC0415 (rclpy)
 
         return ManagedNode(
             node_name(place.name),
@@ -218,7 +218,7 @@ class Control:
     def __init__(self, watch: Watch, node: RosNode, asking: Asking, log: _Log) -> None:
         from diagnostic_msgs.msg import DiagnosticArray  # noqa: PLC0415 (ROS)
 
-        from ros2_kafka_bridge.ros.offers import Offers  # noqa: PLC0415 (rclpy)
+        from ros2_kafka_bridge.ros.control.services import Offers  # noqa: PLC0415 (rclpy)
 
         self._watch = watch
         self._node = node.handle

@@ -5,13 +5,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from enum import IntEnum
 from typing import Final, NamedTuple
 
-from ros2_kafka_bridge.config.routes import AnyRoute
+from ros2_kafka_bridge.config.routes import AnyRoute, ends_of, type_of
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.logs.text import count
+from ros2_kafka_bridge.protocol.advice import advice
 from ros2_kafka_bridge.protocol.limits import OLD_S, STUCK_S
-from ros2_kafka_bridge.protocol.messages import Lifecycle, Report, RouteReport, Worker
+from ros2_kafka_bridge.protocol.monitor import Lifecycle, Report, RouteReport, Worker
 from ros2_kafka_bridge.protocol.quantiles import percentiles
-from ros2_kafka_bridge.protocol.words import advice, ends_of, type_of
 from ros2_kafka_bridge.route.counters import Distribution, Outcome, Snapshot, State
 
 _RATE_S: Final = 10.0

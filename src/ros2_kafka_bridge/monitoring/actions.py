@@ -21,7 +21,7 @@ from ros2_kafka_bridge.monitoring.guard import Refusal, is_of_this_machine, with
 from ros2_kafka_bridge.monitoring.replay import Replay
 from ros2_kafka_bridge.monitoring.replay_process import Order
 from ros2_kafka_bridge.monitoring.state import Watch
-from ros2_kafka_bridge.protocol.messages import Answer, Do
+from ros2_kafka_bridge.protocol.monitor import Answer, Do
 
 _MOST_BODY_BYTES: Final = 256 * 1024
 _WRONG_TOKEN_S: Final = 0.5

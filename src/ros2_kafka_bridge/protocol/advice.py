@@ -1,9 +1,7 @@
-"""What a route is called and what is to be done about its state, for people and for labels."""
+"""What a person can do about the state of a route, and about an error."""
 
 from typing import Final
 
-from ros2_kafka_bridge.config.routes import AnyRoute
-from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.route.counters import Snapshot, State
 
 _AGAIN: Final = 'It is tried again by itself; mend what the reason names.'
@@ -24,25 +22,6 @@ ERROR_ADVICE: Final = {
     'TransportError': 'It goes on by itself once the other side is back.',
 }
 """What to do about an error whose text does not say it, by its class."""
-
-
-def direction_of(route: AnyRoute) -> str:
-    """`kafka_to_ros` or `ros_to_kafka`."""
-    return 'kafka_to_ros' if isinstance(route, KafkaToRosRoute) else 'ros_to_kafka'
-
-
-def ends_of(route: AnyRoute) -> tuple[str, str]:
-    """The topic that a route reads, and the one that it writes."""
-    if isinstance(route, KafkaToRosRoute):
-        return route.source.kafka, route.sink.ros
-    return route.source.ros, route.sink.kafka
-
-
-def type_of(route: AnyRoute) -> str:
-    """The message type; empty where the graph tells it."""
-    if isinstance(route, KafkaToRosRoute):
-        return route.sink.type
-    return route.source.type or ''
 
 
 def advice(snapshot: Snapshot) -> str:
