@@ -11,7 +11,7 @@ from promql import asked, mistakes
 
 from ros2_kafka_bridge.monitoring.prometheus import METRICS
 
-FILE = Path(__file__).parents[2] / 'packaging' / 'grafana' / 'ros2-kafka-bridge.json'
+FILE = Path(__file__).parents[3] / 'packaging' / 'grafana' / 'ros2-kafka-bridge.json'
 DASHBOARD: dict[str, Any] = json.loads(FILE.read_text())
 PANELS: list[dict[str, Any]] = DASHBOARD['panels']
 SHOWN = [panel for panel in PANELS if panel['type'] != 'row']

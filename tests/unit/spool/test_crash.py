@@ -16,7 +16,7 @@ from spools import GID, make, numbers, opened, read_all, reopened, rows
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.spool.store import Spool, file_of
 
-_WRITER = Path(__file__).parents[1] / 'peers' / 'spool_writer.py'
+_WRITER = Path(__file__).parents[2] / 'peers' / 'spool_writer.py'
 _KILLS = 5
 
 

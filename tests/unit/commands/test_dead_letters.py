@@ -264,7 +264,7 @@ def test_what_is_no_time_is_refused_with_an_example() -> None:
 
 
 def test_a_letter_of_a_type_in_a_folder_is_checked_without_its_package() -> None:
-    folder = Path(__file__).parents[2] / 'examples' / 'msgs'
+    folder = Path(__file__).parents[3] / 'examples' / 'msgs'
     route = CONFIG['routes'][0] | {
         'to': {'ros': '/scans', 'type': 'shelf_msgs/msg/ShelfScan'},
         'format': 'json',

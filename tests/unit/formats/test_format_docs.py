@@ -17,7 +17,7 @@ from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.message_types import load_layout
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 MESSAGES = ROOT / 'examples' / 'msgs'
 PAGES = [ROOT / 'docs' / f'{name}.md' for name in ('formats', 'json', 'avro', 'protobuf')]
 FENCED = re.compile(r'^```(\w*)\n(.*?)^```$', re.MULTILINE | re.DOTALL)

@@ -7,7 +7,7 @@ import pytest
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.process.load import load_checked
 
-MESSAGES = Path(__file__).parents[2] / 'examples' / 'msgs'
+MESSAGES = Path(__file__).parents[3] / 'examples' / 'msgs'
 
 
 @pytest.fixture

@@ -28,8 +28,8 @@ from ros2_kafka_bridge.config.settings import (
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.kafka.properties import is_secret, property_problems
 
-FILES = Path(__file__).parent / 'config'
-SCHEMA = json.loads((Path(__file__).parents[2] / 'docs' / 'bridge.schema.json').read_text('utf-8'))
+FILES = Path(__file__).parent / 'files'
+SCHEMA = json.loads((Path(__file__).parents[3] / 'docs' / 'bridge.schema.json').read_text('utf-8'))
 EXPECTED = '#! '
 SECRET = 'hunter2-is-secret'  # noqa: S105  # made up, to be looked for
 ENVIRON = {'BROKERS': 'broker:9093', 'PASSWORD': SECRET, 'DOMAIN': '7'}
