@@ -4,6 +4,8 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -12,21 +14,31 @@ ROOT = Path(__file__).parents[2]
 HOUSE = ROOT / 'src' / 'ros2_kafka_bridge'
 FRONT = sorted(path.stem for path in HOUSE.glob('*.py') if path.stem != '__init__')
 ROOMS = sorted(path.parent for path in HOUSE.glob('*/__init__.py'))
+WITHIN = sorted(path.parent for path in HOUSE.glob('*/*/__init__.py'))
 
 
 def test_at_most_ten_modules_stand_at_the_front() -> None:
     assert len(FRONT) <= 10, f'which room is home to one of {", ".join(FRONT)}?'
 
 
-@pytest.mark.parametrize('room', ROOMS, ids=lambda room: room.name)
+@pytest.mark.parametrize('room', [*ROOMS, *WITHIN], ids=lambda room: str(room.relative_to(HOUSE)))
 def test_a_room_says_what_lives_there(room: Path) -> None:
     face = ast.parse((room / '__init__.py').read_text())
-    assert ast.get_docstring(face)
+    said = ast.get_docstring(face)
+    assert said
+    assert room in WITHIN or '\n\n' in said, 'and what may not, or what it leaves to others?'
 
 
-@pytest.mark.parametrize('room', ROOMS, ids=lambda room: room.name)
-def test_contributing_shows_the_room(room: Path) -> None:
-    assert f'{room.name}/' in (ROOT / 'CONTRIBUTING.md').read_text()
+def test_contributing_shows_the_rooms_in_the_order_in_which_they_stand() -> None:
+    picture = (ROOT / 'CONTRIBUTING.md').read_text().split('```')[1]
+    places = [set(re.findall(r'[a-z_]+', line[:35])) for line in picture.strip().splitlines()]
+    shown = [{name.removesuffix('_py') for name in place} - {'py'} for place in places]
+    settings = tomllib.loads((ROOT / 'pyproject.toml').read_text())
+    layers = settings['tool']['importlinter']['contracts'][0]['layers']
+    order = {name: n for n, layer in enumerate(layers) for name in layer.split(' | ')}
+    assert set(order) == set().union(*shown)
+    for above, below in pairwise(shown):
+        assert max(order[x] for x in above) <= min(order[x] for x in below), (above, below)
 
 
 def test_imports_go_down_from_room_to_room_and_never_in_a_circle() -> None:

@@ -1,4 +1,4 @@
 """The configuration: settings classes, the file they are read from, and what its mistakes say.
 
-It opens nothing but that file: no Kafka, no ROS.
+It reads that file and those that it names with `${file:...}`, and makes no client of Kafka or ROS.
 """

@@ -1,4 +1,4 @@
-"""The settings: the only place where one is spelled, for the loader, the docs and the editor."""
+"""The whole configuration, with the names of all settings classes: for loader, docs and editor."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

@@ -2,5 +2,5 @@
 
 Read in this order: `run` is the whole demo, `trip` the way of the orders through one contestant,
 `contestants` who that can be, `tally` what is counted, `table` what a person sees of it. It is a
-client of its own, and starts the bridge as a user would.
+client of its own, and starts the bridge as a supervisor would; nothing else uses it.
 """

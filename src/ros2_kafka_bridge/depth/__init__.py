@@ -1,8 +1,8 @@
 """Which KEEP_LAST depth a ROS reader needs for its traffic.
 
 `ServiceTimes` records how long the reader's callback takes; it needs nothing but Python.
-`replay`, `predict` and `choose` answer the question; they need the extra `depth`. Numbers only:
-where they come from, the command knows.
+`replay`, `predict` and `choose` answer the question; they need the extra `depth`. No Kafka
+and no ROS: where the numbers come from, the command knows.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""Formats: how a record's value encodes a message. One file each, one table of them.
+"""Formats: how a record's value encodes a message. A file or folder each, one table.
 
 A format is asked once, when its route starts, for the functions that its loop will call:
 `decode` makes the CDR bytes of a message from a record's value, `encode` the reverse. It knows the

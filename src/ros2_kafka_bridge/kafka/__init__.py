@@ -1,5 +1,6 @@
 """Everything that touches Kafka; no other room moves records with confluent_kafka.
 
-(`formats` asks its Schema Registry client, `testing` and `demo` are clients of their own.)
-Nothing here knows a route or its configuration.
+It is given properties, topics and names, and knows neither a route nor the configuration.
+(`formats` and `check` use its Schema Registry client; `testing` and `demo` are clients of their
+own.)
 """

@@ -1,4 +1,5 @@
 """What watches a bridge, in a process beside those that move messages: metrics, health, page.
 
-It may use every room but the command line; nobody imports it, the supervisor starts it.
+It may use every room below. No other room imports it: the supervisor starts it. (The warehouse's
+page shares its `guard`.)
 """

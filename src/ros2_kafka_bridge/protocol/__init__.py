@@ -1,4 +1,4 @@
-"""What the processes of one bridge tell each other, and what is read of it, in the same words.
+"""What the processes of one bridge tell each other, and how all of them read it alike.
 
-Values only: who sends and who answers is in `process`, `monitoring` and `ros`.
+No pipe and no thread: who sends and who answers is in `process`, `monitoring` and `ros.control`.
 """

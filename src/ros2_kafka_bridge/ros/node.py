@@ -1,4 +1,4 @@
-"""The bridge's one node in the ROS graph, and what it sees there."""
+"""The node of a process in the ROS graph, and what it sees there."""
 
 import logging
 import os

@@ -6,5 +6,5 @@
 - `orders`: the random warehouse orders of the demo and of the benchmarks.
 
 Import the module that you need: this package itself imports nothing. Of the bridge only the demo
-uses it.
+uses it; what is for the bridge's own tests alone is in `rig`, and not shipped.
 """

@@ -1,4 +1,4 @@
-"""Who runs a route, and when: again after a failure, by a lock, for a term.
+"""Who runs a route, and when: its lane in a running bridge, and the term that a lock gives it.
 
-Above the directions, which know only that a stop was asked for.
+No direction imports it: a term is a stop to them as any other.
 """
