@@ -1,6 +1,6 @@
-"""The commands, a folder each, or a file: `cli` is its part of the command line.
+"""The commands: each a folder whose `cli` is its part of the command line, or that part alone.
 
-That is loaded for every `--help`, the rest of a folder when its command runs. Commands look, and
-change nothing but what they are asked to: they write the files that are named, and
-`dead-letters replay` sends again.
+That is loaded for every `--help`, the rest when the command runs. All but `run` and `demo` look,
+and change nothing but what they are asked to: they write files that are named, and `dead-letters
+replay` sends again.
 """

@@ -2,5 +2,6 @@
 
 Read in this order: `run` is the whole demo, `trip` the way of the orders through one contestant,
 `contestants` who that can be, `tally` what is counted, `table` what a person sees of it. It is a
-client of its own, and starts the bridge as a supervisor would; nothing else uses it.
+client of its own, and starts the process that `run` becomes. Only its command uses
+it.
 """

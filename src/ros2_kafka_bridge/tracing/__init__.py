@@ -1,5 +1,5 @@
 """Spans of the messages on their way, by OpenTelemetry: an extra, off by default.
 
-A direction tells it what happens and is told nothing. The trace context in the headers is carried
-without it (`route.trace_context`).
+It hears what a direction does with a message, adds a `traceparent`, and decides nothing. Without
+it the trace context in the headers is carried all the same (`route.trace_context`).
 """

@@ -21,16 +21,12 @@ def archived(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
 
 
 def test_of_several_that_begin_at_once_one_makes_the_archive(
-    archived: list[Path], tmp_path: Path
+    archived: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    barrier = Barrier(3)
-
-    def begin(_number: int) -> Path:
-        barrier.wait(10)
-        return local_kafka.install_kafka(tmp_path)
-
+    all_have_looked = Barrier(3)
+    monkeypatch.setattr(kafka_jars, '_check_tools', lambda: all_have_looked.wait(10))
     with ThreadPoolExecutor(3) as threads:
-        (jars,) = set(threads.map(begin, range(3)))
+        (jars,) = set(threads.map(local_kafka.install_kafka, [tmp_path] * 3))
     assert archived == [jars]
 
 
