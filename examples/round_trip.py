@@ -61,14 +61,16 @@ def main() -> None:
     started_s = time.monotonic()
     send(args.bootstrap_servers, sent)
     received = receive(consumer, sent, args.patience)
+    took_s = time.monotonic() - started_s
     consumer.close()
 
-    lost = len(sent) - len(set(received))
-    repeated = len(received) - len(set(received))
-    order = 'in order' if received == [v for v in sent if v in set(received)] else 'out of order'
+    came = dict.fromkeys(received)  # in the order in which each came first
+    lost = len(sent) - len(came)
+    repeated = len(received) - len(came)
+    order = 'in order' if list(came) == [x for x in sent if x in came] else 'out of order'
     print(
-        f'{len(sent)} orders sent, {len(received)} came back in '
-        f'{time.monotonic() - started_s:.1f} s: {lost} lost, {repeated} repeated, {order}'
+        f'{len(sent)} orders sent, {len(received)} came back in {took_s:.1f} s: '
+        f'{lost} lost, {repeated} repeated, {order}'
     )
     sys.exit(1 if lost else 0)
 
