@@ -2,6 +2,6 @@
 
 Read in this order: `run` is the whole demo, `trip` the way of the orders through one contestant,
 `contestants` who that can be, `tally` what is counted, `table` what a person sees of it. It is a
-client of its own, and starts the process that `run` becomes. Only its command uses
+client of its own, and starts the process that `run` becomes. In the bridge its command alone uses
 it.
 """
