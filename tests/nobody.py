@@ -1,7 +1,5 @@
 """A direction that holds nothing, for tests of a source of records alone."""
 
-from collections.abc import Mapping
-
 
 class Nobody:
     """Calls of a source while it is polled, which change nothing."""
@@ -9,6 +7,5 @@ class Nobody:
     def revoked(self, partitions: frozenset[int]) -> None:
         pass
 
-    def lost(self, partitions: frozenset[int]) -> Mapping[int, int]:
-        del partitions
-        return {}
+    def lost(self, partitions: frozenset[int]) -> None:
+        pass

@@ -109,8 +109,8 @@ class Rebalance(Protocol):
     def revoked(self, partitions: frozenset[int]) -> None:
         """Finish and commit what can be, then forget these partitions."""
 
-    def lost(self, partitions: frozenset[int]) -> Mapping[int, int]:
-        """Forget these partitions, others may have them already; tell the next to read of each."""
+    def lost(self, partitions: frozenset[int]) -> None:
+        """Forget these partitions, others may have them already."""
 
 
 class Load(NamedTuple):
@@ -133,7 +133,11 @@ class Matches(NamedTuple):
 
 
 class RecordSource(Protocol):
-    """The records of one topic, read as a member of a group."""
+    """The records of one topic, read as a member of a group.
+
+    It keeps how far each partition has come, and hears of it by `advance`. Behind the last record
+    there may be offsets that are no records (marks of transactions): it passes them by itself.
+    """
 
     @property
     def away(self) -> str:
@@ -150,14 +154,6 @@ class RecordSource(Protocol):
         """How often partitions came or went."""
         ...
 
-    @property
-    def ends(self) -> Mapping[int, int]:
-        """Of each partition that was read to its end: the offset before which nothing is left.
-
-        Marks of transactions have offsets, too, and are no records.
-        """
-        ...
-
     def open(self, rebalance: Rebalance) -> None:
         """Join the group."""
 
@@ -165,22 +161,25 @@ class RecordSource(Protocol):
         """Wait up to `timeout_s` for the first record, then return what is there."""
         ...
 
-    def hold(self) -> Sequence[Record]:
+    def stay(self) -> Sequence[Record]:
         """Stay a member of the group without reading on; rarely a few records still come."""
         ...
 
-    def commit(self, positions: Mapping[int, int]) -> None:
-        """Commit the next offset to read of each partition, without waiting for it."""
+    def advance(self, positions: Mapping[int, int]) -> None:
+        """Note the next offset to read of partitions: all before it have ended."""
 
-    def commit_now(self, positions: Mapping[int, int], timeout_s: float) -> bool:
+    def commit(self) -> None:
+        """Commit how far each partition has come, without waiting for it."""
+
+    def commit_now(self, timeout_s: float) -> bool:
         """Commit and wait; False when it was not confirmed in time."""
         ...
 
-    def commit_before_revoke(self, positions: Mapping[int, int]) -> None:
+    def commit_before_revoke(self) -> None:
         """Commit from inside `Rebalance.revoked`."""
 
-    def lag(self, positions: Mapping[int, int]) -> int:
-        """How many records of the assigned partitions come behind `positions`."""
+    def lag(self) -> int:
+        """How many records of the partitions come behind what has ended."""
         ...
 
     def close(self) -> None:

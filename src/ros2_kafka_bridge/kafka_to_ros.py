@@ -11,7 +11,7 @@ drop_oldest drops leaves at once, and counts with what is before it.
 import logging
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
@@ -97,7 +97,7 @@ class KafkaToRos:
         self._occasional = summed(log)
         self._traces = traces
         self._read_headers = traces.reader(lambda: self._window.entries[-1])
-        self._window = RecordWindow(route.max_in_flight, route.max_in_flight_bytes)
+        self._window = RecordWindow(route.max_in_flight, route.max_in_flight_bytes, source.advance)
         self._settling = Settling(route.min_subscribers)
         self._blocked_since_s: float | None = None
         self._drained_by_s = math.inf
@@ -142,7 +142,7 @@ class KafkaToRos:
         """Stay in the group, and finish what was published."""
         self._blocked_since_s = None
         self._confirm()
-        self._hold()
+        self._stay()
         self._settle()
         self._tick(None)
         time.sleep(_LONGEST_NAP_S)
@@ -155,9 +155,9 @@ class KafkaToRos:
         for record in records:
             self._accept(record, taken_s)
 
-    def _hold(self) -> None:
+    def _stay(self) -> None:
         taken_s = time.monotonic()
-        for record in self._source.hold():
+        for record in self._source.stay():
             self._accept(record, taken_s)
 
     def _take(self, record: Record, value: bytes | None, taken_s: float) -> Entry:
@@ -261,7 +261,7 @@ class KafkaToRos:
         if drops and not self._window.is_full:
             self._poll(_BUSY_S)
         elif now_s - self._blocked_since_s > HOLD_AFTER_S:
-            self._hold()
+            self._stay()
         if drops:
             self._count(self._window.drop_oldest())
         if obstacle == 'max_rate':
@@ -304,8 +304,6 @@ class KafkaToRos:
     def _settle(self) -> None:
         if ended := self._window.settle():
             self._count(ended)
-        if not self._window:
-            self._window.skip_to(self._source.ends)
         self._traces.look()
 
     def _count(self, ended: list[Entry]) -> None:
@@ -324,7 +322,7 @@ class KafkaToRos:
         now_s = time.monotonic()
         if now_s >= self._commit_at_s:
             self._commit_at_s = now_s + COMMIT_S
-            self._source.commit(self._window.positions)
+            self._source.commit()
         if not self._telling.is_due(self._pause):
             return
         waiting = ''
@@ -337,7 +335,7 @@ class KafkaToRos:
 
     def _show(self, reason: str) -> None:
         self._telling.tell(reason, self._source.away, self._pause)
-        self._take_snapshot(self._source.lag(self._window.positions))
+        self._take_snapshot(self._source.lag())
 
     def _take_snapshot(self, lag: int | None) -> None:
         self.counters.lost_upstream = self._source.lost_upstream
@@ -359,18 +357,15 @@ class KafkaToRos:
                 self._confirm()
                 time.sleep(_BUSY_S)
         self._settle()
-        self._source.commit_before_revoke(self._window.positions)
+        self._source.commit_before_revoke()
         self.lost(partitions)
 
-    def lost(self, partitions: frozenset[int]) -> Mapping[int, int]:
-        """Forget these partitions, others may have them already; tell the next to read of each."""
+    def lost(self, partitions: frozenset[int]) -> None:
+        """Forget these partitions, others may have them already."""
         with suppress(BridgeError):
             self._confirm()
         self._settle()
-        positions = {p: at for p, at in self._window.positions.items() if p in partitions}
         self._give_back(self._window.of(partitions))
-        self._window.forget(partitions)
-        return positions
 
     def _give_back(self, entries: list[Entry]) -> None:
         """Return entries to Kafka: their offsets are not committed, they are read again."""
@@ -385,13 +380,13 @@ class KafkaToRos:
         self._give_back(self._window.unpublished())
         while self._window and time.monotonic() < deadline_s and not stop.at_once:
             self._confirm()
-            stays = stays and self._stay()
+            stays = stays and self._stay_draining()
             self._give_back(self._window.unpublished())
             self._settle()
             time.sleep(_BUSY_S)
         left = len(self._window)
         patience_s = 0.0 if stop.at_once else max(1.0, deadline_s - time.monotonic())
-        committed = self._source.commit_now(self._window.positions, patience_s)
+        committed = self._source.commit_now(patience_s)
         if left:
             self._log.warning(
                 'gave up waiting for %d records in flight: they are read again next time', left
@@ -399,7 +394,7 @@ class KafkaToRos:
         if not committed:
             self._log.warning('the last offsets are not committed: some records are repeated')
 
-    def _stay(self) -> bool:
+    def _stay_draining(self) -> bool:
         """Stay in the group while the drain lasts; what still comes goes back as it is.
 
         Returns:
@@ -407,7 +402,7 @@ class KafkaToRos:
         """
         taken_s = time.monotonic()
         try:
-            records = self._source.hold()
+            records = self._source.stay()
             self._give_back([self._take(record, record.value(), taken_s) for record in records])
             self._tick(None)
         except BridgeError as error:
@@ -424,9 +419,8 @@ class KafkaToRos:
         finally:
             self._give_back(list(self._window.entries))
             self._traces.look()
-            self._source.commit_now(self._window.positions, _LAST_COMMIT_S)
+            self._source.commit_now(_LAST_COMMIT_S)
             self._source.close()
             self._dead_letters.close()
-            self._window.forget(frozenset(self._window.positions))
             self.counters.tell_end()
             self._take_snapshot(None)

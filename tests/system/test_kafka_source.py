@@ -76,7 +76,7 @@ def test_guarantee_1_what_is_deleted_faster_than_it_is_read_is_counted_once_and_
 
     def read_to(end: int) -> bool:
         read(500)
-        return source.ends.get(0) == end
+        return source._partitions[0].end == end
 
     with opened(bench, topic_name) as source:
         eventually(
@@ -128,9 +128,10 @@ def test_a_source_whose_name_in_the_group_was_taken_closes_and_reads_on_when_ope
         return len(taken) >= count
 
     eventually(lambda: read(1), 30)
-    assert source.commit_now({0: 1}, 20)
-    source._anew_at_s = time.monotonic()
-    with contextlib.closing(Consumer(source._properties)) as usurper:
+    source.advance({0: 1})
+    assert source.commit_now(20)
+    source._member._anew_at_s = time.monotonic()
+    with contextlib.closing(Consumer(source._member._properties)) as usurper:
         usurper.subscribe([topic_name])
         with pytest.raises(RouteError, match='taken a late request for another member'):
             poll_until_it_raises(usurper, source)
@@ -176,16 +177,19 @@ def test_a_client_of_no_use_has_another_and_what_was_confirmed_does_not_come_aga
 
     source.open(Nobody())
     eventually(lambda: read(2), 60)
-    assert source.commit_now({0: 1}, 20)
+    source.advance({0: 1})
+    assert source.commit_now(20)
     source._health.on_error(KafkaError(KafkaError._ALL_BROKERS_DOWN))
-    source.commit({0: 2})  # which Kafka is not told: it is away
+    source.advance({0: 2})
+    source.commit()  # which Kafka is not told: it is away
     assert bench.committed(group, topic_name) == 1
-    with contextlib.closing(Consumer(source._properties)) as usurper:
+    with contextlib.closing(Consumer(source._member._properties)) as usurper:
         useless(source, usurper)
         eventually(lambda: not read(3) and 'begins anew with another' in caplog.text, 60)
     bench.produce(topic_name, [b'third'])
     eventually(lambda: read(3), 60)
-    eventually(lambda: source.commit_now({0: 3}, 20), 60)
+    source.advance({0: 3})
+    eventually(lambda: source.commit_now(20), 60)
     source.close()
     assert taken == [b'first', b'second', b'third']
     assert bench.committed(group, topic_name) == 3
@@ -211,13 +215,13 @@ def test_a_client_that_does_not_read_what_its_partition_holds_is_given_up(
         return len(taken) >= count
 
     with opened(bench, topic_name) as source:
-        eventually(lambda: read(1) and source.ends == {0: 1, 1: 0}, 30)
+        eventually(lambda: read(1) and [part.end for part in source._partitions] == [1, 0], 30)
         # Only now: while it begins, a client may well be slower than that.
         monkeypatch.setattr('ros2_kafka_bridge.kafka.watchdog._STUCK_LOOK_S', 0.3)
-        source._watch.begin()
-        source.commit({0: 1})
-        assert source._consumer is not None
-        source._consumer.pause([TopicPartition(topic_name, 0)])
+        source._member._watch.begin()
+        source.advance({0: 1})
+        source.commit()
+        source._member.client.pause([TopicPartition(topic_name, 0)])
         bench.produce(topic_name, [b'second'], partition=0)
         with pytest.raises(RouteError, match='that the Kafka client does not read: begins anew'):
             poll_on(source)

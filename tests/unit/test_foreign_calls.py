@@ -20,10 +20,11 @@ from ros2_kafka_bridge import wiring as wiring_module
 from ros2_kafka_bridge.config.settings import Config, QoS
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import BridgeError, RouteError
-from ros2_kafka_bridge.kafka import admin, consumer, lock, producer, tail
+from ros2_kafka_bridge.kafka import admin, commits, lock, member, producer, tail
 from ros2_kafka_bridge.kafka.commits import Commits
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.lock import GroupLock
+from ros2_kafka_bridge.kafka.partitions import Partitions
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.tail import Tail
 from ros2_kafka_bridge.message_types.layout import Layout
@@ -50,9 +51,9 @@ Life = Callable[[Library], Iterator[Callable[[], object]]]
 
 @pytest.fixture(autouse=True)
 def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, limit in ((consumer, '_LEAVE_S'), (lock, '_LEAVE_S'), (lock, '_REQUEST_S')):
+    for module, limit in ((member, '_LEAVE_S'), (lock, '_LEAVE_S'), (lock, '_REQUEST_S')):
         monkeypatch.setattr(module, limit, 0.02)
-    monkeypatch.setattr(consumer, '_HAND_OVER_S', 0.02)
+    monkeypatch.setattr(commits, '_HAND_OVER_S', 0.02)
     monkeypatch.setattr(lock, '_AGAIN_S', 0.0)
 
 
@@ -71,14 +72,17 @@ def kafka_source(client: Library) -> Iterator[Callable[[], object]]:
     client.consume.return_value = [record(), error(KafkaError._AUTO_OFFSET_RESET)]
     yield lambda: source.poll(10, 0.0)
     client.poll.return_value = None
-    yield source.hold
-    yield lambda: source.lag({0: 5})
-    yield lambda: source.commit({0: 6})
+    yield source.stay
+    yield source.lag
+    yield lambda: source.advance({0: 6})
+    yield source.commit
     yield lambda: source.poll(10, 0.0)
-    yield lambda: setattr(source._watch, '_stuck_look_at_s', 0.0)
+    yield lambda: setattr(source._member._watch, '_stuck_look_at_s', 0.0)
     yield lambda: source.poll(10, 0.0)
-    yield lambda: source.commit_now({0: 7}, 0.1)
-    yield lambda: source.commit_before_revoke({0: 8})
+    yield lambda: source.advance({0: 7})
+    yield lambda: source.commit_now(0.1)
+    yield lambda: source.advance({0: 8})
+    yield source.commit_before_revoke
     yield lambda: call_back(client, 'on_revoke')
     yield source.close
 
@@ -167,7 +171,7 @@ def error(code: int) -> MagicMock:
 def of_kafka(monkeypatch: pytest.MonkeyPatch) -> Library:
     """A library whose clients are all one."""
     client = MagicMock()
-    for module in (consumer, tail, lock):
+    for module in (member, tail, lock):
         monkeypatch.setattr(module, 'Consumer', lambda *_, **__: client.Consumer() and client)
     monkeypatch.setattr(producer, 'Producer', lambda *_, **__: client.Producer() and client)
     monkeypatch.setattr(admin, 'AdminClient', lambda *_, **__: client.AdminClient() and client)
@@ -362,16 +366,16 @@ def test_guarantee_4_a_route_that_cannot_be_made_leaves_no_reader_behind(
 
 def test_a_commit_is_waited_for_but_not_without_limit() -> None:
     client, answers = MagicMock(), threading.Event()
-    commits = Commits(client)
-    commits.within(5.0, [HERE])
+    commits = Commits(client, 't', Partitions(), MagicMock(), LOG)
+    commits.within(5.0, {0: 5})
     client.commit.assert_called_once_with(offsets=[HERE], asynchronous=False)
     refused = KafkaError(KafkaError.GROUP_AUTHORIZATION_FAILED, 'refused')
     client.commit.side_effect = KafkaException(refused)
     with pytest.raises(KafkaException, match='refused'):
-        commits.within(5.0, [HERE])
+        commits.within(5.0, {0: 5})
     client.commit.side_effect = lambda **_: answers.wait(30)
     with pytest.raises(KafkaException, match=r'within 0\.05 s'):
-        commits.within(0.05, [HERE])
+        commits.within(0.05, {0: 5})
     assert not unattended.ends_within(0.05, 'close', commits.close_client)
     client.close.assert_not_called()
     answers.set()

@@ -5,7 +5,7 @@ import re
 import time
 import traceback
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Sequence
 from contextlib import suppress
 from datetime import datetime, timedelta
 from random import Random
@@ -17,6 +17,7 @@ from hypothesis import given, settings, strategies
 from ros2_kafka_bridge import kafka_to_ros
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters
+from ros2_kafka_bridge.endpoints import Record
 from ros2_kafka_bridge.errors import DecodeError, RouteError
 from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.kafka_to_ros import BATCH, KafkaToRos
@@ -109,7 +110,7 @@ class House:
 
     def positions(self) -> dict[int, int]:
         self.direction._settle()
-        return dict(self.direction._window.positions)
+        return self.source.positions
 
     def confirmed(self) -> int:
         return self.direction.counters.snapshot(0).confirmed
@@ -120,7 +121,7 @@ def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
 
 
-@pytest.mark.parametrize('how', ['revoked', 'lost'])
+@pytest.mark.parametrize('how', ['revoke', 'lose'])
 def test_guarantee_1_a_hand_over_ends_also_where_the_readers_cannot_be_asked(
     how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -133,7 +134,7 @@ def test_guarantee_1_a_hand_over_ends_also_where_the_readers_cannot_be_asked(
         raise RouteError('publisher of /orders: no')
 
     monkeypatch.setattr(house.sink, 'readers', fail)
-    getattr(house.direction, how)(frozenset({0}))
+    getattr(house.source, how)(frozenset({0}))
     house.check_balance()
     assert house.direction.counters.snapshot(0).returned == 2
     assert house.positions() == {}
@@ -315,15 +316,15 @@ def test_the_client_of_the_dead_letters_is_polled_also_while_there_are_none(
     assert polled
 
 
-def test_what_was_confirmed_of_a_partition_that_is_lost_is_told() -> None:
+def test_what_was_confirmed_of_a_partition_that_is_lost_is_told_before_it_goes() -> None:
     house = House()
     house.sink.acknowledging = False
     house.give(b'a', b'b', b'c')
     house.give(b'd', partition=1)
     house.steps()
     house.sink.acknowledge(2)
-    assert house.direction.lost(frozenset({0})) == {0: 2}
-    assert house.direction.lost(frozenset({0})) == {}
+    house.direction.lost(frozenset({0}))
+    assert house.source.positions == {0: 2, 1: 0}
     house.check_balance()
 
 
@@ -412,8 +413,7 @@ def test_revoked_partitions_are_committed_and_the_rest_is_given_back(
     house.give(b'x', b'y', partition=1)
     house.steps()
     house.sink.acknowledge(3)
-    assert house.source.rebalance is not None
-    house.source.rebalance.revoked(frozenset({1}))
+    house.source.revoke(frozenset({1}))
     assert house.source.committed == {0: 2, 1: 1}
     assert house.positions() == {0: 2}
     assert house.direction.counters.snapshot(0).returned == 1
@@ -429,8 +429,7 @@ def test_lost_partitions_are_not_committed() -> None:
     house.sink.acknowledging = False
     house.give(b'a')
     house.steps()
-    assert house.source.rebalance is not None
-    house.source.rebalance.lost(frozenset({0}))
+    house.source.lose(frozenset({0}))
     assert house.positions() == {}
     assert house.direction.counters.snapshot(0).returned == 1
 
@@ -654,16 +653,16 @@ def test_a_long_drain_stays_in_the_group_and_commits_as_it_goes(
     holds: list[float] = []
     before_the_end: list[dict[int, int]] = []
 
-    def hold() -> tuple[()]:
+    def stay() -> tuple[()]:
         holds.append(time.monotonic())
         house.sink.acknowledge(1 if len(holds) == 1 else 0)
         return ()
 
-    def commit_now(positions: Mapping[int, int], timeout_s: float) -> bool:
+    def commit_now(timeout_s: float) -> bool:
         before_the_end.append(dict(house.source.committed))
-        return MemoryRecordSource.commit_now(house.source, positions, timeout_s)
+        return MemoryRecordSource.commit_now(house.source, timeout_s)
 
-    monkeypatch.setattr(house.source, 'hold', hold)
+    monkeypatch.setattr(house.source, 'stay', stay)
     monkeypatch.setattr(house.source, 'commit_now', commit_now)
     stop = Stop()
     stop.ask()
@@ -681,11 +680,11 @@ def test_guarantee_7_a_drain_waits_for_what_is_in_flight_also_where_kafka_fails_
     house.give(b'a', b'b')
     house.steps()
 
-    def hold() -> tuple[()]:
+    def stay() -> tuple[()]:
         house.sink.acknowledging = True  # a moment later
         raise RouteError('topic orders: shut out')
 
-    monkeypatch.setattr(house.source, 'hold', hold)
+    monkeypatch.setattr(house.source, 'stay', stay)
     stop = Stop()
     stop.ask()
     house.direction.run(stop)
@@ -703,12 +702,13 @@ def test_what_still_comes_in_a_drain_is_given_back_unseen(
     house.steps()
     late = [[MemoryRecord(b'bad', 1)], [MemoryRecord(b'x', 0, 1), MemoryRecord(b'away', 2)]]
 
-    def hold() -> list[MemoryRecord]:
+    def stay() -> Sequence[Record]:
         house.source.ends |= {0: 3, 1: 1}
         house.sink.acknowledging = not late
-        return late.pop(0) if late else []
+        house.source.waiting.extend(late.pop(0) if late else [])
+        return house.source.hand_out(500)
 
-    monkeypatch.setattr(house.source, 'hold', hold)
+    monkeypatch.setattr(house.source, 'stay', stay)
     stop = Stop()
     stop.ask()
     house.direction.run(stop)
@@ -901,7 +901,7 @@ def test_what_is_dropped_in_between_moves_no_position_past_what_has_not_ended(
             elif event == 'lose':
                 house.sink.lose_reader()
             house.steps(random.choice([0, 1, 2]))
-            assert all(e.offset >= window.positions[e.partition] for e in window.entries)
+            assert all(e.offset >= house.source.positions[e.partition] for e in window.entries)
         house.sink.acknowledging = house.letters.answering = True
         house.steps(len(events) + 3)
         assert house.positions() == dict(given)
@@ -931,7 +931,7 @@ def test_what_is_read_after_such_a_failure_is_never_published_undecoded() -> Non
     house.give(b'away')
     house.give(b'b', partition=1)
     house.direction._poll(0.0)
-    house.direction.lost(frozenset({0}))
+    house.source.lose(frozenset({0}))
     house.give(b'c', partition=1, first=1)
     with pytest.raises(RouteError):
         house.steps()
@@ -1033,7 +1033,7 @@ def test_bytes_that_are_in_flight_are_taken_and_those_given_back_stay_so() -> No
     house.direction._show('')
     measures = house.direction.snapshot.measures
     assert (measures.bytes_taken, measures.bytes_confirmed, measures.queued) == (5, 3, 1)
-    house.direction.lost(frozenset({0}))
+    house.source.lose(frozenset({0}))
     house.direction._show('')
     assert house.direction.snapshot.measures.bytes_taken == 5
 
@@ -1124,11 +1124,11 @@ def test_a_stop_drains_a_paused_route(monkeypatch: pytest.MonkeyPatch) -> None:
     house.give(b'a')
     stop = Stop()
 
-    def hold() -> tuple[()]:
+    def stay() -> tuple[()]:
         stop.ask()
         return ()
 
-    monkeypatch.setattr(house.source, 'hold', hold)
+    monkeypatch.setattr(house.source, 'stay', stay)
     house.direction.run(stop, Pause(asked=True))
     assert house.sink.published == []
     assert house.direction.snapshot.state == 'stopped'

@@ -111,7 +111,7 @@ class House:
         for _ in range(8):
             self.direction._step()
         self.direction._settle()
-        return dict(self.direction._window.positions)
+        return self.source.positions
 
 
 @pytest.fixture(autouse=True)

@@ -7,6 +7,7 @@ from confluent_kafka import OFFSET_BEGINNING, Consumer, KafkaException, TopicPar
 
 from ros2_kafka_bridge.errors import About
 from ros2_kafka_bridge.kafka.commits import Commits
+from ros2_kafka_bridge.kafka.partitions import Partition
 from ros2_kafka_bridge.logs.lines import summed
 
 _REQUEST_S = 10.0
@@ -35,8 +36,7 @@ class Beginnings:
 
     def __init__(self, topic: str, start: str, log: logging.LoggerAdapter[logging.Logger]) -> None:
         self.lost = 0
-        self.wanted: dict[int, int] = {}  # of partitions cut off, until something is read there
-        self._counted: dict[int, range] = {}  # the last of what is in `lost`
+        self._counted: dict[int, range] = {}  # the last of what is in `lost`, also of earlier runs
         self._topic = topic
         self._start = start
         self._log = log
@@ -50,64 +50,57 @@ class Beginnings:
         self,
         client: Consumer,
         commits: Commits,
-        partition: int,
+        partition: Partition,
         wanted: int | None,
-        known: int | None,
     ) -> Beginning:
         """Find where to read on.
 
         Args:
             client: Whom to ask.
             commits: Its commits.
-            partition: The partition.
+            partition: Where it stands.
             wanted: The offset that is not there; None where the group has none.
-            known: The offset that this bridge would commit now; None where it knows of none.
 
         Raises:
             KafkaException: The broker does not answer, or refuses.
         """
-        if wanted is not None and wanted < self._bounds(client, partition)[0]:
-            return self._cut_off(partition, wanted)
+        if wanted is not None and wanted < self._bounds(client, partition.number)[0]:
+            return _cut_off(partition, wanted)
         everywhere = self._everywhere(client)
         committed = {
             p.partition: p.offset
             for p in client.committed(everywhere, timeout=_REQUEST_S)
             if p.offset >= 0
         }
-        if not committed and known is None:
-            return Beginning(self._first_start(client, commits, everywhere)[partition])
-        low, high = self._bounds(client, partition)
-        at = committed.get(partition)
-        if at is not None:
+        if not committed and partition.next is None:
+            return Beginning(self._first_start(client, commits, everywhere)[partition.number])
+        low, high = self._bounds(client, partition.number)
+        if (at := committed.get(partition.number)) is not None:
             return self._at_committed(partition, at, low, high)
-        if known is not None:  # the offsets of the group went with the topic
-            self._say_not_there(partition, max(known, high + 1), low, high)
+        if partition.next is not None:  # the offsets of the group went with the topic
+            self._say_not_there(partition, max(partition.next, high + 1), low, high)
             return Beginning(low, anew=True)
         return Beginning(low)
 
-    def reached(self, client: Consumer, partition: int, offset: int) -> None:
+    def on_reached(self, client: Consumer, partition: Partition, offset: int) -> None:
         """Note the first offset, of a record or of the end, that is there behind a gap."""
-        wanted = self.wanted.pop(partition)
-        if offset <= wanted:
+        wanted, partition.wanted = partition.wanted, None
+        if wanted is None or offset <= wanted:
             return
         try:
-            low, _ = self._bounds(client, partition)
+            low, _ = self._bounds(client, partition.number)
         except KafkaException:
             low = offset
         # Behind the beginning there may be gaps of another kind: marks and compacted records.
-        self._count(partition, range(wanted, min(low, offset)))
-
-    def forget(self, partition: int) -> None:
-        """Note that another reads this partition now."""
-        self.wanted.pop(partition, None)
+        self._count(partition.number, range(wanted, min(low, offset)))
 
     def _everywhere(self, client: Consumer) -> list[TopicPartition]:
         metadata = client.list_topics(self._topic, timeout=_REQUEST_S)
         return [TopicPartition(self._topic, p) for p in metadata.topics[self._topic].partitions]
 
-    def _bounds(self, client: Consumer, partition: int) -> tuple[int, int]:
+    def _bounds(self, client: Consumer, number: int) -> tuple[int, int]:
         return client.get_watermark_offsets(
-            TopicPartition(self._topic, partition), timeout=_REQUEST_S
+            TopicPartition(self._topic, number), timeout=_REQUEST_S
         )
 
     def _first_start(
@@ -120,48 +113,50 @@ class Beginnings:
         """
         side = 0 if self._start == 'earliest' else 1
         offsets = {p.partition: self._bounds(client, p.partition)[side] for p in everywhere}
-        places = [TopicPartition(self._topic, p, offset) for p, offset in offsets.items()]
-        commits.within(_REQUEST_S, places)
+        commits.within(_REQUEST_S, offsets)
         self._log.info('first start of this group: begins at the %s record', self._start)
         return offsets
 
-    def _at_committed(self, partition: int, committed: int, low: int, high: int) -> Beginning:
+    def _at_committed(
+        self, partition: Partition, committed: int, low: int, high: int
+    ) -> Beginning:
         if committed < low:
-            return self._cut_off(partition, committed)
+            return _cut_off(partition, committed)
         if committed <= high:
             return Beginning(committed)  # meanwhile, at the first start of the group
         self._say_not_there(partition, committed, low, high)
         return Beginning(low)
 
-    def _cut_off(self, partition: int, wanted: int) -> Beginning:
-        # An offset would be gone again where the broker deletes faster than it can be asked for
-        # and fetched: so the client itself looks for it, each time that it fetches.
-        self.wanted[partition] = min(wanted, self.wanted.get(partition, wanted))
-        return Beginning(OFFSET_BEGINNING)
-
-    def _count(self, partition: int, missing: range) -> None:
+    def _count(self, number: int, missing: range) -> None:
         # A route that fails before it has committed meets the same gap again.
-        before = self._counted.get(partition, range(0))
+        before = self._counted.get(number, range(0))
         again = range(max(missing.start, before.start), min(missing.stop, before.stop))
         news = len(missing) - len(again)
         if not news:
             return
         self.lost += news
         first = min(missing.start, before.start) if again else missing.start
-        self._counted[partition] = range(first, missing.stop)
+        self._counted[number] = range(first, missing.stop)
         self._occasional.error(
-            f'{self._topic}[{partition}]: {news} records were deleted before the bridge read them '
+            f'{self._topic}[{number}]: {news} records were deleted before the bridge read them '
             f'(offsets {missing.start} to {missing.stop - 1}); it goes on at {missing.stop}: keep '
             'the topic longer than the bridge can be away (retention.ms, retention.bytes)',
-            about=About(self._topic, partition, missing.start),
+            about=About(self._topic, number, missing.start),
         )
 
-    def _say_not_there(self, partition: int, wanted: int, low: int, high: int) -> None:
-        for known in (self.wanted, self._counted):
-            known.pop(partition, None)
+    def _say_not_there(self, partition: Partition, wanted: int, low: int, high: int) -> None:
+        number, partition.wanted = partition.number, None
+        self._counted.pop(number, None)
         self._log.error(
             '%s[%d]: offset %d is not there, the topic holds %d to %d: it was made anew or '
             'cut off; the bridge reads all that it holds now',
-            self._topic, partition, wanted, low, high - 1,
-            extra={'about': About(self._topic, partition, wanted)},
+            self._topic, number, wanted, low, high - 1,
+            extra={'about': About(self._topic, number, wanted)},
         )  # fmt: skip
+
+
+def _cut_off(partition: Partition, wanted: int) -> Beginning:
+    # An offset would be gone again where the broker deletes faster than it can be asked for
+    # and fetched: so the client itself looks for it, each time that it fetches.
+    partition.wanted = wanted if partition.wanted is None else min(wanted, partition.wanted)
+    return Beginning(OFFSET_BEGINNING)

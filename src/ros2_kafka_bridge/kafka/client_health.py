@@ -1,10 +1,11 @@
 """What a Kafka client says of itself, kept until somebody asks."""
 
+import contextlib
 import logging
 import time
 from typing import Final
 
-from confluent_kafka import KafkaError
+from confluent_kafka import Consumer, KafkaError, KafkaException
 
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka.errors import Client, Problem, explain, translate
@@ -92,6 +93,12 @@ class ClientHealth:
             if self._said:
                 self._log.info('Kafka is back')
             self._said = ''
+
+    def ask(self, client: Consumer, topic: str, within_s: float) -> None:
+        """Ask whether the broker is there: where nothing is read or sent, nothing else tells."""
+        with contextlib.suppress(KafkaException):
+            client.list_topics(topic, timeout=within_s)
+            self.on_contact()
 
     def forget_failure(self) -> None:
         """Forget what had made the client useless: it is of use again."""

@@ -1,33 +1,111 @@
-"""Commits that are waited for, within a limit."""
+"""How a member of a group commits: in passing, waited for, or in the middle of a hand-over."""
 
-from collections.abc import Sequence
-from contextlib import suppress
-from typing import TYPE_CHECKING
+import contextlib
+import logging
+import time
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Final
 
 from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
 
+from ros2_kafka_bridge.kafka.client_health import ClientHealth
+from ros2_kafka_bridge.kafka.partitions import Partitions
 from ros2_kafka_bridge.threads import unattended
 
 if TYPE_CHECKING:
     import threading
 
+_AGAIN_S: Final = 0.5
+_LAST_LOOK_S: Final = 1.0
+_HAND_OVER_S: Final = 2.0
+
 
 class Commits:
-    """The commits of one client that are waited for.
+    """The commits of one client: of what its partitions have come to, and the group has not got.
 
-    librdkafka waits without any limit for a broker that stands still (SIGSTOP: 75 s and more), so
-    each has a thread of its own. The client must not be closed while one is at work.
+    One at a time, and none while Kafka is away: what librdkafka still holds when it is back can
+    reach a broker that has given this member up, which ends the client.
 
     Args:
         client: A member of its group.
+        topic: That it reads.
+        partitions: That it has.
+        health: Of the client.
+        log: Where to say what cannot be committed.
     """
 
-    def __init__(self, client: Consumer) -> None:
+    def __init__(
+        self,
+        client: Consumer,
+        topic: str,
+        partitions: Partitions,
+        health: ClientHealth,
+        log: logging.LoggerAdapter[logging.Logger],
+    ) -> None:
         self._client = client
+        self._topic = topic
+        self._partitions = partitions
+        self._health = health
+        self._log = log
+        self._is_at_work = False  # not heard of yet
         self._late: list[threading.Thread] = []
 
-    def within(self, seconds: float, offsets: Sequence[TopicPartition]) -> None:
+    def soon(self) -> None:
+        """Commit without waiting for it."""
+        news = self._news()
+        if not news or self._is_at_work or self._health.away:
+            return
+        try:
+            self.begin(news)
+        except KafkaException as error:
+            self._log.warning('cannot commit now: %s', error.args[0].str())
+
+    def begin(self, offsets: Mapping[int, int]) -> None:
+        """Commit an offset of each partition, without waiting for it.
+
+        Raises:
+            KafkaException: That is not possible.
+        """
+        self._client.commit(offsets=places(self._topic, offsets), asynchronous=True)
+        self._is_at_work = True
+
+    def now(self, timeout_s: float) -> bool:
+        """Commit and wait; tells whether the group has all."""
+        # librdkafka's own synchronous commit waits for a broker without any limit.
+        deadline_s = time.monotonic() + timeout_s
+        again_s = 0.0
+        with contextlib.suppress(KafkaException):  # fatal for the client, and known
+            self._client.pause(self._client.assignment())
+        while self._news() and (now_s := time.monotonic()) < deadline_s:
+            if now_s >= again_s and not self._is_at_work:
+                if self._health.away:
+                    self._health.ask(
+                        self._client, self._topic, min(_LAST_LOOK_S, deadline_s - now_s)
+                    )
+                self.soon()
+                again_s = now_s + _AGAIN_S
+            with contextlib.suppress(KafkaException):  # fatal for the client, and known
+                self._client.poll(0.05)
+        return not self._news()
+
+    def before_revoke(self) -> None:
+        """Commit from inside a rebalance, where polling for the answer is not possible."""
+        news = self._news()
+        if not news:
+            return
+        try:
+            if self._health.away:
+                self.begin(news)
+            else:
+                self.within(_HAND_OVER_S, news)
+        except KafkaException as error:
+            self._log.warning('cannot commit before the hand-over: %s', error.args[0].str())
+
+    def within(self, seconds: float, offsets: Mapping[int, int]) -> None:
         """Commit, and wait until the group has it.
+
+        librdkafka waits without any limit for a broker that stands still (SIGSTOP: 75 s and
+        more), so this has a thread of its own.
 
         Raises:
             KafkaException: It was refused, or took too long: then it may still be done.
@@ -36,7 +114,7 @@ class Commits:
 
         def commit() -> None:
             try:
-                self._client.commit(offsets=list(offsets), asynchronous=False)
+                self._client.commit(offsets=places(self._topic, offsets), asynchronous=False)
             except KafkaException as error:
                 problems.append(error)
 
@@ -52,12 +130,30 @@ class Commits:
         if problems:
             raise problems[0]
 
+    def on_answer(self, error: KafkaError | None, answers: Sequence[TopicPartition]) -> None:
+        """Take what became of a commit that was not waited for (librdkafka's `on_commit`)."""
+        self._is_at_work = False
+        if error is not None:
+            self._log.warning('cannot commit now: %s', error.str())
+            return
+        self._health.on_contact()
+        good = [answer for answer in answers if answer.error is None and answer.offset >= 0]
+        self._partitions.commit({answer.partition: answer.offset for answer in good})
+
     def close_client(self) -> None:
         """Close the client, once none of its commits is at work any more."""
         for thread in self._late:
             thread.join()
-        with suppress(KafkaException):  # fatal for the client, and known
+        with contextlib.suppress(KafkaException):  # fatal for the client, and known
             self._client.close()
+
+    def _news(self) -> dict[int, int]:
+        return self._partitions.news
+
+
+def places(topic: str, offsets: Mapping[int, int]) -> list[TopicPartition]:
+    """Offsets of a topic's partitions, as the client wants them."""
+    return [TopicPartition(topic, number, offset) for number, offset in offsets.items()]
 
 
 def _failure(code: int, text: str) -> KafkaException:

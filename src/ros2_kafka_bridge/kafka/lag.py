@@ -2,66 +2,62 @@
 
 import contextlib
 import time
-from collections.abc import Mapping
 from typing import Final
 
 from confluent_kafka import Consumer, KafkaException, TopicPartition
+
+from ros2_kafka_bridge.kafka.partitions import Partition, Partitions
 
 _ENDS_EVERY_S: Final = 5.0
 _LOOK_S: Final = 0.2
 
 
 class Lag:
-    """Counts what a reader has not read yet, also while it reads nothing."""
+    """Counts what a reader has not read yet, also while it reads nothing.
 
-    def __init__(self) -> None:
+    Args:
+        topic: That it reads.
+        partitions: That it has.
+    """
+
+    def __init__(self, topic: str, partitions: Partitions) -> None:
+        self._topic = topic
+        self._partitions = partitions
         self._ends_look_at_s = 0.0
-        self._known_ends: dict[int, int] = {}  # of the partitions, while they are held
-        self._begins: dict[int, int] = {}  # of the partitions that nothing was read from yet
 
-    def count(self, client: Consumer, positions: Mapping[int, int], *, ask: bool) -> int:
-        """How many records of the assigned partitions come behind `positions`.
+    def count(self, client: Consumer, *, ask: bool) -> int:
+        """How many records of the partitions come behind what has ended.
 
         Args:
             client: Of the reader.
-            positions: The next offset to read of each partition.
             ask: Whether to ask the broker where partitions end, every few seconds: a client that
-                is held hears of it in no other way.
+                does not read hears of it in no other way.
         """
-        assigned = client.assignment()
         if ask:
-            self._look_for_ends(client, assigned, positions)
+            self._look_for_ends(client)
         total = 0
-        for partition in assigned:
-            _, end = client.get_watermark_offsets(partition, cached=True)
-            number = partition.partition
-            end = max(end, self._known_ends.get(number, -1))
-            position = positions.get(number, self._begins.get(number))
-            if end >= 0 and position is not None:
-                total += max(0, end - position)
+        for partition in self._partitions:
+            _, end = client.get_watermark_offsets(self._place(partition), cached=True)
+            end = max(end, -1 if partition.told_end is None else partition.told_end)
+            if end >= 0 and partition.next is not None:
+                total += max(0, end - partition.next)
         return total
 
-    def _look_for_ends(
-        self, client: Consumer, assigned: list[TopicPartition], positions: Mapping[int, int]
-    ) -> None:
+    def _look_for_ends(self, client: Consumer) -> None:
         now_s = time.monotonic()
         if now_s < self._ends_look_at_s:
             return
         self._ends_look_at_s = now_s + _ENDS_EVERY_S
-        unread = [place for place in assigned if place.partition not in positions]
+        here = self._partitions
+        unread = [self._place(partition) for partition in here if partition.next is None]
         with contextlib.suppress(KafkaException):  # the broker does not answer: the last ones hold
             if unread:
-                begins = client.committed(unread, timeout=_LOOK_S)
-                self._begins = {p.partition: p.offset for p in begins if p.offset >= 0}
-            for partition in assigned:
-                _, end = client.get_watermark_offsets(partition, timeout=_LOOK_S)
-                self._known_ends[partition.partition] = end
+                told = client.committed(unread, timeout=_LOOK_S)
+                here.commit({p.partition: p.offset for p in told if p.offset >= 0})
+            for partition in here:
+                _, partition.told_end = client.get_watermark_offsets(
+                    self._place(partition), timeout=_LOOK_S
+                )
 
-    def forget(self, partition: int) -> None:
-        """Note that another reads this partition now."""
-        self._known_ends.pop(partition, None)
-
-    def clear(self) -> None:
-        """Forget all partitions."""
-        self._known_ends.clear()
-        self._begins.clear()
+    def _place(self, partition: Partition) -> TopicPartition:
+        return TopicPartition(self._topic, partition.number)

@@ -123,7 +123,7 @@ def set_up(log_format: LogFormat, worker: int = 0) -> None:
     # The client's own lines repeat what the bridge says with the route and the cure.
     for client in (
         'broker',
-        'consumer',
+        'member',
         'overview',
         'producer',
         'tail',

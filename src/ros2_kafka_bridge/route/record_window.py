@@ -1,7 +1,7 @@
 """What a route from Kafka has taken and not ended yet, in the order of consumption."""
 
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from ros2_kafka_bridge.endpoints import Record
@@ -44,7 +44,7 @@ class Entry:
 
 
 class RecordWindow:
-    """The entries of a route, and the positions that may be committed for those that have left.
+    """The entries of a route; tells how far each partition has come as they leave.
 
     An entry waits in `pending` until the history takes it, then in `unconfirmed` until its readers
     have it. One that has ended leaves once all before it have: only then does its offset count.
@@ -53,18 +53,20 @@ class RecordWindow:
     Args:
         max_entries: How many may wait, where the oldest are dropped.
         max_bytes: How large all may be together.
+        advance: Told the next offset to read of partitions whose entries have left.
     """
 
-    def __init__(self, max_entries: int, max_bytes: int) -> None:
+    def __init__(
+        self, max_entries: int, max_bytes: int, advance: Callable[[Mapping[int, int]], None]
+    ) -> None:
         self.entries: deque[Entry] = deque()
         self.pending: deque[Entry] = deque()
         self.unconfirmed: deque[Entry] = deque()
-        self.positions: dict[int, int] = {}  # of each partition: the next offset to read
         self.size_bytes = 0
         self.max_entries = max_entries
         self.max_bytes = max_bytes
+        self._advance = advance
         self._confirmed = 0  # of those published since a reader was lost last
-        self._read_again: set[int] = set()  # partitions whose ends are not reached any more
 
     def __len__(self) -> int:
         return len(self.entries)
@@ -81,7 +83,6 @@ class RecordWindow:
 
     def add(self, entry: Entry) -> None:
         """Hold one more, which comes behind all others."""
-        self.positions.setdefault(entry.partition, entry.offset)
         self.entries.append(entry)
         self.size_bytes += entry.size_bytes
 
@@ -122,20 +123,9 @@ class RecordWindow:
         while entries and entries[0].outcome is not None:
             ended.append(entries.popleft())
         if ended:
-            self.positions |= {entry.partition: entry.end for entry in ended}
+            self._advance({entry.partition: entry.end for entry in ended})
             self.size_bytes -= sum([entry.size_bytes for entry in ended])
         return ended
-
-    def skip_to(self, ends: Mapping[int, int]) -> None:
-        """Move positions on behind what is no record, while nothing is held.
-
-        Not where something was given back: the end lies behind that, too.
-        """
-        for partition, offset in ends.items():
-            if partition in self._read_again:
-                continue
-            if self.positions.get(partition, offset) < offset:
-                self.positions[partition] = offset
 
     def drop_oldest(self) -> list[Entry]:
         """Drop what waits and is too much; returns what has left.
@@ -161,6 +151,7 @@ class RecordWindow:
         kept: deque[Entry] = deque()
         left: list[Entry] = []
         last: dict[int, Entry] = {}  # of each partition
+        positions: dict[int, int] = {}
         for entry in self.entries:
             if entry.outcome not in _PASSED:
                 kept.append(entry)
@@ -170,7 +161,8 @@ class RecordWindow:
             if entry.partition in last:
                 last[entry.partition].end = entry.end
             else:
-                self.positions[entry.partition] = entry.end
+                positions[entry.partition] = entry.end
+        self._advance(positions)
         self.entries = kept
         self.size_bytes -= sum([entry.size_bytes for entry in left])
         return left
@@ -200,15 +192,8 @@ class RecordWindow:
         for entry in entries:
             entry.outcome = Outcome.RETURNED
             self.size_bytes -= entry.size_bytes
-            self._read_again.add(entry.partition)
         self.entries = deque(e for e in self.entries if e.outcome is not Outcome.RETURNED)
         self.pending = deque(e for e in self.pending if e.outcome is None)
-
-    def forget(self, partitions: frozenset[int]) -> None:
-        """Forget partitions that others read, or this one from where they were left."""
-        for partition in partitions:
-            self.positions.pop(partition, None)
-        self._read_again -= partitions
 
     def holds_unconfirmed(self, partitions: frozenset[int]) -> bool:
         """Whether something of these partitions was published and has not ended."""

@@ -18,6 +18,7 @@ from ros2_kafka_bridge.endpoints import (
     Token,
 )
 from ros2_kafka_bridge.errors import BridgeError, RecordTooLargeError
+from ros2_kafka_bridge.kafka.partitions import Partitions
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,13 @@ class MemoryRecord:
 
 @dataclass
 class MemoryRecordSource:
-    """A `RecordSource` that hands out `waiting` and remembers what was committed."""
+    """A `RecordSource` that hands out `waiting` and remembers what was committed.
+
+    Args:
+        waiting: What comes next.
+        committed: The offset of each partition.
+        ends: Of a partition that ends behind its last record, with marks of transactions.
+    """
 
     waiting: deque[MemoryRecord] = field(default_factory=deque)
     committed: dict[int, int] = field(default_factory=dict)
@@ -68,6 +75,12 @@ class MemoryRecordSource:
     held: bool = False
     rebalances: int = 0
     rebalance: Rebalance | None = None
+    _partitions: Partitions = field(default_factory=Partitions)
+
+    @property
+    def positions(self) -> dict[int, int]:
+        """How far each partition has come."""
+        return self._partitions.positions
 
     def open(self, rebalance: Rebalance) -> None:
         """Join."""
@@ -77,35 +90,62 @@ class MemoryRecordSource:
         """Hand out what waits."""
         del timeout_s
         self.held = False
-        return [self.waiting.popleft() for _ in range(min(limit, len(self.waiting)))]
+        return self.hand_out(limit)
 
-    def hold(self) -> Sequence[Record]:
-        """Note that reading is held."""
+    def hand_out(self, limit: int) -> Sequence[Record]:
+        """Hand out at most `limit` of what waits."""
+        records = [self.waiting.popleft() for _ in range(min(limit, len(self.waiting)))]
+        self._partitions.assign(record.partition_number for record in records)
+        self._partitions.hand_out(records)
+        if not self.waiting:
+            for partition, end in self.ends.items():
+                self._partitions.reach_end(partition, end)
+        return records
+
+    def stay(self) -> Sequence[Record]:
+        """Note that nothing is to be read."""
         self.held = True
         return ()
 
-    def commit(self, positions: Mapping[int, int]) -> None:
-        """Remember the positions."""
-        self.committed.update(positions)
+    def lose(self, partitions: frozenset[int]) -> None:
+        """Let another have partitions."""
+        assert self.rebalance is not None, 'the source is open'
+        self.rebalance.lost(partitions)
+        self._partitions.forget(partitions)
 
-    def commit_now(self, positions: Mapping[int, int], timeout_s: float) -> bool:
-        """Remember the positions."""
+    def revoke(self, partitions: frozenset[int]) -> None:
+        """Hand partitions over."""
+        assert self.rebalance is not None, 'the source is open'
+        self.rebalance.revoked(partitions)
+        self._partitions.forget(partitions)
+
+    def advance(self, positions: Mapping[int, int]) -> None:
+        """Note how far partitions have come."""
+        self._partitions.advance(positions)
+
+    def commit(self) -> None:
+        """Remember how far all have come."""
+        self.committed.update(self._partitions.news)
+        self._partitions.commit(self.committed)
+
+    def commit_now(self, timeout_s: float) -> bool:
+        """Remember how far all have come."""
         del timeout_s
-        self.commit(positions)
+        self.commit()
         return True
 
-    def commit_before_revoke(self, positions: Mapping[int, int]) -> None:
-        """Remember the positions."""
-        self.commit(positions)
+    def commit_before_revoke(self) -> None:
+        """Remember how far all have come."""
+        self.commit()
 
-    def lag(self, positions: Mapping[int, int]) -> int:
+    def lag(self) -> int:
         """Count what waits."""
-        del positions
         return len(self.waiting)
 
     def close(self) -> None:
         """Leave."""
         self.rebalance = None
+        self._partitions.clear()
 
 
 @dataclass

@@ -1,0 +1,365 @@
+"""A member of a consumer group: how it joins and leaves, what it is given, what it loses.
+
+A client that is of no use any more is replaced here; what the route had come to goes over.
+"""
+
+import contextlib
+import logging
+import time
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Final
+
+from confluent_kafka import (
+    OFFSET_INVALID,
+    Consumer,
+    KafkaError,
+    KafkaException,
+    Message,
+    TopicPartition,
+)
+
+from ros2_kafka_bridge.endpoints import Rebalance
+from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth
+from ros2_kafka_bridge.kafka.commits import Commits, places
+from ros2_kafka_bridge.kafka.partitions import Partitions
+from ros2_kafka_bridge.kafka.recorder import Recorder
+from ros2_kafka_bridge.kafka.statistics import read
+from ros2_kafka_bridge.kafka.tls import check_files
+from ros2_kafka_bridge.kafka.watchdog import Watch
+from ros2_kafka_bridge.threads import unattended
+
+_REQUEST_S: Final = 10.0
+_LEAVE_S: Final = 2.0
+_LOOK_EVERY_S: Final = 2.0
+_LOOK_S: Final = 0.5
+_CLOSE_S: Final = 5.0
+_AT_ONCE_S: Final = 30.0  # one more client sooner is left to the route, which waits between two
+_SHUT_OUT_WORDS: Final = 'Static consumer fenced'  # librdkafka's, whatever the code
+_SHUT_OUT: Final = (
+    'the group has taken a late request for another member: begins anew with another'
+)
+
+
+class Member:
+    """A place in a group, held by one client after the other.
+
+    Args:
+        properties: librdkafka properties of a consumer with its group.
+        topic: That it reads.
+        partitions: Where to keep what it is given.
+        health: What the client says of itself.
+        log: Where to say what happens.
+    """
+
+    def __init__(
+        self,
+        properties: Mapping[str, Any],
+        topic: str,
+        partitions: Partitions,
+        health: ClientHealth,
+        log: logging.LoggerAdapter[logging.Logger],
+    ) -> None:
+        self.rebalances = 0  # how often partitions came or went
+        self.commits: Commits  # of the client
+        self._properties = dict(properties)
+        self._topic = topic
+        self._partitions = partitions
+        self._health = health
+        self._log = log
+        self._watch = Watch(topic, float(properties.get('fetch.wait.max.ms', 500)) / 1000)
+        self._consumer: Consumer | None = None
+        self._recorder: Recorder  # of the client
+        self._clients = 0  # made so far: what an old one still says does not count
+        self._rebalance: Rebalance
+        self._look_at_s = 0.0
+        self._anew_at_s = -_AT_ONCE_S
+        self._is_shut_out = False  # of the group
+        self._is_paused = False
+        self._reads_some = False  # some partitions came while the others were paused
+        self._is_leaving = False
+        self._has_joined = False
+
+    @property
+    def client(self) -> Consumer:
+        """Its client."""
+        assert self._consumer is not None, 'the source is open'
+        return self._consumer
+
+    @property
+    def away(self) -> str:
+        """Why nothing can be read just now; empty when all is well."""
+        return self._health.away or self._watch.reason
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether it stays without reading on."""
+        return self._is_paused
+
+    @property
+    def is_outside(self) -> bool:
+        """Whether it has lost partitions with its place in the group."""
+        return self._partitions.are_lost and self._watch.is_outside
+
+    # To join, and to leave
+
+    def join(self, rebalance: Rebalance) -> None:
+        """Join the group.
+
+        Raises:
+            KafkaException: librdkafka refuses the properties.
+            RouteError: A file that they name cannot be read.
+        """
+        self._rebalance = rebalance
+        self._health.on_open()
+        check_files(self._properties, f'topic {self._topic}')
+        self._begin()
+
+    def _begin(self) -> None:
+        """Join the group with a new client."""
+        self._clients += 1
+        self._watch.begin()
+        self._recorder = Recorder(logging.getLogger(f'{__name__}.librdkafka'))
+        self._is_leaving = self._is_paused = self._has_joined = self._is_shut_out = False
+        callbacks = {
+            'error_cb': self._own(self.on_error),
+            'stats_cb': self._own(self._on_statistics),
+            'on_commit': self._own(self._on_commit),
+        }
+        self._consumer = Consumer(self._properties | callbacks, logger=self._recorder)
+        self.commits = Commits(
+            self._consumer, self._topic, self._partitions, self._health, self._log
+        )
+        self._consumer.subscribe(
+            [self._topic],
+            on_assign=self._own(self._on_assign),
+            on_revoke=self._own(self._on_revoke),
+            on_lost=self._own(self._on_lost),
+        )
+
+    def _own(self, callback: Callable[..., None]) -> Callable[..., None]:
+        """A callback of the client that is made now; for nothing once there is another."""
+        client = self._clients
+
+        def called(*said: Any) -> None:
+            if client == self._clients:
+                callback(*said)
+
+        return called
+
+    def leave(self) -> None:
+        """Leave the group; what is to be committed has been."""
+        if self._consumer is None:
+            return
+        self._is_leaving = True
+        # Who leaves while it joins stays a member for Kafka: the next one would wait for it.
+        self._poll_while(lambda: not self._has_joined and not self._health.away)
+        # A member with a name stays in the group when it closes, but not when it unsubscribes.
+        with contextlib.suppress(KafkaException):  # fatal for the client, and known
+            self._consumer.unsubscribe()
+        self._poll_while(lambda: bool(self.client.assignment()))
+        self._clients += 1  # one that is left behind has no say any more
+        self._close_client()
+        self._consumer = None
+        self._partitions.clear()
+
+    def _poll_while(self, condition: Callable[[], bool]) -> None:
+        """Let the client work for a moment, without taking records."""
+        deadline_s = time.monotonic() + _LEAVE_S
+        with contextlib.suppress(KafkaException):  # fatal for the client, and known
+            while condition() and time.monotonic() < deadline_s:
+                self.client.poll(0.01)
+
+    def _close_client(self) -> None:
+        """Close a client, or leave it behind: one that is not in its group may wait for ever."""
+        try:
+            ended = unattended.ends_within(_CLOSE_S, 'old consumer', self.commits.close_client)
+        except RuntimeError:  # no more threads
+            ended = False
+        if not ended:
+            self._log.warning('the Kafka client of %s does not end: left behind', self._topic)
+
+    # To read, or not
+
+    def poll(self, timeout_s: float) -> Message | None:
+        """Wait up to `timeout_s` for what comes next; None: nothing, or another client begins.
+
+        Raises:
+            KafkaException: The client is of no use any more.
+            RouteError: That was found out otherwise.
+        """
+        try:
+            first = self.client.poll(timeout_s)
+        except KafkaException as error:  # fatal for the client
+            if not self._note_whether_shut_out(error.args[0]):
+                raise
+            first = None
+        self._health.raise_failure()
+        if self._is_shut_out or (first is None and self._health.has_lost_brokers):
+            self._begin_anew(self.client)
+            return None
+        if first is None:
+            self._look_for_broker()
+            self._look_whether_useless()
+        return first
+
+    def read_on(self) -> None:
+        """Read all partitions."""
+        if self._is_paused:
+            self.client.resume(self.client.assignment())
+            self._is_paused = False
+
+    def pause(self) -> None:
+        """Read nothing, also of partitions that have come meanwhile."""
+        if not self._is_paused or self._reads_some:
+            self.client.pause(self.client.assignment())
+            self._is_paused, self._reads_some = True, False
+
+    def begin_at(self, number: int, offset: int) -> None:
+        """Read a partition from an offset on."""
+        self.client.incremental_unassign(self._places({number: OFFSET_INVALID}))
+        self.client.incremental_assign(self._places({number: offset}))
+        self._reads_some = True
+
+    def lose_one(self, number: int) -> None:
+        """Forget what is known of a partition that it keeps: its topic was made anew."""
+        self._rebalance.lost(frozenset({number}))
+        self._resume([number])
+        self._partitions.begin_anew(number)
+
+    # What the group says
+
+    def _on_assign(self, _: Consumer, assigned: list[TopicPartition]) -> None:
+        self._reads_some = self._has_joined = True
+        self.rebalances += bool(assigned)
+        self._watch.on_assign()
+        self._health.on_contact()
+        numbers = _numbers(assigned)
+        self._partitions.assign(numbers)
+        self._log.info('reads %s', self._names(numbers))
+        self._go_on(numbers)
+
+    def _on_revoke(self, _: Consumer, revoked: list[TopicPartition]) -> None:
+        if self._is_leaving:
+            return
+        self.rebalances += bool(revoked)
+        numbers = _numbers(revoked)
+        self._log.info('hands over %s', self._names(numbers))
+        self._rebalance.revoked(numbers)
+        self._resume(numbers)
+        self._partitions.forget(numbers)
+
+    def _on_lost(self, _: Consumer, lost: list[TopicPartition]) -> None:
+        numbers = _numbers(lost)
+        self._log.warning(
+            'lost %s: Kafka has not heard of this bridge, another may read on',
+            self._names(numbers),
+        )
+        self._lose(numbers)
+
+    def _lose(self, numbers: frozenset[int]) -> None:
+        self.rebalances += 1
+        self._watch.on_lost()
+        self._rebalance.lost(numbers)
+        self._resume(numbers)
+        self._partitions.lose(numbers)
+
+    def _go_on(self, numbers: frozenset[int]) -> None:
+        """Begin at once more assigned partitions where they were lost, if nobody read on there."""
+        lost = self._partitions.take_lost(numbers)
+        if not lost:
+            return
+        try:
+            told = self.client.committed(
+                self._places(dict.fromkeys(lost, OFFSET_INVALID)), timeout=_REQUEST_S
+            )
+            resumed = {
+                place.partition: position
+                for place in told
+                if (position := lost[place.partition].position) is not None
+                and (lost[place.partition].committed or 0) <= place.offset < position
+            }
+            if resumed:
+                stored = dict.fromkeys(numbers, OFFSET_INVALID)
+                self.client.incremental_assign(self._places(stored | resumed))
+                self._partitions.advance(resumed)
+                self.commits.begin(resumed)
+        except KafkaException as error:
+            self._log.warning('begins at the committed offsets: %s', error.args[0].str())
+
+    def _resume(self, numbers: Iterable[int]) -> None:
+        # librdkafka keeps a partition paused over its loss: it would come back and never be read.
+        with contextlib.suppress(KafkaException):  # fatal for the client, and known
+            self.client.resume(self._places(dict.fromkeys(numbers, OFFSET_INVALID)))
+
+    # Whether the client is of use
+
+    def on_error(self, error: KafkaError) -> None:
+        """Take an error of the client, wherever it was told."""
+        if not self._note_whether_shut_out(error):
+            self._health.on_error(error)
+
+    def _on_commit(self, error: KafkaError | None, answers: list[TopicPartition]) -> None:
+        self.commits.on_answer(error, answers)
+
+    def _on_statistics(self, text: str) -> None:
+        self._recorder.on_statistics(text)
+        self._health.on_statistics(read(text))
+
+    def _note_whether_shut_out(self, error: KafkaError) -> bool:
+        """Whether the group has shut this client out: for a late request, its name is its own."""
+        self._is_shut_out = self._is_shut_out or _SHUT_OUT_WORDS in error.str()
+        return self._is_shut_out
+
+    def _look_for_broker(self) -> None:
+        """Ask whether a broker that was away is back: a quiet topic would not tell."""
+        now_s = time.monotonic()
+        if self._health.away and now_s >= self._look_at_s:
+            self._look_at_s = now_s + _LOOK_EVERY_S
+            self._health.ask(self.client, self._topic, _LOOK_S)
+
+    def _look_whether_useless(self) -> None:
+        """Look at a client from which nothing comes; one that is given up says what it did."""
+        try:
+            self._watch.look_whether_outside(self._health.away)
+            if not self._is_paused and not self._health.away and self._watch.is_due():
+                self._watch.look_whether_stuck(self.client, self._partitions.reached)
+        except RouteError:
+            self._recorder.tell(self._log)
+            raise
+
+    def _begin_anew(self, old: Consumer) -> None:
+        """Put another client in the place of one that is of no use any more.
+
+        What it read and the route has confirmed is not read again, unless another bridge reads on.
+
+        Raises:
+            RouteError: The last one was of no use either.
+        """
+        reason = _SHUT_OUT if self._is_shut_out else BROKERS_LOST
+        before_s, self._anew_at_s = self._anew_at_s, time.monotonic()
+        if self._anew_at_s - before_s < _AT_ONCE_S:
+            raise RouteError(f'topic {self._topic}: {reason}')
+        self._log.warning('%s', reason)
+        if self._partitions:
+            self._lose(frozenset(partition.number for partition in self._partitions))
+        self._health.on_new_client()
+        commits = self.commits
+        try:
+            self._begin()
+        finally:
+            if self._partitions.are_lost:
+                self._watch.on_lost()
+            if self._consumer is not old:
+                with contextlib.suppress(RuntimeError):  # no more threads: left behind
+                    unattended.start('old consumer', commits.close_client)
+
+    def _places(self, offsets: Mapping[int, int]) -> list[TopicPartition]:
+        return places(self._topic, offsets)
+
+    def _names(self, numbers: Iterable[int]) -> str:
+        return f'{self._topic}[{", ".join(map(str, sorted(numbers)))}]'
+
+
+def _numbers(partitions: Iterable[TopicPartition]) -> frozenset[int]:
+    return frozenset(p.partition for p in partitions)

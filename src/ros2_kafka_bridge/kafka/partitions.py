@@ -1,0 +1,185 @@
+"""Where the partitions of a topic stand: what was read, what has ended, what the group was told.
+
+The one place where a source keeps its offsets. Those who read, commit, measure the lag or look
+for a beginning ask here.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+
+class _HasPlace(Protocol):
+    """A record as far as it is looked at here."""
+
+    def partition(self) -> int | None:
+        """Number of its partition."""
+        ...
+
+    def offset(self) -> int | None:
+        """Its offset in the partition."""
+        ...
+
+
+@dataclass(slots=True)
+class Partition:
+    """Where one partition stands. All are offsets; None where that is not known.
+
+    Args:
+        number: Of the partition in its topic.
+        committed: What the group has, as it has told or been told.
+        position: Of the next record to read, were the route to begin again: all before it in
+            the order of consumption have ended.
+        read: Behind the last record that was handed out.
+        end: There is nothing left to read before it. Marks of transactions have offsets, too, and
+            are no records.
+        told_end: Where it ended when the broker was asked last.
+        wanted: Of the first record that was deleted before it was read, until one behind it is.
+    """
+
+    number: int
+    committed: int | None = None
+    position: int | None = None
+    read: int | None = None
+    end: int | None = None
+    told_end: int | None = None
+    wanted: int | None = None
+
+    @property
+    def next(self) -> int | None:
+        """The next record to read, as far as anybody knows."""
+        return self.committed if self.position is None else self.position
+
+    @property
+    def reached(self) -> int | None:
+        """How far it was read."""
+        known = (self.committed, self.position, self.read, self.end)
+        return max((offset for offset in known if offset is not None), default=None)
+
+    def advance(self, position: int) -> None:
+        """Note that all before `position` have ended."""
+        self.position = position
+        self._skip()
+
+    def reach_end(self, end: int) -> None:
+        """Note that there is nothing left before `end`."""
+        self.end = end
+        self._skip()
+
+    def _skip(self) -> None:
+        """Move the position behind what is no record, where all that was handed out has ended.
+
+        What was given back has not: the end lies behind that, too.
+        """
+        if self.end is not None and self.position is not None and self.position == self.read:
+            self.position = max(self.position, self.end)
+
+
+class Partitions:
+    """The partitions that a source has, and how far those had come that it has lost."""
+
+    def __init__(self) -> None:
+        self._here: dict[int, Partition] = {}
+        self._lost: dict[int, Partition] = {}
+
+    def __contains__(self, number: object) -> bool:
+        return number in self._here
+
+    def __iter__(self) -> Iterator[Partition]:
+        return iter(self._here.values())
+
+    def __len__(self) -> int:
+        return len(self._here)
+
+    def __getitem__(self, number: int) -> Partition:
+        return self._here[number]
+
+    @property
+    def are_lost(self) -> bool:
+        """Whether some were lost in which something had ended, and are not here again."""
+        return bool(self._lost)
+
+    @property
+    def are_cut_off(self) -> bool:
+        """Whether records of some are missing, and nothing was read behind them yet."""
+        return any(partition.wanted is not None for partition in self)
+
+    @property
+    def positions(self) -> dict[int, int]:
+        """The position of each where that is known."""
+        return {p.number: p.position for p in self if p.position is not None}
+
+    @property
+    def news(self) -> dict[int, int]:
+        """The positions that the group has not got."""
+        return {n: at for n, at in self.positions.items() if at != self._here[n].committed}
+
+    @property
+    def reached(self) -> dict[int, int]:
+        """How far each was read where that is known."""
+        return {p.number: p.reached for p in self if p.reached is not None}
+
+    # What comes and goes
+
+    def assign(self, numbers: Iterable[int]) -> None:
+        """Begin with partitions of which nothing is known."""
+        for number in numbers:
+            self._here.setdefault(number, Partition(number))
+
+    def begin_anew(self, number: int) -> None:
+        """Forget what is known of one that stays: its topic was made anew."""
+        self._here[number] = Partition(number)
+
+    def forget(self, numbers: Iterable[int]) -> None:
+        """Forget partitions that were handed over."""
+        for number in numbers:
+            self._here.pop(number, None)
+
+    def lose(self, numbers: Iterable[int]) -> None:
+        """Forget partitions, but for how far the route had come."""
+        for number in numbers:
+            partition = self._here.pop(number, None)
+            if partition is not None and partition.position is not None:
+                self._lost[number] = partition
+
+    def take_lost(self, numbers: Iterable[int]) -> dict[int, Partition]:
+        """Take back what is known of lost ones, which is forgotten then."""
+        return {number: self._lost.pop(number) for number in numbers if number in self._lost}
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._here.clear()
+        self._lost.clear()
+
+    # What is read, ends and is committed
+
+    def hand_out(self, records: Sequence[_HasPlace]) -> None:
+        """Note records that go to the route now, in the order of reading."""
+        last = {record.partition() or 0: record.offset() or 0 for record in records}
+        for number, offset in last.items():
+            if (partition := self._here.get(number)) is not None:
+                if partition.position is None:
+                    partition.position = _first(records, number)
+                partition.read = offset + 1
+
+    def advance(self, positions: Mapping[int, int]) -> None:
+        """Note positions: all before them have ended."""
+        for number, position in positions.items():
+            if (partition := self._here.get(number)) is not None:
+                partition.advance(position)
+
+    def reach_end(self, number: int, end: int) -> None:
+        """Note that there is nothing left before `end`."""
+        if (partition := self._here.get(number)) is not None:
+            partition.reach_end(end)
+
+    def commit(self, offsets: Mapping[int, int]) -> None:
+        """Note what the group has got; an answer may come when another reads on already."""
+        for number, offset in offsets.items():
+            if (partition := self._here.get(number)) is not None:
+                partition.committed = offset
+
+
+def _first(records: Sequence[_HasPlace], number: int) -> int:
+    """The offset of the first of them in a partition."""
+    return next(record.offset() or 0 for record in records if (record.partition() or 0) == number)

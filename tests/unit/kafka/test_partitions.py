@@ -1,0 +1,158 @@
+"""Where partitions stand: what may be committed, and what a loss leaves."""
+
+from collections.abc import Callable
+from typing import Any
+from unittest.mock import MagicMock
+
+import pytest
+from confluent_kafka import KafkaError
+from hypothesis import given, strategies
+
+from ros2_kafka_bridge.kafka import member
+from ros2_kafka_bridge.kafka.consumer import KafkaSource
+from ros2_kafka_bridge.kafka.partitions import Partitions
+from ros2_kafka_bridge.testing.memory import MemoryRecord
+
+HERE = frozenset({0, 1})
+
+
+def having(*numbers: int) -> Partitions:
+    partitions = Partitions()
+    partitions.assign(numbers)
+    return partitions
+
+
+def records(*offsets: int, partition: int = 0) -> list[MemoryRecord]:
+    return [MemoryRecord(b'', offset, partition) for offset in offsets]
+
+
+def test_the_first_record_is_the_first_position_and_no_position_is_known_before() -> None:
+    partitions = having(0, 1)
+    partitions.reach_end(1, 5)
+    assert partitions.positions == {}
+    partitions.hand_out([*records(7, 8), *records(3, partition=1), *records(12)])
+    assert partitions.positions == {0: 7, 1: 3}
+
+
+def test_guarantee_1_an_end_is_passed_only_when_all_before_it_have_ended() -> None:
+    partitions = having(0)
+    partitions.hand_out(records(4, 5))
+    partitions.reach_end(0, 9)
+    partitions.advance({0: 5})
+    assert partitions.positions == {0: 5}
+    partitions.advance({0: 6})
+    assert partitions.positions == {0: 9}
+    partitions.hand_out(records(9))
+    assert partitions.positions == {0: 9}
+
+
+def test_an_end_that_comes_later_is_passed_at_once() -> None:
+    partitions = having(0)
+    partitions.hand_out(records(4))
+    partitions.advance({0: 5})
+    partitions.reach_end(0, 6)
+    assert partitions.positions == {0: 6}
+
+
+@given(strategies.lists(strategies.sampled_from(['read', 'mark', 'end', 'settle', 'commit'])))
+def test_guarantee_1_a_position_is_never_behind_a_record_that_has_not_ended(
+    events: list[str],
+) -> None:
+    partitions = having(0)
+    offset, in_flight = 0, list[int]()
+    for event in events:
+        if event == 'read':
+            partitions.hand_out(records(offset))
+            in_flight.append(offset)
+            offset += 1
+        elif event == 'mark':
+            offset += 1
+        elif event == 'end':
+            partitions.reach_end(0, offset)
+        elif event == 'settle' and in_flight:
+            partitions.advance({0: in_flight.pop(0) + 1})
+        elif event == 'commit':
+            partitions.commit(partitions.news)
+            assert partitions.news == {}
+        if in_flight:
+            assert partitions.positions[0] <= in_flight[0]
+        elif event == 'end':
+            assert partitions.positions.get(0, offset) == offset
+
+
+def test_what_is_heard_of_partitions_that_others_have_counts_for_nothing() -> None:
+    partitions = having(0)
+    partitions.forget({0})
+    partitions.advance({0: 3})
+    partitions.commit({0: 3})
+    partitions.reach_end(0, 4)
+    partitions.hand_out(records(1))
+    assert (partitions.positions, partitions.reached, len(partitions)) == ({}, {}, 0)
+
+
+def test_a_loss_leaves_how_far_the_route_had_come_and_only_once() -> None:
+    partitions = having(0, 1)
+    partitions.hand_out(records(4))
+    partitions.commit({0: 4})
+    partitions.advance({0: 5})
+    partitions.lose({0, 1})
+    assert (len(partitions), partitions.are_lost) == (0, True)
+    partitions.assign({0, 1})
+    lost = partitions.take_lost({0, 1})
+    assert [(p.number, p.committed, p.position) for p in lost.values()] == [(0, 4, 5)]
+    assert not partitions.are_lost
+    assert partitions.positions == {}
+
+
+def told(code: int, offset: int, partition: int = 0) -> MagicMock:
+    message = MagicMock()
+    message.error.return_value = KafkaError(code)
+    message.partition.return_value, message.offset.return_value = partition, offset
+    return message
+
+
+class _Record(MemoryRecord):
+    def error(self) -> None:
+        pass
+
+
+@pytest.fixture
+def source(monkeypatch: pytest.MonkeyPatch) -> Callable[..., KafkaSource]:
+    """Makes a source whose client reads what is given, with the partitions 0 and 1."""
+
+    def make(*batch: Any) -> KafkaSource:
+        client = MagicMock()
+        client.poll.return_value, client.consume.return_value = batch[0], list(batch[1:])
+        monkeypatch.setattr(member, 'Consumer', lambda *_, **__: client)
+        made = KafkaSource({'group.id': 'g'}, 't', 'earliest', MagicMock())
+        made.open(MagicMock())
+        made._partitions.assign(HERE)
+        return made
+
+    return make
+
+
+def test_an_end_behind_records_of_the_same_batch_commits_none_of_them(
+    source: Callable[..., KafkaSource],
+) -> None:
+    reads = source(_Record(b'', 3), _Record(b'', 4), told(KafkaError._PARTITION_EOF, 6))
+    assert len(reads.poll(10, 0.0)) == 2
+    assert reads._partitions.positions == {0: 3}
+    reads.advance({0: 5})
+    assert reads._partitions.positions == {0: 6}
+
+
+def test_what_was_handed_over_in_the_middle_of_a_batch_is_not_given_to_the_route(
+    source: Callable[..., KafkaSource],
+) -> None:
+    reads = source(_Record(b'mine no more', 3, 2), _Record(b'mine', 7, 1))
+    assert [record.value() for record in reads.poll(10, 0.0)] == [b'mine']
+    assert reads._partitions.positions == {1: 7}
+
+
+def test_an_error_that_names_no_partition_of_its_own_is_heeded(
+    source: Callable[..., KafkaSource],
+) -> None:
+    reads = source(told(KafkaError._ALL_BROKERS_DOWN, -1, -1))
+    assert reads.poll(10, 0.0) == []
+    assert 'Kafka is away' in reads.away
