@@ -15,7 +15,7 @@ from opentelemetry.sdk.trace.export import SpanExporter, SpanExportResult
 from ros2_kafka_bridge.endpoints import Message, headers_of
 from ros2_kafka_bridge.logs.lines import RouteLog
 from ros2_kafka_bridge.route.labels import make_headers
-from ros2_kafka_bridge.route.record_window import Entry
+from ros2_kafka_bridge.route.record_window import RecordEntry
 from ros2_kafka_bridge.testing.memory import MemoryRecord
 from ros2_kafka_bridge.tracing import export
 from ros2_kafka_bridge.tracing.messages import with_traceparent
@@ -56,7 +56,7 @@ def main() -> None:
         _say('a span', lambda: exporter.end(span))
 
 
-def _no_entry() -> Entry:
+def _no_entry() -> RecordEntry:
     raise AssertionError('nothing is sampled')
 
 

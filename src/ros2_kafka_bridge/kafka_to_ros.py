@@ -29,7 +29,8 @@ from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.route.pace import Pace, expires
-from ros2_kafka_bridge.route.record_window import Entry, RecordWindow
+from ros2_kafka_bridge.route.place import Place
+from ros2_kafka_bridge.route.record_window import RecordEntry, RecordWindow
 from ros2_kafka_bridge.route.refused import letter_of_record, refused_record
 from ros2_kafka_bridge.route.settling import Settling
 from ros2_kafka_bridge.route.status import held
@@ -76,7 +77,7 @@ class KafkaToRos:
         sink: MessageSink,
         check_headers: CheckHeaders,
         decode: Decode,
-        dead_letters: DeadLetters[Entry],
+        dead_letters: DeadLetters[RecordEntry],
         log: logging.LoggerAdapter[logging.Logger],
         traces: RecordTraces = NO_RECORD_TRACES,
     ) -> None:
@@ -91,7 +92,6 @@ class KafkaToRos:
         self._sink = sink
         self._check_headers = check_headers
         self._decode = decode
-        self._failure: RouteError | None = None  # of a record: none behind it is looked at
         self._dead_letters = dead_letters
         self._log = log
         self._occasional = summed(log)
@@ -134,8 +134,8 @@ class KafkaToRos:
         else:
             self._wait(obstacle)
         self._settle()
-        if self._window and (failure := self._window.entries[0].failure) is not None:
-            raise failure
+        if self._window.has_come_to_end and self._window.failure is not None:
+            raise self._window.failure
         self._tick(obstacle)
 
     def _rest(self) -> None:
@@ -160,8 +160,8 @@ class KafkaToRos:
         for record in self._source.stay():
             self._accept(record, taken_s)
 
-    def _take(self, record: Record, value: bytes | None, taken_s: float) -> Entry:
-        entry = Entry(record, value, taken_s)
+    def _take(self, record: Record, value: bytes | None, taken_s: float) -> RecordEntry:
+        entry = RecordEntry(record, value, taken_s)
         self.counters.taken += 1
         self._window.add(entry)
         return entry
@@ -169,8 +169,8 @@ class KafkaToRos:
     def _accept(self, record: Record, taken_s: float) -> None:
         window, value = self._window, record.value()
         entry = self._take(record, value, taken_s)
-        if self._failure is not None:
-            self._end_at(entry, self._failure)
+        if window.failure is not None:
+            window.end_at(entry, window.failure)
             return
         headers = self._read_headers(record)
         if headers and ('bridge.origin', self._origin) in headers:
@@ -183,7 +183,7 @@ class KafkaToRos:
         except RecordError as error:
             self._refuse(entry, record, headers, error)
         except RouteError as error:
-            self._end_at(entry, error)
+            window.end_at(entry, error)
         else:
             if len(entry.cdr) > entry.size_bytes:
                 window.grow(entry)
@@ -193,16 +193,10 @@ class KafkaToRos:
                 entry.made_ms = made_ns // _NS_PER_MS
             if self._ages:
                 entry.timestamp = timestamp
-            window.pending.append(entry)
-
-    def _end_at(self, entry: Entry, failure: RouteError) -> None:
-        """End the route at this record, once all before it have ended; it is read again."""
-        entry.failure = failure
-        self._failure = failure
-        self._window.pending.append(entry)
+            window.wait(entry)
 
     def _refuse(
-        self, entry: Entry, record: Record, headers: HeaderList | None, error: RecordError
+        self, entry: RecordEntry, record: Record, headers: HeaderList | None, error: RecordError
     ) -> None:
         refused = refused_record(self._route, entry, headers, error)
         refused.tell_bug(self._occasional)
@@ -210,13 +204,14 @@ class KafkaToRos:
         self._traces.refused(entry, error)
         policy = refused.policy(self._route.on_error)
         if policy == 'stop':
-            self._end_at(entry, refused.failure())
+            self._window.end_at(entry, refused.failure())
             return
         self._occasional.warning(f'{policy}: {refused.text}', about=refused.about)
         if policy == 'drop':
             entry.outcome = Outcome.DROPPED
             return
         letter = letter_of_record(self._route, entry, record, headers, error)
+        entry.place = Place.SENT
         self._dead_letters.add(letter, entry)
 
     # 2. entries -> ROS
@@ -228,11 +223,9 @@ class KafkaToRos:
             return self._no_room()
         if obstacle := self._settling.obstacle:
             return obstacle
-        publish = self._sink.publish
+        publish, sent = self._sink.publish, Place.SENT
         while pending:
             entry = pending[0]
-            if entry.failure is not None:
-                return str(entry.failure)
             if self._ages and self._expired(entry.timestamp):
                 entry.outcome = Outcome.DROPPED
             elif self._paces and not self._pace.go():
@@ -240,6 +233,7 @@ class KafkaToRos:
             elif not publish(entry.cdr):
                 return _FULL
             else:
+                entry.place = sent
                 unconfirmed.append(entry)
                 self._nap_s = _SHORTEST_NAP_S
             pending.popleft()
@@ -247,6 +241,8 @@ class KafkaToRos:
 
     def _no_room(self) -> str | None:
         """Tell what keeps the bridge from reading on, None if nothing does."""
+        if self._window.failure is not None:
+            return str(self._window.failure)
         if self._dead_letters.problem:
             return self._dead_letters.problem
         if self._window.is_full:
@@ -276,7 +272,7 @@ class KafkaToRos:
         return (
             self._route.when_full == 'drop_oldest'
             and obstacle != 'max_rate'
-            and self._failure is None
+            and self._window.failure is None
             and not self._dead_letters.problem
         )
 
@@ -306,7 +302,7 @@ class KafkaToRos:
             self._count(ended)
         self._traces.look()
 
-    def _count(self, ended: list[Entry]) -> None:
+    def _count(self, ended: list[RecordEntry]) -> None:
         good = Outcome.CONFIRMED
         confirmed = [entry for entry in ended if entry.outcome is good]
         self.counters.end(good, len(confirmed))
@@ -367,7 +363,7 @@ class KafkaToRos:
         self._settle()
         self._give_back(self._window.of(partitions))
 
-    def _give_back(self, entries: list[Entry]) -> None:
+    def _give_back(self, entries: list[RecordEntry]) -> None:
         """Return entries to Kafka: their offsets are not committed, they are read again."""
         if entries:
             self._window.give_back(entries)
@@ -412,7 +408,7 @@ class KafkaToRos:
 
     @contextmanager
     def _opened(self) -> Iterator[None]:
-        self._failure, self._drained_by_s = None, math.inf
+        self._window.failure, self._drained_by_s = None, math.inf
         self._source.open(self)
         try:
             yield

@@ -30,10 +30,11 @@ from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.gathering import Gathering
 from ros2_kafka_bridge.route.labels import MakeHeaders, MakeKey
 from ros2_kafka_bridge.route.measuring import Meter
+from ros2_kafka_bridge.route.message_window import MessageEntry, MessageWindow
+from ros2_kafka_bridge.route.place import Place
 from ros2_kafka_bridge.route.refused import Refused, letter_of_message, refused_message
 from ros2_kafka_bridge.route.telling import Telling
 from ros2_kafka_bridge.route.type_hash import CheckHeaders
-from ros2_kafka_bridge.route.window import Entry, Window
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.spool.spooling import InKafka, Spooling
 from ros2_kafka_bridge.threads.pause import Pause
@@ -75,12 +76,12 @@ class RosToKafka:
         route: RosToKafkaRoute,
         source: MessageSource,
         in_kafka: InKafka,
-        sink: RecordSink[Entry],
+        sink: RecordSink[MessageEntry],
         make_encode: Callable[[], Encode],
         make_key: MakeKey,
         make_headers: MakeHeaders,
         check_headers: CheckHeaders,
-        dead_letters: DeadLetters[Entry],
+        dead_letters: DeadLetters[MessageEntry],
         backlog: Backlog,
         log: logging.LoggerAdapter[logging.Logger],
         traces: MessageTraces = NO_MESSAGE_TRACES,
@@ -99,7 +100,7 @@ class RosToKafka:
         self._dead_letters = dead_letters
         self._occasional = summed(log)
         self._traces = traces
-        self._window = Window(route.max_in_flight, route.max_in_flight_bytes)
+        self._window = MessageWindow(route.max_in_flight, route.max_in_flight_bytes)
         self._spooling = Spooling(
             route, self._window, self._put_in_line, backlog, in_kafka, self.counters, log
         )
@@ -108,8 +109,8 @@ class RosToKafka:
         self._gathering = Gathering(sink.hurry)
         self._pause = Pause()
         self._producing = 0  # how many the producer has got
-        self._alone: Entry | None = None
-        self._failed: Refused | None = None  # what ends the route, where on_error is stop
+        self._alone: MessageEntry | None = None  # what the producer has got by itself
+        self._alone_up_to = 0  # that number: a broker that refuses a batch refuses all in it
 
     def claim_spool(self) -> None:
         """Keep the spool for this process until `let_go_spool`, also between two runs.
@@ -159,6 +160,7 @@ class RosToKafka:
     def _step(self) -> None:
         self._spooling.step(self._sink.away, self._dead_letters.problem)
         self._produce_pending()
+        self._drop_excess()
         room = self._room()
         if room > 0:
             taken = self._take(room, _BUSY_S if self._window else _IDLE_S)
@@ -186,18 +188,32 @@ class RosToKafka:
     # 1. ROS -> entries
 
     def _room(self) -> int:
-        if self._failed is not None:
+        """How many messages may be taken now."""
+        if self._window.failure is not None:
             return 0
         if self._spooling.active:
-            return self._spooling.room()
+            return self._spooling.room
         if self._dead_letters.problem:
             return 0
-        if self._route.when_full == 'drop_oldest' and not self._spooling.exists:
+        if self._drops:
+            return 0 if self._window.size_bytes > self._window.max_bytes else BATCH
+        return min(BATCH, self._window.room)
+
+    def _drop_excess(self) -> None:
+        """Keep the newest, where the route asks for it."""
+        if self._window.failure is not None:
+            return
+        if self._spooling.active:
+            self._spooling.drop_excess()
+        elif self._drops and not self._dead_letters.problem:
             for entry in self._window.drop_oldest():
                 self._traces.ended(entry, Outcome.DROPPED)
                 self.counters.end(Outcome.DROPPED)
-            return 0 if self._window.size_bytes > self._window.max_bytes else BATCH
-        return min(BATCH, self._window.room)
+
+    @property
+    def _drops(self) -> bool:
+        """Whether what is too much in memory is dropped."""
+        return self._route.when_full == 'drop_oldest' and not self._spooling.exists
 
     def _take(self, limit: int, timeout_s: float) -> int:
         messages = self._source.take(limit, timeout_s)
@@ -209,7 +225,9 @@ class RosToKafka:
         self._spooling.write()
         return len(messages)
 
-    def _accept(self, message: Message, taken_s: float, queue: Callable[[Entry], None]) -> None:
+    def _accept(
+        self, message: Message, taken_s: float, queue: Callable[[MessageEntry], None]
+    ) -> None:
         self.counters.taken += 1
         if self._in_kafka.contains(message):
             self.counters.end(Outcome.SKIPPED)
@@ -223,29 +241,30 @@ class RosToKafka:
             record = Outgoing(topic, self._make_key(message), value, headers)
         except RecordError as error:
             record = Outgoing(topic, None, message.cdr, headers)
-            self._refuse(self._window.hold(record, message, taken_s), error, queue)
+            self._refuse(self._window.add(record, message, taken_s), error, queue)
         else:
-            queue(self._window.hold(record, message, taken_s))
+            queue(self._window.add(record, message, taken_s))
 
-    def _put_in_line(self, entry: Entry) -> None:
-        if entry.number >= self._window.stop_at:
+    def _put_in_line(self, entry: MessageEntry) -> None:
+        if not self._window.may_go_on(entry):
+            entry.place = Place.ASIDE
             return
-        entry.in_line = True
-        if entry.dead:
+        if entry.is_letter:
+            entry.place = Place.SENT
             self._dead_letters.add(entry.record, entry)
         else:
+            entry.place = Place.PENDING
             self._window.pending.append(entry)
 
-    def _refuse(self, entry: Entry, error: RecordError, queue: Callable[[Entry], None]) -> None:
+    def _refuse(
+        self, entry: MessageEntry, error: RecordError, queue: Callable[[MessageEntry], None]
+    ) -> None:
         refused = refused_message(self._route, entry.record.headers, error)
         refused.tell_bug(self._occasional)
         self._meter.troubles.note(error, refused.where)
         policy = refused.policy(self._route.on_error)
         if policy == 'stop':
-            entry.in_line, entry.refused = False, True
-            if entry.number < self._window.stop_at:
-                self._window.stop_at = entry.number
-                self._failed = refused
+            self._window.end_at(entry, refused)
             return
         if policy == 'dead_letter' and self._in_kafka.holds_letter(
             entry.gid, entry.seq, entry.made_ns
@@ -256,7 +275,7 @@ class RosToKafka:
         if policy == 'drop':
             self._end(entry, Outcome.DROPPED, error)
             return
-        entry.dead = True
+        entry.is_letter = True
         entry.record = letter_of_message(self._route, entry.record, error)
         queue(entry)
 
@@ -266,22 +285,24 @@ class RosToKafka:
         pending, produce = self._window.pending, self._sink.produce
         if self._alone is not None or not pending:
             return
-        now_s = time.monotonic()
+        now_s, sent, alone_up_to = time.monotonic(), Place.SENT, self._alone_up_to
         while pending:
             entry = pending[0]
-            if entry.alone and self._producing:
+            alone = entry.number <= alone_up_to
+            if alone and self._producing:
                 return
             try:
                 if not produce(entry.record, entry):
                     return
                 pending.popleft()
+                entry.place = sent
                 entry.produced_s = now_s
                 self._producing += 1
             except RecordTooLargeError as error:
                 pending.popleft()
                 self._refuse(entry, error, self._put_in_line)
                 continue
-            if entry.alone:
+            if alone:
                 self._alone = entry
                 return
 
@@ -294,36 +315,47 @@ class RosToKafka:
         self.counters.end(Outcome.CONFIRMED, len(confirmed))
         self._meter.confirm_messages(confirmed)
         self._producing -= len(confirmed) + len(failed)
+        alone = self._alone
         if not self._producing:
             self._alone = None
         if failed:
-            self._retry(failed)
+            self._retry(failed, alone)
         # What looks for a topic that is away holds the thread, and the robots, for seconds.
         if not self._sink.away or not self._producing:
             for entry in self._dead_letters.poll():
                 self._end(entry, Outcome.DEAD_LETTERED)
-        if self._failed is not None and not self._spooling.holds_before(self._window.stop_at):
-            self._fail(self._failed)
+        failure = self._window.failure
+        if failure is not None and not self._spooling.holds_before(self._window.ends_at):
+            self._fail(failure)
 
     def _fail(self, refused: Refused) -> None:
         """End the route for good: all before what was refused has ended."""
         self._close_sinks()
-        self._spooling.put_away()
-        behind = len(self._window.entries.keys() - {self._window.stop_at})
+        self._spooling.leave()
+        behind = len(self._window.entries.keys() - {self._window.ends_at})
         given_up = f', {behind} messages behind it are given up' if behind else ''
         raise refused.failure(given_up)
 
-    def _end(self, entry: Entry, outcome: Outcome, error: RecordError | None = None) -> None:
+    def _end(
+        self, entry: MessageEntry, outcome: Outcome, error: RecordError | None = None
+    ) -> None:
         self._traces.ended(entry, outcome, error)
         self._window.remove(entry)
         self.counters.end(outcome)
 
-    def _retry(self, failed: Sequence[tuple[Entry, BridgeError]]) -> None:
+    def _retry(
+        self, failed: Sequence[tuple[MessageEntry, BridgeError]], alone: MessageEntry | None
+    ) -> None:
+        """Send again what has failed for now.
+
+        Args:
+            failed: What has failed, and why.
+            alone: What was sent in a request of its own.
+        """
         again = []
         for entry, error in failed:
-            if isinstance(error, RecordTooLargeError) and not entry.alone:
-                # A broker that refuses a batch for its size refuses all the records in it.
-                entry.alone = True
+            if isinstance(error, RecordTooLargeError) and entry is not alone:
+                self._alone_up_to = max(self._alone_up_to, entry.number)
                 again.append(entry)
             elif isinstance(error, RecordError):
                 self._refuse(entry, error, self._put_in_line)
@@ -332,6 +364,8 @@ class RosToKafka:
             else:
                 raise error
         again.sort(key=lambda entry: entry.number)
+        for entry in again:
+            entry.place = Place.PENDING
         self._window.pending.extendleft(reversed(again))
 
     def _tick(self) -> None:
@@ -351,7 +385,7 @@ class RosToKafka:
         measures = self._meter.measures(
             self._sink.load,
             self._source.matches,
-            bytes_held=self._spooling.former_bytes,
+            bytes_held=self._spooling.loaded_bytes,
             spool_bytes=self._spooling.size_bytes,
             broker_round_trip_s=self._sink.round_trip_s,
         )
@@ -382,7 +416,7 @@ class RosToKafka:
             self._tick()
         empty = empty or self._take_rest()
         self._close_sinks()
-        self._spooling.put_away()
+        self._spooling.leave()
         self._say_given_up(empty=empty)
 
     def _say_given_up(self, *, empty: bool) -> None:
@@ -399,6 +433,7 @@ class RosToKafka:
     def _take_last(self) -> bool:
         """Take once more, if there is room; tells whether nothing is left to take."""
         self._spooling.write()
+        self._drop_excess()
         room = self._room()
         if room <= 0:
             return False
@@ -431,8 +466,8 @@ class RosToKafka:
     def _close_sinks(self) -> None:
         delivered = [*self._sink.close(), *self._dead_letters.close()]
         for entry in delivered:
-            self._end(entry, Outcome.DEAD_LETTERED if entry.dead else Outcome.CONFIRMED)
-        self._meter.confirm_messages([entry for entry in delivered if not entry.dead])
+            self._end(entry, Outcome.DEAD_LETTERED if entry.is_letter else Outcome.CONFIRMED)
+        self._meter.confirm_messages([entry for entry in delivered if not entry.is_letter])
 
     def _resume(self) -> None:
         """Put what a failed run left back in line, in the order of taking."""

@@ -31,10 +31,10 @@ from ros2_kafka_bridge.ros.types import load_type
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.route.format import asks_registry, check_of, decode_of, encode_of
 from ros2_kafka_bridge.route.labels import make_headers, make_key
+from ros2_kafka_bridge.route.message_window import MessageEntry
 from ros2_kafka_bridge.route.produced import Produced
 from ros2_kafka_bridge.route.refused import message_of_letter
 from ros2_kafka_bridge.route.type_hash import check_nothing
-from ros2_kafka_bridge.route.window import Entry
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.spool.lock import is_in_use, lock_of
 from ros2_kafka_bridge.spool.store import Spool, file_of
@@ -259,7 +259,7 @@ class Wiring:
         letters = Tail(properties, route.dead_letter_topic, partial(message_of_letter, route))
         return Produced(Tail(properties, route.sink.kafka), letters, log)
 
-    def _kafka_sink(self, route: RosToKafkaRoute, log: Log) -> KafkaSink[Entry]:
+    def _kafka_sink(self, route: RosToKafkaRoute, log: Log) -> KafkaSink[MessageEntry]:
         properties = self._producer_properties(route)
         return KafkaSink(properties, route.sink.kafka, log, fits_topic=True)
 

@@ -34,7 +34,7 @@ from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Stop
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.route.record_window import Entry
+    from ros2_kafka_bridge.route.record_window import RecordEntry
 
 HASH = 'RIHS01_' + '1' * 64
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
@@ -76,7 +76,9 @@ class House:
                 **settings,
             }
         )
-        dead: DeadLetters[Entry] = DeadLetters('orders.dead', self.letters, lambda: None, LOG)
+        dead: DeadLetters[RecordEntry] = DeadLetters(
+            'orders.dead', self.letters, lambda: None, LOG
+        )
         self.direction = KafkaToRos(
             route,
             'me',

@@ -28,7 +28,7 @@ from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Stop
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.route.window import Entry
+    from ros2_kafka_bridge.route.message_window import MessageEntry
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 
@@ -51,7 +51,7 @@ class InKafka:
     def contains(self, message: Message) -> bool:
         return message.seq in self.numbers
 
-    def also(self, numbers: Iterable[tuple[bytes, int]]) -> None:
+    def add(self, numbers: Iterable[tuple[bytes, int]]) -> None:
         self.numbers |= {seq for _, seq in numbers}
 
     def look_at_end(self) -> None:
@@ -74,7 +74,7 @@ class House:
         **settings: Any,
     ) -> None:
         self.source = MemoryMessageSource()
-        self.sink: MemoryRecordSink[Entry] = MemoryRecordSink()
+        self.sink: MemoryRecordSink[MessageEntry] = MemoryRecordSink()
         self.letters: MemoryRecordSink[Any] = MemoryRecordSink()
         route = RosToKafkaRoute.model_validate(
             {
@@ -85,7 +85,9 @@ class House:
                 **settings,
             }
         )
-        dead: DeadLetters[Entry] = DeadLetters('orders.dead', self.letters, lambda: None, LOG)
+        dead: DeadLetters[MessageEntry] = DeadLetters(
+            'orders.dead', self.letters, lambda: None, LOG
+        )
         self.direction = RosToKafka(
             route,
             self.source,

@@ -14,8 +14,8 @@ from ros2_kafka_bridge.route.counters import (
     Measures,
     Trouble,
 )
-from ros2_kafka_bridge.route.record_window import Entry as RecordEntry
-from ros2_kafka_bridge.route.window import Entry as MessageEntry
+from ros2_kafka_bridge.route.message_window import MessageEntry
+from ros2_kafka_bridge.route.record_window import RecordEntry
 
 _TEXT_CHARS: Final = 1000
 _S_PER_NS: Final = 1e-9

@@ -118,7 +118,7 @@ class Produced:
         except BridgeError as error:
             self._log.info('%s, so a dead letter of before may come again', error)
 
-    def also(self, numbers: Iterable[tuple[bytes, int]]) -> None:
+    def add(self, numbers: Iterable[tuple[bytes, int]]) -> None:
         """Count further messages, by publisher and number, as being there (those of a spool)."""
         for gid, seq in numbers:
             self._others.setdefault(gid, Numbers(MAX_RECORDS)).add(seq)

@@ -2,19 +2,17 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING
 
 from ros2_kafka_bridge.endpoints import Record
+from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route.counters import Outcome
-
-if TYPE_CHECKING:
-    from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.route.place import Place
 
 _ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small records count too
 _PASSED = frozenset({Outcome.DROPPED, Outcome.SKIPPED})
 
 
-class Entry:
+class RecordEntry:
     """One record on its way; it holds nothing of the record that is not counted as its size.
 
     Args:
@@ -27,7 +25,7 @@ class Entry:
     made_ms: int  # since 1970, by the record or its publisher; not above 0 where that is unknown
 
     __slots__ = (
-        'cdr', 'end', 'failure', 'made_ms', 'offset', 'outcome', 'partition', 'size_bytes',
+        'cdr', 'end', 'made_ms', 'offset', 'outcome', 'partition', 'place', 'size_bytes',
         'taken_s', 'timestamp', 'value_bytes',
     )  # fmt: skip
 
@@ -40,7 +38,7 @@ class Entry:
         self.taken_s = taken_s
         self.cdr = b''
         self.outcome: Outcome | None = None
-        self.failure: RouteError | None = None  # ends the route once all before it have ended
+        self.place = Place.ASIDE
 
 
 class RecordWindow:
@@ -49,6 +47,8 @@ class RecordWindow:
     An entry waits in `pending` until the history takes it, then in `unconfirmed` until its readers
     have it. One that has ended leaves once all before it have: only then does its offset count.
     One that was passed over may leave sooner: what is before it in its partition counts for both.
+    An entry that must end the route lets neither itself nor one behind it go on to ROS; the route
+    ends once all before it have ended, and these are read again.
 
     Args:
         max_entries: How many may wait, where the oldest are dropped.
@@ -59,9 +59,10 @@ class RecordWindow:
     def __init__(
         self, max_entries: int, max_bytes: int, advance: Callable[[Mapping[int, int]], None]
     ) -> None:
-        self.entries: deque[Entry] = deque()
-        self.pending: deque[Entry] = deque()
-        self.unconfirmed: deque[Entry] = deque()
+        self.entries: deque[RecordEntry] = deque()
+        self.pending: deque[RecordEntry] = deque()
+        self.unconfirmed: deque[RecordEntry] = deque()
+        self.failure: RouteError | None = None  # what ends the route
         self.size_bytes = 0
         self.max_entries = max_entries
         self.max_bytes = max_bytes
@@ -81,15 +82,32 @@ class RecordWindow:
         """How large the values of its records were."""
         return sum(entry.value_bytes for entry in self.entries)
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: RecordEntry) -> None:
         """Hold one more, which comes behind all others."""
         self.entries.append(entry)
         self.size_bytes += entry.size_bytes
 
-    def grow(self, entry: Entry) -> None:
+    def grow(self, entry: RecordEntry) -> None:
         """Count a message that is larger than the value which it was made of."""
         self.size_bytes += len(entry.cdr) - entry.size_bytes
         entry.size_bytes = len(entry.cdr)
+
+    def wait(self, entry: RecordEntry) -> None:
+        """Let an entry wait for the history to take it, behind all others."""
+        entry.place = Place.PENDING
+        self.pending.append(entry)
+
+    # The end of a route
+
+    def end_at(self, entry: RecordEntry, failure: RouteError) -> None:
+        """Let the route end at an entry, once all before it have ended."""
+        entry.place = Place.REFUSED
+        self.failure = failure
+
+    @property
+    def has_come_to_end(self) -> bool:
+        """Whether all before what ends the route have ended."""
+        return bool(self.entries) and self.entries[0].place is Place.REFUSED
 
     # What the readers have
 
@@ -111,12 +129,14 @@ class RecordWindow:
         again = [entry for entry in self.unconfirmed if entry.outcome is None]
         self.unconfirmed.clear()
         self._confirmed = 0
+        for entry in again:
+            entry.place = Place.PENDING
         self.pending.extendleft(reversed(again))
         return len(again)
 
     # What leaves
 
-    def settle(self) -> list[Entry]:
+    def settle(self) -> list[RecordEntry]:
         """Let go of what has ended, and all before it has; their positions move on."""
         entries = self.entries
         ended = []
@@ -127,7 +147,7 @@ class RecordWindow:
             self.size_bytes -= sum([entry.size_bytes for entry in ended])
         return ended
 
-    def drop_oldest(self) -> list[Entry]:
+    def drop_oldest(self) -> list[RecordEntry]:
         """Drop what waits and is too much; returns what has left.
 
         It leaves at once, also where others before it stay for long: there is no end to what
@@ -136,9 +156,7 @@ class RecordWindow:
         pending = self.pending
         is_too_much = self.is_full
         # The newest stays, also where what is published fills the window alone.
-        while (len(pending) > 1 and pending[0].failure is None) and (
-            len(pending) > self.max_entries or self.is_full
-        ):
+        while len(pending) > 1 and (len(pending) > self.max_entries or self.is_full):
             entry = pending.popleft()
             entry.outcome = Outcome.DROPPED
             self.size_bytes -= entry.size_bytes
@@ -146,11 +164,11 @@ class RecordWindow:
             is_too_much = True
         return self._close_up() if is_too_much else []
 
-    def _close_up(self) -> list[Entry]:
+    def _close_up(self) -> list[RecordEntry]:
         """Let go of what was passed over; what is before it in its partition moves on for it."""
-        kept: deque[Entry] = deque()
-        left: list[Entry] = []
-        last: dict[int, Entry] = {}  # of each partition
+        kept: deque[RecordEntry] = deque()
+        left: list[RecordEntry] = []
+        last: dict[int, RecordEntry] = {}  # of each partition
         positions: dict[int, int] = {}
         for entry in self.entries:
             if entry.outcome not in _PASSED:
@@ -169,25 +187,24 @@ class RecordWindow:
 
     # What is given back to Kafka
 
-    def of(self, partitions: frozenset[int]) -> list[Entry]:
+    def of(self, partitions: frozenset[int]) -> list[RecordEntry]:
         """The entries of these partitions."""
         return [entry for entry in self.entries if entry.partition in partitions]
 
-    def unpublished(self) -> list[Entry]:
+    def unpublished(self) -> list[RecordEntry]:
         """The entries that wait, and those behind them: they are read again with them."""
-        if not self.pending:
+        if not self.pending and self.failure is None:
             return []
-        waiting = set(map(id, self.pending))
         holes: set[int] = set()
         found = []
         for entry in self.entries:
-            if id(entry) in waiting:
+            if entry.outcome is None and entry.place is not Place.SENT:
                 holes.add(entry.partition)
             if entry.partition in holes:
                 found.append(entry)
         return found
 
-    def give_back(self, entries: Iterable[Entry]) -> None:
+    def give_back(self, entries: Iterable[RecordEntry]) -> None:
         """Let go of entries without a position for them: they are read again."""
         for entry in entries:
             entry.outcome = Outcome.RETURNED

@@ -10,7 +10,7 @@ from ros2_kafka_bridge.dedup import place_of
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, Record
 from ros2_kafka_bridge.errors import About, RecordError, RecordTooLargeError, RouteError
 from ros2_kafka_bridge.logs.summed import Summed
-from ros2_kafka_bridge.route.record_window import Entry
+from ros2_kafka_bridge.route.record_window import RecordEntry
 from ros2_kafka_bridge.route.trace_context import trace_id_of
 
 _GID: Final = re.compile(r'[0-9a-f]{2,64}')
@@ -55,7 +55,7 @@ class Refused(NamedTuple):
 
 
 def refused_record(
-    route: KafkaToRosRoute, entry: Entry, headers: HeaderList | None, error: RecordError
+    route: KafkaToRosRoute, entry: RecordEntry, headers: HeaderList | None, error: RecordError
 ) -> Refused:
     """A record that was refused.
 
@@ -87,7 +87,7 @@ def refused_message(route: RosToKafkaRoute, headers: HeaderList, error: RecordEr
 
 def letter_of_record(
     route: KafkaToRosRoute,
-    entry: Entry,
+    entry: RecordEntry,
     record: Record,
     headers: HeaderList | None,
     error: RecordError,

@@ -44,7 +44,7 @@ class Backlog:
         largest_bytes: int = 1,
     ) -> None:
         self.waiting = 0  # rows on disk that are not in the window
-        self.former = 0  # number of the last row of an earlier life
+        self.last_of_earlier = 0  # number of the last row of an earlier life
         self.problem = ''  # why nothing can be written just now
         self.active = False  # whether new messages go to disk
         self._spool = spool
@@ -120,7 +120,7 @@ class Backlog:
             waited, self.waiting = self.waiting, self._spool.count_after(self._loaded)
             return 0, max(0, waited - self.waiting)
         self._opened = True
-        self.waiting, self.former = self._spool.count, self._spool.last
+        self.waiting, self.last_of_earlier = self._spool.count, self._spool.last
         self.active = self._always or self.waiting > 0
         if self.waiting:
             self._since_s = time.monotonic()
@@ -211,7 +211,7 @@ class Backlog:
         self.waiting += len(rows)
         return True
 
-    def hold(self, rows: Sequence[Row]) -> None:
+    def note_in_window(self, rows: Sequence[Row]) -> None:
         """Note that rows just written are in the window, too."""
         if rows:
             self.waiting -= len(rows)
@@ -259,7 +259,7 @@ class Backlog:
             self._log.warning('%s; what has been delivered is still in the spool', error)
             self._release_at_s = time.monotonic() + _AGAIN_S
 
-    def put_away(self, held: Sequence[int]) -> tuple[frozenset[int], int]:
+    def leave(self, held: Sequence[int]) -> tuple[frozenset[int], int]:
         """Let what is in the window wait on disk again, at the end of a life.
 
         Args:

@@ -17,7 +17,8 @@ from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.logs.text import count as counted
 from ros2_kafka_bridge.route.counters import Counters, Outcome
-from ros2_kafka_bridge.route.window import Entry, Window
+from ros2_kafka_bridge.route.message_window import MessageEntry, MessageWindow
+from ros2_kafka_bridge.route.place import Place
 from ros2_kafka_bridge.spool.backlog import BATCH, Backlog
 from ros2_kafka_bridge.spool.rows import Row
 
@@ -32,7 +33,7 @@ class InKafka(Protocol):
         """Whether a message that a publisher may send again is there."""
         ...
 
-    def also(self, numbers: Iterable[tuple[bytes, int]]) -> None:
+    def add(self, numbers: Iterable[tuple[bytes, int]]) -> None:
         """Count further messages, by publisher and number, as being there."""
 
     def look_at_end(self) -> None:
@@ -52,12 +53,12 @@ class InKafka(Protocol):
         ...
 
 
-class _Former(Enum):
-    """What is known of the messages that an earlier life has left on disk."""
+class _Doubt(Enum):
+    """Whether messages that an earlier life has left on disk may be in Kafka already."""
 
-    UNKNOWN = 'some may be in Kafka'
-    ASKED = 'the first one is on its way'
-    NONE = 'those in Kafka are known, or there are none'
+    OPEN = 'some may be'
+    ASKED = 'the first one is on its way, to see whether Kafka answers'
+    NONE = 'those that are there are known, or there are none'
 
 
 class Spooling:
@@ -76,8 +77,8 @@ class Spooling:
     def __init__(
         self,
         route: RosToKafkaRoute,
-        window: Window,
-        put_in_line: Callable[[Entry], None],
+        window: MessageWindow,
+        put_in_line: Callable[[MessageEntry], None],
         backlog: Backlog,
         in_kafka: InKafka,
         counters: Counters,
@@ -91,12 +92,12 @@ class Spooling:
         self._counters = counters
         self._log = log
         self._occasional = summed(log)
-        self._unwritten: list[Entry] = []  # to be on disk; those in line may end before
-        self._former = _Former.NONE
+        self._unwritten: list[MessageEntry] = []  # to be on disk; those in line may end before
+        self._doubt = _Doubt.NONE
         self._ended_before = 0  # how many had ended when the first of them was loaded
         self._full_since_s: float | None = None
-        self.former_bytes = 0  # of values that an earlier life has left and that were loaded
-        self._former_last = 0  # number of the last of them
+        self.loaded_bytes = 0  # of values that an earlier life has left and that were loaded
+        self._loaded_last = 0  # number of the last of them
 
     @property
     def exists(self) -> bool:
@@ -150,10 +151,10 @@ class Spooling:
         self._counters.taken += found
         self._lose(lost)
         if found:
-            self._former = _Former.UNKNOWN
-        if self._former is not _Former.NONE:
-            self._former = _Former.UNKNOWN  # what was asked may have failed with the last run
-            self._in_kafka.also(self._backlog.numbers())
+            self._doubt = _Doubt.OPEN
+        if self._doubt is not _Doubt.NONE:
+            self._doubt = _Doubt.OPEN  # what was asked may have failed with the last run
+            self._in_kafka.add(self._backlog.numbers())
         return self._backlog.last
 
     def close(self) -> None:
@@ -161,21 +162,21 @@ class Spooling:
         if not self._backlog.is_open:
             return
         try:
-            self._put_away()
+            self._leave_in_flight()
         finally:
             self._backlog.close()
 
-    def put_away(self) -> None:
+    def leave(self) -> None:
         """Leave on disk what is in flight, for good: the next life of the bridge sends it."""
-        self._put_away()
+        self._leave_in_flight()
         if self.waiting:
             text = counted(self.waiting, 'message')
             self._log.info('%s in the spool: sent at the next start', text)
 
-    def _put_away(self) -> None:
+    def _leave_in_flight(self) -> None:
         self._keep()
-        held = [entry for entry in self._window.ascending() if entry.on_disk]
-        kept, again = self._backlog.put_away([entry.number for entry in held])
+        held = [entry for entry in self._window.ascending() if entry.is_on_disk]
+        kept, again = self._backlog.leave([entry.number for entry in held])
         for entry in held:
             if entry.number in kept:
                 self._window.remove(entry)
@@ -237,29 +238,30 @@ class Spooling:
     def _leave_the_line(self) -> None:
         """Let wait on disk what the producer has not got, if it is behind all that it has."""
         pending = self._window.pending
-        last = max(self._window.entries.keys() - {entry.number for entry in pending}, default=0)
+        entries = self._window.entries.values()
+        last = max((e.number for e in entries if e.place is not Place.PENDING), default=0)
         while pending and pending[-1].number > last:
-            pending.pop().in_line = False
+            pending.pop().place = Place.ASIDE
 
-    def _only_in_memory(self) -> list[Entry]:
+    def _only_in_memory(self) -> list[MessageEntry]:
         entries = self._window.ascending()
         first = self._backlog.last
         return [
             entry
             for entry in entries
-            if not entry.on_disk and not entry.refused and entry.number > first
+            if not entry.is_on_disk and entry.place is not Place.REFUSED and entry.number > first
         ]
 
     # Window -> disk
 
+    @property
     def room(self) -> int:
         """How many messages may be taken while they go to disk."""
         if self._drops:
-            self._drop_unwritten()
             return BATCH
         return 0 if self._unwritten or self.full else min(BATCH, self._backlog.room)
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: MessageEntry) -> None:
         """Let an entry of the window be written next."""
         self._unwritten.append(entry)
 
@@ -273,7 +275,7 @@ class Spooling:
     def keep(self) -> bool:
         """Write what is in flight; tells whether all of it is on disk."""
         self._keep()
-        return all(entry.on_disk for entry in self._window.entries.values())
+        return all(entry.is_on_disk for entry in self._window.entries.values())
 
     def _keep(self) -> None:
         if self.exists:
@@ -293,18 +295,20 @@ class Spooling:
             return
         self._unwritten = []
         both = zip(rows, entries, strict=True)
-        self._backlog.hold([row for row, entry in both if stays or entry.in_line])
+        self._backlog.note_in_window([row for row, entry in both if stays or entry.is_in_line])
         for entry in entries:
-            entry.on_disk = True
-            if not stays and not entry.in_line:
+            entry.is_on_disk = True
+            if not stays and not entry.is_in_line:
                 self._window.remove(entry)
-            elif go_on and not entry.in_line:
+            elif go_on and not entry.is_in_line:
                 self._put_in_line(entry)
 
-    def _behind(self) -> list[Entry]:
+    def _behind(self) -> list[MessageEntry]:
         """What is not written and not in line either."""
         held = self._window.entries
-        return [entry for entry in self._unwritten if not entry.in_line and entry.number in held]
+        return [
+            entry for entry in self._unwritten if not entry.is_in_line and entry.number in held
+        ]
 
     def _go_past(self) -> None:
         """Let go on what the disk does not take, where nothing on it is before that."""
@@ -324,12 +328,12 @@ class Spooling:
             return True
         return self._backlog.waits_before(number)
 
-    def resume(self, entry: Entry) -> None:
+    def resume(self, entry: MessageEntry) -> None:
         """Take an entry that a failed run has left: behind what is on disk, or in line."""
-        if entry.refused:
+        if entry.place is Place.REFUSED:
             return
         if self.active:
-            entry.in_line = False
+            entry.place = Place.ASIDE
             self._unwritten.append(entry)
         else:
             self._put_in_line(entry)
@@ -340,39 +344,39 @@ class Spooling:
         if not self.waiting:
             return
         room, room_bytes = self._room_in_line()
-        room = min(room, self._room_for_former())
-        rows, lost = self._backlog.load(room, room_bytes, self._window.stop_at)
+        room = min(room, self._room_while_in_doubt())
+        rows, lost = self._backlog.load(room, room_bytes, self._window.ends_at)
         self._lose(lost)
-        if rows and self._former is _Former.UNKNOWN:
-            self._former = _Former.ASKED
+        if rows and self._doubt is _Doubt.OPEN:
+            self._doubt = _Doubt.ASKED
             self._ended_before = self._ended
         for row in rows:
-            is_former = row.number <= self._backlog.former
-            if is_former and row.number > self._former_last:
-                self._former_last = row.number
-                self.former_bytes += len(row.record.value or b'')
-            if is_former and self._in_kafka.holds(row.gid, row.seq):
+            is_earlier = row.number <= self._backlog.last_of_earlier
+            if is_earlier and row.number > self._loaded_last:
+                self._loaded_last = row.number
+                self.loaded_bytes += len(row.record.value or b'')
+            if is_earlier and self._in_kafka.holds(row.gid, row.seq):
                 self._counters.end(Outcome.SKIPPED)
-                self._former = _Former.NONE  # the end of the topic is known already
+                self._doubt = _Doubt.NONE  # the end of the topic is known already
                 continue
             entry = _entry_of(row)
-            self._window.put(entry)
+            self._window.put_back(entry)
             self._put_in_line(entry)
 
     def _room_in_line(self) -> tuple[int, int]:
         """How many entries the line has room for, and how many bytes."""
         # What cannot be written, or waits behind a failure, must not keep out what is before it.
-        in_line = [entry.size_bytes for entry in self._window.entries.values() if entry.in_line]
+        in_line = [entry.size_bytes for entry in self._window.entries.values() if entry.is_in_line]
         return self._window.max_entries - len(in_line), self._window.max_bytes - sum(in_line)
 
-    def _room_for_former(self) -> int:
+    def _room_while_in_doubt(self) -> int:
         """How many rows of an earlier life may be loaded, before Kafka has said what it holds.
 
         The first of them shows whether it answers: to ask it while it is away takes seconds.
         """
-        if self._former is _Former.UNKNOWN:
+        if self._doubt is _Doubt.OPEN:
             return 1
-        if self._former is _Former.ASKED:
+        if self._doubt is _Doubt.ASKED:
             if self._ended == self._ended_before:
                 return 0
             self._look_at_end()
@@ -383,7 +387,7 @@ class Spooling:
         return sum(self._counters.ended.values())
 
     def _look_at_end(self) -> None:
-        self._former = _Former.NONE
+        self._doubt = _Doubt.NONE
         try:
             self._in_kafka.look_at_end()
         except BridgeError as error:
@@ -403,8 +407,10 @@ class Spooling:
             self._occasional.warning(f'drop: {counted(dropped, "message")} of the spool')
             self._counters.end(Outcome.DROPPED, dropped)
 
-    def _drop_unwritten(self) -> None:
-        """Keep the newest of what the disk does not take."""
+    def drop_excess(self) -> None:
+        """Keep the newest of what the disk does not take, where the route asks for it."""
+        if not self._drops:
+            return
         window, behind = self._window, self._behind()
         excess = len(behind) - window.max_entries
         for entry in behind:
@@ -416,16 +422,16 @@ class Spooling:
         self._unwritten = [entry for entry in self._unwritten if entry.number in window.entries]
 
 
-def _row_of(entry: Entry) -> Row:
+def _row_of(entry: MessageEntry) -> Row:
     """What of an entry is written to disk."""
-    return Row(entry.number, time.time_ns(), entry.dead, entry.gid, entry.seq, entry.record)
+    return Row(entry.number, time.time_ns(), entry.is_letter, entry.gid, entry.seq, entry.record)
 
 
-def _entry_of(row: Row) -> Entry:
+def _entry_of(row: Row) -> MessageEntry:
     """An entry that was on disk."""
     value = row.record.value or b''  # its length stands for that of the message
     message = Message(value, row.gid, row.seq, source_time_ns(row.record.headers))
     taken_s = time.monotonic() - _S_PER_NS * (time.time_ns() - row.taken_ns)
-    entry = Entry(row.number, row.record, message, taken_s)
-    entry.dead, entry.on_disk = row.dead, True
+    entry = MessageEntry(row.number, row.record, message, taken_s)
+    entry.is_letter, entry.is_on_disk = row.dead, True
     return entry

@@ -149,8 +149,8 @@ def test_nothing_is_read_for_publishers_that_send_no_history() -> None:
 
 def test_what_a_spool_holds_counts_as_produced() -> None:
     found = Produced(MemoryTail([]), MemoryTail(), LOG)
-    found.also({(ROBOT, 7)})
-    found.also({(ROBOT, 8)})
+    found.add({(ROBOT, 7)})
+    found.add({(ROBOT, 8)})
     assert [found.contains(message(seq)) for seq in (6, 7, 8)] == [False, True, True]
 
 

@@ -19,9 +19,9 @@ from ros2_kafka_bridge.errors import EncodeError, RecordTooLargeError, RouteErro
 from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.route.counters import Outcome
+from ros2_kafka_bridge.route.message_window import MessageEntry
 from ros2_kafka_bridge.route.produced import Produced
 from ros2_kafka_bridge.route.type_hash import check_nothing
-from ros2_kafka_bridge.route.window import Entry
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.spool.store import Row, Spool, file_of
 from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSink
@@ -36,7 +36,7 @@ def encode(cdr: bytes) -> bytes:
     return cdr
 
 
-class Moody(MemoryRecordSink[Entry]):
+class Moody(MemoryRecordSink[MessageEntry]):
     """A sink whose broker refuses all that is in flight, so many times.
 
     Never one of several: an idempotent producer does not deliver what is behind a failure.
@@ -44,7 +44,7 @@ class Moody(MemoryRecordSink[Entry]):
 
     refusals = 0
 
-    def poll(self, timeout_s: float) -> Reports[Entry]:
+    def poll(self, timeout_s: float) -> Reports[MessageEntry]:
         if not self.refusals or not self.answering or not self._in_flight:
             return super().poll(timeout_s)
         self.refusals -= 1

@@ -5,11 +5,13 @@ from collections import deque
 from collections.abc import Sequence
 
 from ros2_kafka_bridge.endpoints import Message, Outgoing
+from ros2_kafka_bridge.route.place import Place
+from ros2_kafka_bridge.route.refused import Refused
 
 _ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small messages count too
 
 
-class Entry:
+class MessageEntry:
     """One message on its way.
 
     Args:
@@ -22,8 +24,8 @@ class Entry:
     produced_s: float  # when the producer took it last
 
     __slots__ = (
-        'alone', 'dead', 'gid', 'in_line', 'made_ns', 'number', 'on_disk', 'produced_s', 'record',
-        'refused', 'seq', 'size_bytes', 'taken_bytes', 'taken_s',
+        'gid', 'is_letter', 'is_on_disk', 'made_ns', 'number', 'place', 'produced_s', 'record',
+        'seq', 'size_bytes', 'taken_bytes', 'taken_s',
     )  # fmt: skip
 
     def __init__(self, number: int, record: Outgoing, message: Message, taken_s: float) -> None:
@@ -33,15 +35,21 @@ class Entry:
         self.taken_bytes = len(cdr)
         self.taken_s = taken_s
         self.size_bytes = len(record.value or b'') + _ENTRY_BYTES
-        self.alone = False  # goes in a request of its own
-        self.dead = False  # goes to the dead letters
-        self.refused = False  # ends the route, and goes nowhere
-        self.in_line = False  # of the producer; others still have to be written to disk
-        self.on_disk = False
+        self.place = Place.ASIDE
+        self.is_letter = False  # goes to the dead letters
+        self.is_on_disk = False  # too
+
+    @property
+    def is_in_line(self) -> bool:
+        """Whether it goes to Kafka now; what does not has to be written to disk first."""
+        return self.place is Place.PENDING or self.place is Place.SENT
 
 
-class Window:
+class MessageWindow:
     """The entries of a route, by number; those of `pending` wait for the producer to take them.
+
+    An entry that must end the route lets neither itself nor one behind it go on to Kafka; the
+    route ends once all before it have ended.
 
     Args:
         max_entries: How many may be in flight.
@@ -49,12 +57,13 @@ class Window:
     """
 
     def __init__(self, max_entries: int, max_bytes: int) -> None:
-        self.entries: dict[int, Entry] = {}
-        self.pending: deque[Entry] = deque()
+        self.entries: dict[int, MessageEntry] = {}
+        self.pending: deque[MessageEntry] = deque()
         self.size_bytes = 0
         self.max_entries = max_entries
         self.max_bytes = max_bytes
-        self.stop_at = sys.maxsize  # neither this number nor one behind it goes on to Kafka
+        self.failure: Refused | None = None  # what ends the route
+        self.ends_at = sys.maxsize  # number of that entry
         self._number = 0  # of the newest
 
     def __len__(self) -> int:
@@ -64,32 +73,32 @@ class Window:
         """Give no number again, up to this one."""
         self._number = max(self._number, number)
 
-    def hold(self, record: Outgoing, message: Message, taken_s: float) -> Entry:
+    def add(self, record: Outgoing, message: Message, taken_s: float) -> MessageEntry:
         """Make the next entry; the arguments are its own."""
         self._number += 1
-        entry = Entry(self._number, record, message, taken_s)
+        entry = MessageEntry(self._number, record, message, taken_s)
         self.entries[entry.number] = entry
         self.size_bytes += entry.size_bytes
         return entry
 
-    def put(self, entry: Entry) -> None:
+    def put_back(self, entry: MessageEntry) -> None:
         """Take in an entry that was on disk."""
         self.entries[entry.number] = entry
         self.size_bytes += entry.size_bytes
 
-    def remove(self, entry: Entry) -> None:
+    def remove(self, entry: MessageEntry) -> None:
         """Forget an entry."""
         del self.entries[entry.number]
         self.size_bytes -= entry.size_bytes
 
-    def remove_all(self, entries: Sequence[Entry]) -> None:
+    def remove_all(self, entries: Sequence[MessageEntry]) -> None:
         """Forget entries."""
         held = self.entries
         for entry in entries:
             del held[entry.number]
         self.size_bytes -= sum([entry.size_bytes for entry in entries])
 
-    def drop_oldest(self) -> list[Entry]:
+    def drop_oldest(self) -> list[MessageEntry]:
         """Forget what is too much of that which waits; returns it."""
         pending, dropped = self.pending, []
         while len(pending) > 1 and (
@@ -107,6 +116,18 @@ class Window:
             return 0
         return max(0, self.max_entries - len(self.entries))
 
-    def ascending(self) -> list[Entry]:
+    def ascending(self) -> list[MessageEntry]:
         """The entries in the order of taking."""
         return [self.entries[number] for number in sorted(self.entries)]
+
+    # The end of a route
+
+    def end_at(self, entry: MessageEntry, failure: Refused) -> None:
+        """Let the route end at an entry, once all before it have ended."""
+        entry.place = Place.REFUSED
+        if entry.number < self.ends_at:
+            self.ends_at, self.failure = entry.number, failure
+
+    def may_go_on(self, entry: MessageEntry) -> bool:
+        """Whether an entry comes before what ends the route."""
+        return entry.number < self.ends_at
