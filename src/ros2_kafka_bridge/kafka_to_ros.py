@@ -28,6 +28,15 @@ from ros2_kafka_bridge.formats import Decode
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.measuring import Meter
+from ros2_kafka_bridge.route.obstacle import (
+    HISTORY_FULL,
+    LONGEST_NAP_S,
+    PACED,
+    WINDOW_FULL,
+    Blocked,
+    Kind,
+    Obstacle,
+)
 from ros2_kafka_bridge.route.pace import Pace, expires
 from ros2_kafka_bridge.route.place import Place
 from ros2_kafka_bridge.route.record_window import RecordEntry, RecordWindow
@@ -43,14 +52,10 @@ from ros2_kafka_bridge.tracing.records import NO_RECORD_TRACES, RecordTraces
 BATCH = 500
 COMMIT_S = 0.2  # what a SIGKILL makes come twice; more often would cost requests
 REVOKE_S = 5.0
-HOLD_AFTER_S = 1.0
 _IDLE_S = 0.1
 _BUSY_S = 0.01
 _LAST_COMMIT_S = 1.0
-_SHORTEST_NAP_S = 0.0005
-_LONGEST_NAP_S = 0.02
 _NS_PER_MS = 1_000_000
-_FULL = 'the history is full: a subscriber does not take'
 
 
 class KafkaToRos:
@@ -99,9 +104,8 @@ class KafkaToRos:
         self._read_headers = traces.reader(lambda: self._window.entries[-1])
         self._window = RecordWindow(route.max_in_flight, route.max_in_flight_bytes, source.advance)
         self._settling = Settling(route.min_subscribers)
-        self._blocked_since_s: float | None = None
+        self._blocked = Blocked()
         self._drained_by_s = math.inf
-        self._nap_s = _SHORTEST_NAP_S
         self._commit_at_s = 0.0
         self._paces = route.max_rate is not None
         self._pace = Pace(route.max_rate)
@@ -127,8 +131,7 @@ class KafkaToRos:
         self._confirm()
         obstacle = self._publish_pending()
         if obstacle is None:
-            self._blocked_since_s = None
-            self._nap_s = _SHORTEST_NAP_S
+            self._blocked.clear()
             self._poll(_BUSY_S if self._window else _IDLE_S)
             obstacle = self._publish_pending()
         else:
@@ -140,12 +143,12 @@ class KafkaToRos:
 
     def _rest(self) -> None:
         """Stay in the group, and finish what was published."""
-        self._blocked_since_s = None
+        self._blocked.clear()
         self._confirm()
         self._stay()
         self._settle()
         self._tick(None)
-        time.sleep(_LONGEST_NAP_S)
+        time.sleep(LONGEST_NAP_S)
 
     # 1. Kafka -> entries
 
@@ -216,7 +219,7 @@ class KafkaToRos:
 
     # 2. entries -> ROS
 
-    def _publish_pending(self) -> str | None:
+    def _publish_pending(self) -> Obstacle | None:
         """Publish what waits; tells what stands in the way, None when nothing is left."""
         pending, unconfirmed = self._window.pending, self._window.unconfirmed
         if not pending:
@@ -229,49 +232,47 @@ class KafkaToRos:
             if self._ages and self._expired(entry.timestamp):
                 entry.outcome = Outcome.DROPPED
             elif self._paces and not self._pace.go():
-                return 'max_rate'
+                return PACED
             elif not publish(entry.cdr):
-                return _FULL
+                return HISTORY_FULL
             else:
                 entry.place = sent
                 unconfirmed.append(entry)
-                self._nap_s = _SHORTEST_NAP_S
+                self._blocked.move()
             pending.popleft()
         return self._no_room()
 
-    def _no_room(self) -> str | None:
+    def _no_room(self) -> Obstacle | None:
         """Tell what keeps the bridge from reading on, None if nothing does."""
         if self._window.failure is not None:
-            return str(self._window.failure)
+            return Obstacle(str(self._window.failure))
         if self._dead_letters.problem:
-            return self._dead_letters.problem
+            return Obstacle(self._dead_letters.problem)
         if self._window.is_full:
-            return 'the window is full (max_in_flight_bytes)'
+            return WINDOW_FULL
         return None
 
-    def _wait(self, obstacle: str) -> None:
-        now_s = time.monotonic()
-        if self._blocked_since_s is None:
-            self._blocked_since_s = now_s
+    def _wait(self, obstacle: Obstacle) -> None:
+        since_s = time.monotonic()
+        self._blocked.note()
         drops = self._may_drop(obstacle)
         if drops and not self._window.is_full:
             self._poll(_BUSY_S)
-        elif now_s - self._blocked_since_s > HOLD_AFTER_S:
+        elif self._blocked.is_long:
             self._stay()
         if drops:
             self._count(self._window.drop_oldest())
-        if obstacle == 'max_rate':
-            time.sleep(min(_LONGEST_NAP_S, self._pace.wait_s))
+        if obstacle.kind is Kind.PACE:
+            time.sleep(min(LONGEST_NAP_S, self._pace.wait_s))
             return
-        time.sleep(self._nap_s)
-        self._nap_s = min(_LONGEST_NAP_S, self._nap_s * 2)
-        self._meter.waited_s += time.monotonic() - now_s
+        self._blocked.nap()
+        self._meter.waited_s += time.monotonic() - since_s
 
-    def _may_drop(self, obstacle: str) -> bool:
+    def _may_drop(self, obstacle: Obstacle) -> bool:
         """Whether what waits may be dropped, for what comes behind it can be published."""
         return (
             self._route.when_full == 'drop_oldest'
-            and obstacle != 'max_rate'
+            and obstacle.kind is not Kind.PACE
             and self._window.failure is None
             and not self._dead_letters.problem
         )
@@ -314,20 +315,22 @@ class KafkaToRos:
                 self._meter.bytes_taken += entry.value_bytes
                 self.counters.end(entry.outcome)
 
-    def _tick(self, obstacle: str | None) -> None:
+    def _tick(self, obstacle: Obstacle | None) -> None:
         now_s = time.monotonic()
         if now_s >= self._commit_at_s:
             self._commit_at_s = now_s + COMMIT_S
             self._source.commit()
         if not self._telling.is_due(self._pause):
             return
-        waiting = ''
-        blocked_s = 0.0 if self._blocked_since_s is None else now_s - self._blocked_since_s
-        if blocked_s > HOLD_AFTER_S:
-            waiting = obstacle or ''
-        if waiting == _FULL:
-            waiting = f'{_FULL} ({held(self._sink.holders, blocked_s)})'
-        self._show(waiting or self._source.away)
+        self._show(self._reason(obstacle) or self._source.away)
+
+    def _reason(self, obstacle: Obstacle | None) -> str:
+        """Why the route waits; empty where it does not, or not for long."""
+        if obstacle is None or not self._blocked.is_long:
+            return ''
+        if obstacle.kind is Kind.HISTORY:
+            return f'{obstacle.reason} ({held(self._sink.holders, self._blocked.for_s)})'
+        return obstacle.reason
 
     def _show(self, reason: str) -> None:
         self._telling.tell(reason, self._source.away, self._pause)

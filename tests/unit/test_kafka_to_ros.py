@@ -21,7 +21,7 @@ from ros2_kafka_bridge.endpoints import Record
 from ros2_kafka_bridge.errors import DecodeError, RouteError
 from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.kafka_to_ros import BATCH, KafkaToRos
-from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route import obstacle, settling
 from ros2_kafka_bridge.route.counters import State
 from ros2_kafka_bridge.route.type_hash import make_hash_check
 from ros2_kafka_bridge.testing.memory import (
@@ -189,12 +189,12 @@ def test_a_full_history_waits_and_the_same_message_goes_next() -> None:
 def test_a_route_that_is_held_says_by_whom_and_since_when(
     holders: list[str], who: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(kafka_to_ros, 'HOLD_AFTER_S', 0.0)
+    monkeypatch.setattr(obstacle, 'SAID_AFTER_S', 0.0)
     house = House()
     house.sink.acknowledging, house.sink.room, house.sink.holders = False, 1, holders
     house.give(b'a', b'b')
     house.steps(2)
-    house.direction._blocked_since_s = time.monotonic() - 3600
+    house.direction._blocked._since_s = time.monotonic() - 3600
     before = datetime.now().astimezone() - timedelta(seconds=3600)
     house.direction._telling._at_s = 0.0
     house.steps(1)

@@ -10,8 +10,10 @@ from collections import deque
 from typing import Final
 
 from ros2_kafka_bridge.endpoints import Readers
+from ros2_kafka_bridge.route.obstacle import Obstacle
 
 SETTLE_S: Final = 1.0
+_JUST_COME: Final = Obstacle('a subscriber has come just now, and may not know of the bridge yet')
 
 
 class Settling:
@@ -40,13 +42,13 @@ class Settling:
             self._last_at_loss_s = self._came_s[-1]
 
     @property
-    def obstacle(self) -> str | None:
+    def obstacle(self) -> Obstacle | None:
         """What there is to wait for; None where enough readers know of their match."""
         there = len(self._came_s)
         if there < self._needed:
-            return f'{there} of {self._needed} subscribers are there'
+            return Obstacle(f'{there} of {self._needed} subscribers are there')
         if self._needed:
             came_s = max(self._came_s[self._needed - 1], self._last_at_loss_s)
             if time.monotonic() < came_s + SETTLE_S:
-                return 'a subscriber has come just now, and may not know of the bridge yet'
+                return _JUST_COME
         return None

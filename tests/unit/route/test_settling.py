@@ -38,7 +38,8 @@ class Topic:
         if self.lost:
             self.lost_with = list(self.there)
         self.lost = False
-        return self.settling.obstacle
+        obstacle = self.settling.obstacle
+        return None if obstacle is None else obstacle.reason
 
     def knows(self, came_s: float) -> bool:
         return came_s + SETTLE_S <= self.now_s
