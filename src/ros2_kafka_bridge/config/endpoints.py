@@ -86,7 +86,7 @@ def _dead_letter_mistakes(given: Mapping[str, Any]) -> Iterator[Mistake]:
         yield Mistake(('dead_letter',), text)
 
 
-class KafkaSource(Settings):
+class FromKafka(Settings):
     """A Kafka topic that a route reads."""
 
     kafka: KafkaTopic = Field(description='Kafka topic.')
@@ -110,7 +110,7 @@ class KafkaSource(Settings):
         yield from _dead_letter_mistakes(given)
 
 
-class KafkaSink(Settings):
+class ToKafka(Settings):
     """A Kafka topic that a route writes."""
 
     kafka: KafkaTopic = Field(description='Kafka topic.')
@@ -167,7 +167,7 @@ class SpoolSettings(Settings):
     )
 
 
-class RosSource(Settings):
+class FromRos(Settings):
     """A ROS topic that a route takes from."""
 
     ros: RosTopic = Field(description='ROS topic, by its absolute name such as /orders.')
@@ -182,7 +182,7 @@ class RosSource(Settings):
     )
 
 
-class RosSink(Settings):
+class ToRos(Settings):
     """A ROS topic that a route publishes to."""
 
     ros: RosTopic = Field(description='ROS topic, by its absolute name such as /orders.')

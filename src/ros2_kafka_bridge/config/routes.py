@@ -17,11 +17,11 @@ from ros2_kafka_bridge.config.base import (
     refused,
 )
 from ros2_kafka_bridge.config.endpoints import (
-    KafkaSink,
-    KafkaSource,
-    RosSink,
-    RosSource,
+    FromKafka,
+    FromRos,
     SpoolSettings,
+    ToKafka,
+    ToRos,
 )
 from ros2_kafka_bridge.config.formats import JsonSettings, SchemaSettings
 from ros2_kafka_bridge.config.values import (
@@ -103,8 +103,8 @@ class Route(Settings):
 class KafkaToRosRoute(Route):
     """A route from Kafka to ROS."""
 
-    source: KafkaSource = Field(alias='from', description='Kafka topic to read.')
-    sink: RosSink = Field(alias='to', description='ROS topic to publish to.')
+    source: FromKafka = Field(alias='from', description='Kafka topic to read.')
+    sink: ToRos = Field(alias='to', description='ROS topic to publish to.')
     max_in_flight: Count = Field(
         500,
         description='Messages published and not yet acknowledged, at most. In flight are also '
@@ -138,8 +138,8 @@ class KafkaToRosRoute(Route):
 class RosToKafkaRoute(Route):
     """A route from ROS to Kafka."""
 
-    source: RosSource = Field(alias='from', description='ROS topic to take from.')
-    sink: KafkaSink = Field(alias='to', description='Kafka topic to write.')
+    source: FromRos = Field(alias='from', description='ROS topic to take from.')
+    sink: ToKafka = Field(alias='to', description='Kafka topic to write.')
     max_in_flight: Count = Field(
         2000,
         description='Messages in flight (taken and not ended), at most. With when_full: '
@@ -162,10 +162,10 @@ class RosToKafkaRoute(Route):
 
 
 _ENDPOINTS: dict[tuple[str, str], type[Settings]] = {
-    ('from', 'kafka'): KafkaSource,
-    ('from', 'ros'): RosSource,
-    ('to', 'kafka'): KafkaSink,
-    ('to', 'ros'): RosSink,
+    ('from', 'kafka'): FromKafka,
+    ('from', 'ros'): FromRos,
+    ('to', 'kafka'): ToKafka,
+    ('to', 'ros'): ToRos,
 }
 _WORDS = {'kafka': 'Kafka', 'ros': 'ROS'}
 _EXAMPLES = {'kafka': '{kafka: orders}', 'ros': '{ros: /orders}'}

@@ -17,13 +17,13 @@ from ros2_kafka_bridge.config.base import (
     near,
 )
 from ros2_kafka_bridge.config.endpoints import (
-    KafkaSink,
-    KafkaSource,
+    FromKafka,
+    FromRos,
     QoS,
     RosSettings,
-    RosSink,
-    RosSource,
     SpoolSettings,
+    ToKafka,
+    ToRos,
 )
 from ros2_kafka_bridge.config.formats import JsonSettings, SchemaSettings
 from ros2_kafka_bridge.config.groups import group_mistakes
@@ -49,20 +49,20 @@ from ros2_kafka_bridge.kafka.properties import Membership, canonical, is_secret
 
 __all__ = [
     'Config',
+    'FromKafka',
+    'FromRos',
     'JsonSettings',
-    'KafkaSink',
-    'KafkaSource',
     'KafkaToRosRoute',
     'MonitoringSettings',
     'QoS',
     'RosSettings',
-    'RosSink',
-    'RosSource',
     'RosToKafkaRoute',
     'Route',
     'SchemaRegistrySettings',
     'SchemaSettings',
     'SpoolSettings',
+    'ToKafka',
+    'ToRos',
     'TracingSettings',
     'masked',
     'warnings',

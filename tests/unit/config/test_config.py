@@ -14,14 +14,14 @@ from ros2_kafka_bridge.config.checks import KeyPart, key_parts
 from ros2_kafka_bridge.config.file import load, loads
 from ros2_kafka_bridge.config.settings import (
     Config,
+    FromKafka,
     JsonSettings,
-    KafkaSource,
     KafkaToRosRoute,
     QoS,
-    RosSink,
     RosToKafkaRoute,
     SchemaRegistrySettings,
     SchemaSettings,
+    ToRos,
     masked,
     warnings,
 )
@@ -218,8 +218,8 @@ def test_a_variable_is_not_read_again() -> None:
 def test_settings_are_made_in_python_too() -> None:
     route = KafkaToRosRoute(
         name='orders',
-        source=KafkaSource(kafka='orders'),
-        sink=RosSink(ros='/orders', type='std_msgs/msg/String'),
+        source=FromKafka(kafka='orders'),
+        sink=ToRos(ros='/orders', type='std_msgs/msg/String'),
         format='text',
     )
     config = Config(name='b', kafka={'bootstrap.servers': 'x'}, routes=[route])
