@@ -18,7 +18,7 @@ from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.kafka.names import tail_group
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.properties import consumer_properties, producer_properties
-from ros2_kafka_bridge.kafka.tail import Tail
+from ros2_kafka_bridge.kafka.tail import KafkaTail
 from ros2_kafka_bridge.kafka.topics import ensure_topic
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
@@ -256,8 +256,8 @@ class Wiring:
 
     def _produced(self, route: RosToKafkaRoute, log: Log) -> Produced:
         properties = self._consumer_properties(tail_group(self._config.name, route.name))
-        letters = Tail(properties, route.dead_letter_topic, partial(message_of_letter, route))
-        return Produced(Tail(properties, route.sink.kafka), letters, log)
+        letters = KafkaTail(properties, route.dead_letter_topic, partial(message_of_letter, route))
+        return Produced(KafkaTail(properties, route.sink.kafka), letters, log)
 
     def _kafka_sink(self, route: RosToKafkaRoute, log: Log) -> KafkaSink[MessageEntry]:
         properties = self._producer_properties(route)

@@ -11,7 +11,7 @@ from nobody import Nobody
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.properties import consumer_properties
-from ros2_kafka_bridge.kafka.watchdog import Watch
+from ros2_kafka_bridge.kafka.watchdog import Watchdog
 
 LOG = logging.LoggerAdapter(logging.getLogger('test.stuck'), {})
 
@@ -42,8 +42,8 @@ def test_a_client_that_is_given_up_says_how_it_was_assigned_and_what_it_made_of_
         eventually(lambda: bool(source.poll(10, 0.1)), 30)
         eventually(lambda: not source.poll(10, 0.1) and is_fetching(source), 30)
         assert 'the Kafka client' not in caplog.text
-        monkeypatch.setattr(Watch, 'is_due', lambda _: True)
-        monkeypatch.setattr(Watch, 'look_whether_stuck', give_up)
+        monkeypatch.setattr(Watchdog, 'is_due', lambda _: True)
+        monkeypatch.setattr(Watchdog, 'look_whether_stuck', give_up)
         with pytest.raises(RouteError):
             source.poll(10, 0.1)
     told = [record.getMessage() for record in caplog.records]

@@ -5,7 +5,7 @@ from harness import Bench, eventually, headers, to_kafka, totals, values
 
 from ros2_kafka_bridge.endpoints import HeaderList
 from ros2_kafka_bridge.kafka.properties import consumer_properties
-from ros2_kafka_bridge.kafka.tail import Tail
+from ros2_kafka_bridge.kafka.tail import KafkaTail
 from ros2_kafka_bridge.route.produced import FIRST_RECORDS
 
 GID = bytes(range(16))
@@ -44,7 +44,7 @@ def test_the_end_of_a_topic_is_read_back_step_by_step(bench: Bench, topic_name: 
             for seq in range(partition, 2 * count, 2):
                 producer.produce(topic_name, b'x', partition=partition, headers=told(seq))
         assert producer.flush(60) == 0
-    tail = Tail(
+    tail = KafkaTail(
         consumer_properties(
             {'bootstrap.servers': bench.bootstrap_servers}, group='test.tail', client_id='test'
         ),

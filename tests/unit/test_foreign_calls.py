@@ -26,7 +26,7 @@ from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.kafka.partitions import Partitions
 from ros2_kafka_bridge.kafka.producer import KafkaSink
-from ros2_kafka_bridge.kafka.tail import Tail
+from ros2_kafka_bridge.kafka.tail import KafkaTail
 from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import RosNode
@@ -118,7 +118,7 @@ def end_of_topic(client: Library) -> Iterator[Callable[[], object]]:
     """The end of a topic that is empty."""
     client.list_topics.return_value.topics = {'t': MagicMock(partitions=[0])}
     client.get_watermark_offsets.return_value = (0, 0)
-    yield lambda: Tail(KAFKA, 't').read(10, 1.0)
+    yield lambda: KafkaTail(KAFKA, 't').read(10, 1.0)
 
 
 def ros_source(handle: Library) -> Iterator[Callable[[], object]]:

@@ -26,7 +26,7 @@ from ros2_kafka_bridge.kafka.partitions import Partitions
 from ros2_kafka_bridge.kafka.recorder import Recorder
 from ros2_kafka_bridge.kafka.statistics import read
 from ros2_kafka_bridge.kafka.tls import check_files
-from ros2_kafka_bridge.kafka.watchdog import Watch
+from ros2_kafka_bridge.kafka.watchdog import Watchdog
 from ros2_kafka_bridge.threads import unattended
 
 _REQUEST_S: Final = 10.0
@@ -67,7 +67,7 @@ class Member:
         self._partitions = partitions
         self._health = health
         self._log = log
-        self._watch = Watch(topic, float(properties.get('fetch.wait.max.ms', 500)) / 1000)
+        self._watchdog = Watchdog(topic, float(properties.get('fetch.wait.max.ms', 500)) / 1000)
         self._consumer: Consumer | None = None
         self._recorder: Recorder  # of the client
         self._clients = 0  # made so far: what an old one still says does not count
@@ -89,7 +89,7 @@ class Member:
     @property
     def away(self) -> str:
         """Why nothing can be read just now; empty when all is well."""
-        return self._health.away or self._watch.reason
+        return self._health.away or self._watchdog.reason
 
     @property
     def is_paused(self) -> bool:
@@ -99,7 +99,7 @@ class Member:
     @property
     def is_outside(self) -> bool:
         """Whether it has lost partitions with its place in the group."""
-        return self._partitions.are_lost and self._watch.is_outside
+        return self._partitions.are_lost and self._watchdog.is_outside
 
     # To join, and to leave
 
@@ -118,7 +118,7 @@ class Member:
     def _begin(self) -> None:
         """Join the group with a new client."""
         self._clients += 1
-        self._watch.begin()
+        self._watchdog.begin()
         self._recorder = Recorder(logging.getLogger(f'{__name__}.librdkafka'))
         self._is_leaving = self._is_paused = self._has_joined = self._is_shut_out = False
         callbacks = {
@@ -232,7 +232,7 @@ class Member:
     def _on_assign(self, _: Consumer, assigned: list[TopicPartition]) -> None:
         self._reads_some = self._has_joined = True
         self.rebalances += bool(assigned)
-        self._watch.on_assign()
+        self._watchdog.on_assign()
         self._health.on_contact()
         numbers = _numbers(assigned)
         self._partitions.assign(numbers)
@@ -259,7 +259,7 @@ class Member:
 
     def _lose(self, numbers: frozenset[int]) -> None:
         self.rebalances += 1
-        self._watch.on_lost()
+        self._watchdog.on_lost()
         self._rebalance.lost(numbers)
         self._resume(numbers)
         self._partitions.lose(numbers)
@@ -321,9 +321,9 @@ class Member:
     def _look_whether_useless(self) -> None:
         """Look at a client from which nothing comes; one that is given up says what it did."""
         try:
-            self._watch.look_whether_outside(self._health.away)
-            if not self._is_paused and not self._health.away and self._watch.is_due():
-                self._watch.look_whether_stuck(self.client, self._partitions.reached)
+            self._watchdog.look_whether_outside(self._health.away)
+            if not self._is_paused and not self._health.away and self._watchdog.is_due():
+                self._watchdog.look_whether_stuck(self.client, self._partitions.reached)
         except RouteError:
             self._recorder.tell(self._log)
             raise
@@ -349,7 +349,7 @@ class Member:
             self._begin()
         finally:
             if self._partitions.are_lost:
-                self._watch.on_lost()
+                self._watchdog.on_lost()
             if self._consumer is not old:
                 with contextlib.suppress(RuntimeError):  # no more threads: left behind
                     unattended.start('old consumer', commits.close_client)

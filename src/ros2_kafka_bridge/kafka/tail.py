@@ -36,8 +36,8 @@ class _Start(NamedTuple):
     time_ns: float
 
 
-class Tail:
-    """The last records of a topic, as far as they were read back.
+class KafkaTail:
+    """A `TopicTail` of a real topic: its last records, as far as they were read back.
 
     Args:
         properties: librdkafka properties of a consumer with its group.

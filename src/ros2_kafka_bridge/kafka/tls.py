@@ -21,20 +21,20 @@ _FILES: Final = (
 _ADDRESS = re.compile(r'\b(?:sasl_)?ssl://(?P<host>\[[^]]+\]|[^:/\s]+):(?P<port>\d+)')
 
 
-class Address(NamedTuple):
+class BrokerAddress(NamedTuple):
     """Where a TLS listener of a broker is."""
 
     host: str
     port: int
 
 
-def address_in(text: str) -> Address | None:
+def address_in(text: str) -> BrokerAddress | None:
     """The TLS listener that an error of librdkafka speaks of, None where it names none."""
     found = _ADDRESS.search(text)
-    return found and Address(found['host'].strip('[]'), int(found['port']))
+    return found and BrokerAddress(found['host'].strip('[]'), int(found['port']))
 
 
-def distrust(address: Address, properties: Mapping[str, Any]) -> str:
+def distrust(address: BrokerAddress, properties: Mapping[str, Any]) -> str:
     """Shake hands with a broker, as its client would, and say why it is not trusted.
 
     Waits for at most ten seconds to connect, and as long for the handshake.

@@ -62,7 +62,7 @@ class Parcel(NamedTuple):
     sends: Sequence[Send]
 
 
-class Refused(NamedTuple):
+class RefusedParcel(NamedTuple):
     """A parcel that Kafka will never take, and why."""
 
     parcel: Parcel
@@ -145,14 +145,14 @@ class Transactions:
     def _last_answers_s(self) -> float:
         return _STEP_S if self._stop.at_once else _LAST_ANSWERS_S
 
-    def write(self, parcels: Sequence[Parcel]) -> list[Refused]:
+    def write(self, parcels: Sequence[Parcel]) -> list[RefusedParcel]:
         """Write parcels in one transaction; returns those that Kafka refuses, without the others.
 
         Raises:
             TransportError: The broker is away; whether they are written is known to Kafka alone.
             RouteError: This user may not write, or another has taken over. Nothing is written.
         """
-        refused: list[Refused] = []
+        refused: list[RefusedParcel] = []
         left = list(parcels)
         while left:
             bad = self._attempt(left)
@@ -168,7 +168,7 @@ class Transactions:
         assert self._producer is not None, 'the transactions are open'
         return self._producer
 
-    def _attempt(self, parcels: Sequence[Parcel]) -> list[Refused] | None:
+    def _attempt(self, parcels: Sequence[Parcel]) -> list[RefusedParcel] | None:
         """Write them all; None: they are written. Otherwise which to leave out of the next try."""
         self._failed = {}
         try:
@@ -224,7 +224,7 @@ class Transactions:
             return found
         return error
 
-    def _after(self, error: KafkaError, parcels: Sequence[Parcel]) -> list[Refused]:
+    def _after(self, error: KafkaError, parcels: Sequence[Parcel]) -> list[RefusedParcel]:
         """End a transaction that has failed; tells which parcels to leave out of the next try."""
         self._check_shut_out(error)
         if error.fatal() or not self._abort():
@@ -234,7 +234,7 @@ class Transactions:
             self._begin_anew()  # the next client of this name ends what is open
         errors = {number: self._translated(failed) for number, failed in self._failed.items()}
         bad = [
-            Refused(parcel, cause)
+            RefusedParcel(parcel, cause)
             for parcel in parcels
             if isinstance(cause := errors.get(parcel.number), RecordError)
         ]

@@ -18,7 +18,7 @@ _STUCK_LOOK_S = 10.0
 _ANSWER_S: Final = 0.5  # of the broker, behind a fetch
 
 
-class Watch:
+class Watchdog:
     """Watches one client of a group, while nothing comes from it.
 
     Args:

@@ -7,7 +7,7 @@ from ros2_kafka_bridge.commands.names import is_of_ros_itself
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.ros.matching import (
-    Problem,
+    Mismatch,
     others,
     own_publishers,
     own_readers,
@@ -71,7 +71,7 @@ def _topic(config: Config, routes: Sequence[AnyRoute], topic: Topic) -> Json:
 
 def _matches(
     config: Config, routes: Sequence[AnyRoute], route: AnyRoute, topic: Topic
-) -> Iterator[tuple[Peer, Problem | None]]:
+) -> Iterator[tuple[Peer, Mismatch | None]]:
     """Everybody whom a route could meet; its own bridge as its file says, not as it runs."""
     if isinstance(route, KafkaToRosRoute):
         for peer in [*others(topic.subscribers, config.name), *own_readers(routes, route)]:

@@ -8,26 +8,26 @@ from ros2_kafka_bridge.ros.node import Peer, own_nodes
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 
 
-class Problem(NamedTuple):
+class Mismatch(NamedTuple):
     """Why two endpoints do not match, and what would help."""
 
     text: str
     cure: str
 
 
-def reader_problem(route: KafkaToRosRoute, reader: Peer) -> Problem | None:
+def reader_problem(route: KafkaToRosRoute, reader: Peer) -> Mismatch | None:
     """Why a subscriber would get nothing from a route; None if it would."""
     if reader.message_type != route.sink.type:
         text = f'reads {route.sink.ros} as {reader.message_type}'
-        return Problem(text, 'set to.type, or give one of the two another topic')
+        return Mismatch(text, 'set to.type, or give one of the two another topic')
     if reason := mismatch(profile(route.sink.qos), reader.qos):
-        return Problem(f'does not match: {reason}', 'set it in to.qos')
+        return Mismatch(f'does not match: {reason}', 'set it in to.qos')
     return None
 
 
 def publisher_problem(
     route: RosToKafkaRoute, publisher: Peer, message_type: str | None
-) -> Problem | None:
+) -> Mismatch | None:
     """Why a route would get nothing from a publisher; None if it would.
 
     Args:
@@ -37,11 +37,11 @@ def publisher_problem(
     """
     if message_type is not None and publisher.message_type != message_type:
         text = f'publishes {publisher.message_type}, not {message_type}'
-        return Problem(text, 'set from.type, or give one of the two another topic')
+        return Mismatch(text, 'set from.type, or give one of the two another topic')
     asked = profile(route.source.qos, publisher.reliability, publisher.durability)
     if reason := mismatch(publisher.qos, asked):
         text = f'does not match from.qos: {reason}'
-        return Problem(text, 'leave it out to follow the publishers')
+        return Mismatch(text, 'leave it out to follow the publishers')
     return None
 
 

@@ -17,8 +17,8 @@ _LETTERS_S: Final = 5.0
 _SKEW_NS: Final = 60_000_000_000  # between the clocks of a publisher and of what writes to Kafka
 
 
-class Tail(Protocol):
-    """The end of a topic (`kafka.tail.Tail`)."""
+class TopicTail(Protocol):
+    """The end of a topic, read backwards (`kafka.tail.KafkaTail`)."""
 
     topic: str
     records: int
@@ -57,7 +57,7 @@ class Produced:
     """
 
     def __init__(
-        self, tail: Tail, letters: Tail, log: logging.LoggerAdapter[logging.Logger]
+        self, tail: TopicTail, letters: TopicTail, log: logging.LoggerAdapter[logging.Logger]
     ) -> None:
         self._tail = tail
         self._letters = letters

@@ -7,7 +7,7 @@ import pytest
 from confluent_kafka import OFFSET_END, KafkaError, KafkaException, TopicPartition
 
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.kafka.watchdog import Watch
+from ros2_kafka_bridge.kafka.watchdog import Watchdog
 
 
 class Broker:
@@ -29,31 +29,31 @@ class Broker:
         return [TopicPartition('t', it.partition, self.ends[it.partition]) for it in partitions]
 
 
-def look(watch: Watch, broker: Any, reached: dict[int, int]) -> None:
+def look(watch: Watchdog, broker: Any, reached: dict[int, int]) -> None:
     watch.look_whether_stuck(broker, reached)
 
 
 def test_a_look_asks_once_for_all_partitions_and_outlasts_a_fetch() -> None:
     broker = Broker(dict.fromkeys(range(12), 5))
-    look(Watch('t', fetch_s=2.0), broker, dict.fromkeys(range(12), 5))
+    look(Watchdog('t', fetch_s=2.0), broker, dict.fromkeys(range(12), 5))
     assert broker.asked == [(list(range(12)), 2.5)]
 
 
 def test_a_client_that_reads_nothing_of_what_there_is_between_two_looks_is_stuck() -> None:
-    broker, watch = Broker({0: 5, 1: 7}), Watch('t', fetch_s=0.5)
+    broker, watch = Broker({0: 5, 1: 7}), Watchdog('t', fetch_s=0.5)
     look(watch, broker, {0: 5, 1: 3})
     with pytest.raises(RouteError, match='topic t: holds records that the Kafka client does not'):
         look(watch, broker, {0: 5, 1: 3})
 
 
 def test_a_client_that_reads_on_or_has_read_all_is_not_stuck() -> None:
-    broker, watch = Broker({0: 5, 1: 7}), Watch('t', fetch_s=0.5)
+    broker, watch = Broker({0: 5, 1: 7}), Watchdog('t', fetch_s=0.5)
     for read in (3, 4, 7, 7):
         look(watch, broker, {0: 5, 1: read})
 
 
 def test_a_broker_that_does_not_answer_makes_no_client_stuck() -> None:
-    broker, watch = Broker({0: 5}), Watch('t', fetch_s=0.5)
+    broker, watch = Broker({0: 5}), Watchdog('t', fetch_s=0.5)
     broker.answers = False
     look(watch, broker, {0: 3})
     look(watch, broker, {0: 3})
@@ -63,7 +63,7 @@ def test_a_broker_that_does_not_answer_makes_no_client_stuck() -> None:
 
 def test_nothing_is_asked_where_nothing_is_read() -> None:
     broker = Broker({})
-    look(Watch('t', fetch_s=0.5), broker, {})
+    look(Watchdog('t', fetch_s=0.5), broker, {})
     assert broker.asked == []
 
 
@@ -75,7 +75,7 @@ def test_a_client_that_kafka_does_not_let_into_its_group_says_so(
     monkeypatch.setattr(
         'ros2_kafka_bridge.kafka.watchdog.time', SimpleNamespace(monotonic=lambda: now_s)
     )
-    watch = Watch('t', fetch_s=0.5)
+    watch = Watchdog('t', fetch_s=0.5)
     watch.begin()
     assert watch.reason == ''
     now_s += 10

@@ -24,7 +24,7 @@ from ros2_kafka_bridge.dead_letters.shown import escaped
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, RecordError
 from ros2_kafka_bridge.kafka.letters import LetterReader
 from ros2_kafka_bridge.kafka.properties import producer_properties
-from ros2_kafka_bridge.kafka.transactions import Parcel, Refused, Send, Transactions
+from ros2_kafka_bridge.kafka.transactions import Parcel, RefusedParcel, Send, Transactions
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.threads.stop import Stop, signals_to_heed
 
@@ -272,7 +272,7 @@ class _Run:
     def _write(self, batch: Sequence[Ready], transactions: Transactions) -> None:
         """Write records and marks, or after publishing the marks alone."""
         parcels = [self._parcel(number, one) for number, one in enumerate(batch)]
-        refused: list[Refused] = transactions.write(parcels)
+        refused: list[RefusedParcel] = transactions.write(parcels)
         bad = {one.parcel.number: one.error for one in refused}
         for number, one in enumerate(batch):
             if number in bad:
