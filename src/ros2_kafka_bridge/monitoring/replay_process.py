@@ -68,7 +68,7 @@ def main() -> int:
     threading.Thread(target=_end_with_starter, name='starter', daemon=True).start()
 
     from ros2_kafka_bridge.commands.dead_letters import replay  # noqa: PLC0415 (heavy: the order is read first)
-    from ros2_kafka_bridge.commands.dead_letters.report import Asked, spoken  # noqa: PLC0415
+    from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery, spoken  # noqa: PLC0415
     from ros2_kafka_bridge.dead_letters.choice import Choice  # noqa: PLC0415
     from ros2_kafka_bridge.dead_letters.letter import Place  # noqa: PLC0415
     from ros2_kafka_bridge.process.load import load_checked  # noqa: PLC0415
@@ -76,7 +76,7 @@ def main() -> int:
     places = None
     if order.places is not None:
         places = frozenset(found for text in order.places if (found := Place.parse(text)))
-    options = replay.Options(
+    options = replay.ReplayOptions(
         to_ros=order.to_ros,
         dry_run=order.dry_run,
         again=order.again,
@@ -85,8 +85,8 @@ def main() -> int:
     )
     try:
         config = load_checked(Path(order.file), order.text, with_ros=False)
-        asked = Asked(config, order.topic, Choice(places=places))
-        return spoken(lambda: replay.replay(asked, options))
+        query = LetterQuery(config, order.topic, Choice(places=places))
+        return spoken(lambda: replay.replay(query, options))
     except BridgeError as error:
         print(error, file=sys.stderr)  # noqa: T201 (the words for the user)
         return 2

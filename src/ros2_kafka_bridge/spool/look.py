@@ -19,7 +19,7 @@ _SOURCE: Final = 'ros.topic'
 
 
 @dataclass(frozen=True)
-class View:
+class SpoolContents:
     """What a spool holds.
 
     Args:
@@ -69,7 +69,7 @@ class _Sums(NamedTuple):
     newest_ns: int | None
 
 
-def look(path: Path, messages: int = 0) -> View:
+def look(path: Path, messages: int = 0) -> SpoolContents:
     """See what a spool holds, and whether it is well.
 
     Args:
@@ -79,12 +79,12 @@ def look(path: Path, messages: int = 0) -> View:
     try:
         kind = health.kind_of(path)
         if kind in {'missing', 'other', 'newer'}:
-            return View(path, problem=_refusal(path, kind))
+            return SpoolContents(path, problem=_refusal(path, kind))
         return _look(path, kind, messages)
     except OSError as error:
-        return View(path, problem=f'cannot be read: {error.strerror}')
+        return SpoolContents(path, problem=f'cannot be read: {error.strerror}')
     except BridgeError as error:
-        return View(path, problem=str(error))
+        return SpoolContents(path, problem=str(error))
 
 
 def _refusal(path: Path, kind: health.Kind) -> str:
@@ -95,7 +95,7 @@ def _refusal(path: Path, kind: health.Kind) -> str:
     return 'is not a spool'
 
 
-def _look(path: Path, kind: health.Kind, messages: int) -> View:
+def _look(path: Path, kind: health.Kind, messages: int) -> SpoolContents:
     pid, copy = holder(lock_of(path)), copy_in(lock_of(path))
     problem = ''
     if not pid and health.has_broken_log(path):
@@ -105,10 +105,10 @@ def _look(path: Path, kind: health.Kind, messages: int) -> View:
             with health.opened_to_read(path, pid) as db:
                 problem = health.problem_of(db, path, copy)
                 if not problem:
-                    return _view_of(db, path, pid, messages)
+                    return _contents_of(db, path, pid, messages)
         except DamagedError as error:
             problem = str(error)
-    return _view_of_pages(path, pid, problem or _reason(kind), copy, messages)
+    return _contents_of_pages(path, pid, problem or _reason(kind), copy, messages)
 
 
 def _reason(kind: health.Kind) -> str:
@@ -117,7 +117,7 @@ def _reason(kind: health.Kind) -> str:
     return 'its header is not as it was written' if kind == 'damaged' else ''
 
 
-def _view_of(db: sqlite3.Connection, path: Path, pid: int, messages: int) -> View:
+def _contents_of(db: sqlite3.Connection, path: Path, pid: int, messages: int) -> SpoolContents:
     sums = _Sums._make(
         db.execute(
             'SELECT count(*), total(size), total(dead), min(taken_ns), max(taken_ns) FROM rows'
@@ -129,7 +129,9 @@ def _view_of(db: sqlite3.Connection, path: Path, pid: int, messages: int) -> Vie
     return _made(path, pid, sums, [row for row in shown if row], alive)
 
 
-def _view_of_pages(path: Path, pid: int, problem: str, copy: Ledger | None, messages: int) -> View:
+def _contents_of_pages(
+    path: Path, pid: int, problem: str, copy: Ledger | None, messages: int
+) -> SpoolContents:
     """What SQLite cannot read, or not without making files of its own."""
     with Pages(path) as pages:
         ledger = max(filter(None, (copy, pages.ledger())), default=None)
@@ -155,17 +157,19 @@ def _view_of_pages(path: Path, pid: int, problem: str, copy: Ledger | None, mess
     ordered = [found[number] for number in sorted(found)]
     shown = [unpack(stored, stored[0] - base) for stored in ordered[:messages]]
     alive = next((stored for stored in ordered if not stored[3]), next(iter(ordered), None))
-    view = _made(path, pid, sums, [row for row in shown if row], alive)
-    return _with(view, problem, lost)
+    contents = _made(path, pid, sums, [row for row in shown if row], alive)
+    return _with(contents, problem, lost)
 
 
-def _with(view: View, problem: str, lost: int) -> View:
-    return View(**{**vars(view), 'damage': problem, 'lost': lost})
+def _with(contents: SpoolContents, problem: str, lost: int) -> SpoolContents:
+    return SpoolContents(**{**vars(contents), 'damage': problem, 'lost': lost})
 
 
-def _made(path: Path, pid: int, sums: _Sums, rows: list[Row], alive: Stored | None) -> View:
+def _made(
+    path: Path, pid: int, sums: _Sums, rows: list[Row], alive: Stored | None
+) -> SpoolContents:
     record = _record(alive)
-    return View(
+    return SpoolContents(
         path=path,
         messages=sums.messages,
         bytes=int(sums.bytes),

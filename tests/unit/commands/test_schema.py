@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ros2_kafka_bridge.commands.schema.report import Asked, report
+from ros2_kafka_bridge.commands.schema.report import SchemaOptions, report
 from ros2_kafka_bridge.config.file import load
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.formats.avro.schema import avro_schema
@@ -31,14 +31,14 @@ routes:
 
 
 def test_json_schema_tells_the_fields_with_their_docs(capsys: pytest.CaptureFixture[str]) -> None:
-    assert report(Asked(BATTERY, 'json')) == 0
+    assert report(SchemaOptions(BATTERY, 'json')) == 0
     printed = json.loads(capsys.readouterr().out)
     fields = printed['$defs']['sensor_msgs_msg_BatteryState']['properties']
     assert fields['voltage']['description'] == 'Voltage in Volts (Mandatory)'
 
 
 def test_the_avro_schema_is_the_one_that_is_registered(capsys: pytest.CaptureFixture[str]) -> None:
-    report(Asked(BATTERY, 'avro'))
+    report(SchemaOptions(BATTERY, 'avro'))
     printed = json.loads(capsys.readouterr().out)
     assert printed == avro_schema(document(load_layout(BATTERY)))
 
@@ -46,7 +46,7 @@ def test_the_avro_schema_is_the_one_that_is_registered(capsys: pytest.CaptureFix
 def test_protobuf_is_written_as_the_files_that_a_compiler_wants(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    report(Asked('std_msgs/msg/Header', 'protobuf', output=tmp_path))
+    report(SchemaOptions('std_msgs/msg/Header', 'protobuf', output=tmp_path))
     header = tmp_path / 'std_msgs/msg/Header.proto'
     assert 'import "builtin_interfaces/msg/Time.proto";' in header.read_text()
     assert str(header) in capsys.readouterr().out.splitlines()
@@ -59,19 +59,28 @@ def test_a_route_says_type_format_and_settings(
     file = tmp_path / 'bridge.yaml'
     file.write_text(CONFIG)
     config = load(file, {})
-    report(Asked('', '', config=config, route='batteries'))
+    report(SchemaOptions('', '', config=config, route='batteries'))
     of_route = capsys.readouterr().out
-    report(Asked(BATTERY, 'json'))
+    report(SchemaOptions(BATTERY, 'json'))
     assert '"null"' in of_route
     assert capsys.readouterr().out != of_route
     for asked, words in (
-        (Asked('', '', config=config, route='open'), 'cdr has no schema: say --format json'),
-        (Asked('', 'avro', config=config, route='open'), 'open takes the type that is published'),
-        (Asked('', '', config=config, route='battery'), "no route battery (did you mean 'bat"),
-        (Asked('', '', route='open'), '--config'),
-        (Asked(BATTERY, ''), 'of which format'),
-        (Asked('', 'json'), 'of which message type'),
-        (Asked('std_msgs/msg/Strin', 'json'), 'did you mean std_msgs/msg/String'),
+        (
+            SchemaOptions('', '', config=config, route='open'),
+            'cdr has no schema: say --format json',
+        ),
+        (
+            SchemaOptions('', 'avro', config=config, route='open'),
+            'open takes the type that is published',
+        ),
+        (
+            SchemaOptions('', '', config=config, route='battery'),
+            "no route battery (did you mean 'bat",
+        ),
+        (SchemaOptions('', '', route='open'), '--config'),
+        (SchemaOptions(BATTERY, ''), 'of which format'),
+        (SchemaOptions('', 'json'), 'of which message type'),
+        (SchemaOptions('std_msgs/msg/Strin', 'json'), 'did you mean std_msgs/msg/String'),
     ):
         with pytest.raises(ConfigError) as caught:
             report(asked)
@@ -85,7 +94,7 @@ def test_a_type_from_a_folder_has_a_schema_without_being_built(
     (tmp_path / 'acme_msgs/msg/Crane.msg').write_text(
         'float64 load  # How much it carries, in t.\n'
     )
-    report(Asked('acme_msgs/msg/Crane', 'avro', [tmp_path]))
+    report(SchemaOptions('acme_msgs/msg/Crane', 'avro', [tmp_path]))
     [field] = json.loads(capsys.readouterr().out)['fields']
     assert (field['name'], field['doc']) == ('load', 'How much it carries, in t.')
 

@@ -12,12 +12,12 @@ import pytest
 from spools import GID, make, opened, row, rows
 from terminal import on_terminal, without_colours
 
-from ros2_kafka_bridge.commands.spool.report import Asked, report
+from ros2_kafka_bridge.commands.spool.report import SpoolOptions, report
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.spool.store import file_of
 
-NOTHING_MORE = Asked(messages=0, values=False, as_json=False)
+NOTHING_MORE = SpoolOptions(messages=0, values=False, as_json=False)
 
 CONFIGURATION = """
 name: bridge

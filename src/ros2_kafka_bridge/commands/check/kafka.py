@@ -14,7 +14,7 @@ from ros2_kafka_bridge.kafka.properties import common_properties
 from ros2_kafka_bridge.logs.text import count
 
 
-class Cluster(NamedTuple):
+class CheckedCluster(NamedTuple):
     """The cluster as `check` asks it.
 
     Args:
@@ -28,7 +28,7 @@ class Cluster(NamedTuple):
     creates_topics: bool | None
 
 
-def ask(config: Config) -> tuple[Cluster, list[Finding]]:
+def ask(config: Config) -> tuple[CheckedCluster, list[Finding]]:
     """Look who answers."""
     properties = common_properties(config.kafka, client_id=config.name)
     broker, overview = Broker(properties), Overview(properties)
@@ -38,13 +38,15 @@ def ask(config: Config) -> tuple[Cluster, list[Finding]]:
         where = config.kafka.get('bootstrap.servers')
         away = isinstance(error, TransportError)
         cure = f'is bootstrap.servers ({where}) right, does the broker run?' if away else ''
-        kafka = Cluster(broker, overview, str(error), None)
+        kafka = CheckedCluster(broker, overview, str(error), None)
         return kafka, [Finding('bad', 'brokers', str(error), cure)]
-    kafka = Cluster(broker, overview, '', overview.creates_topics())
+    kafka = CheckedCluster(broker, overview, '', overview.creates_topics())
     return kafka, [Finding('ok', 'brokers', greeting)]
 
 
-def source_findings(route: KafkaToRosRoute, config: Config, kafka: Cluster) -> Iterator[Finding]:
+def source_findings(
+    route: KafkaToRosRoute, config: Config, kafka: CheckedCluster
+) -> Iterator[Finding]:
     """What a route from Kafka would read, and from where on."""
     topic = route.source.kafka
     view = kafka.broker.topic(topic)
@@ -73,7 +75,7 @@ def source_findings(route: KafkaToRosRoute, config: Config, kafka: Cluster) -> I
         yield Finding('ok', 'group', f'group {group} is new: start is latest, only new ones')
 
 
-def sink_findings(route: RosToKafkaRoute, kafka: Cluster) -> Iterator[Finding]:
+def sink_findings(route: RosToKafkaRoute, kafka: CheckedCluster) -> Iterator[Finding]:
     """What a route to Kafka would write to."""
     topic = route.sink.kafka
     view = kafka.broker.topic(topic)
@@ -89,7 +91,9 @@ def sink_findings(route: RosToKafkaRoute, kafka: Cluster) -> Iterator[Finding]:
         yield Finding('note', 'sink', text)
 
 
-def lock_findings(route: RosToKafkaRoute, config: Config, kafka: Cluster) -> Iterator[Finding]:
+def lock_findings(
+    route: RosToKafkaRoute, config: Config, kafka: CheckedCluster
+) -> Iterator[Finding]:
     """What bridges that take turns would agree by."""
     if not route.exclusive:
         return
@@ -129,7 +133,7 @@ def _topic_finding(thing: str, topic: str, view: TopicView, right: str) -> Findi
     return Finding('ok', thing, f'topic {topic} has {count(view.partitions, "partition")}')
 
 
-def dead_letter_findings(route: AnyRoute, kafka: Cluster) -> Iterator[Finding]:
+def dead_letter_findings(route: AnyRoute, kafka: CheckedCluster) -> Iterator[Finding]:
     """Where the bad records of a route would go."""
     if route.on_error != 'dead_letter':
         text = f'on_error: {route.on_error}: bad records are not kept'

@@ -124,7 +124,7 @@ def _way(route: AnyRoute) -> str:
 
 
 def _route_findings(
-    route: AnyRoute, config: Config, node: RosNode, kafka: check_kafka.Cluster
+    route: AnyRoute, config: Config, node: RosNode, kafka: check_kafka.CheckedCluster
 ) -> list[Finding]:
     """What is found of a route, in the order in which a message meets it."""
     asks = not kafka.problem

@@ -10,7 +10,7 @@ from ros2_kafka_bridge.commands.options import AsJson
 from ros2_kafka_bridge.errors import ConfigError
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.commands.dead_letters.report import Asked
+    from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery
 
 app = typer.Typer(
     help='Look at dead letters, and send them again once their cause is mended.',
@@ -73,11 +73,11 @@ def list_(
 
     Exit status: 0 looked, 1 Kafka was away or refused, 2 the file or an option is wrong.
     """
-    asked = _asked(file, topic, route, reason, since, until, partition, offset, limit)
+    query = _query(file, topic, route, reason, since, until, partition, offset, limit)
 
     from ros2_kafka_bridge.commands.dead_letters.report import list_letters, spoken  # noqa: PLC0415 (heavy)
 
-    raise typer.Exit(spoken(lambda: list_letters(asked, as_json=as_json)))
+    raise typer.Exit(spoken(lambda: list_letters(query, as_json=as_json)))
 
 
 @app.command()
@@ -109,11 +109,11 @@ def show(
     """
     if letter:
         topic, partition, offset = _place(letter, topic, partition, offset)
-    asked = _asked(file, topic, route, reason, since, until, partition, offset, limit)
+    query = _query(file, topic, route, reason, since, until, partition, offset, limit)
 
     from ros2_kafka_bridge.commands.dead_letters.report import show_letters, spoken  # noqa: PLC0415 (heavy)
 
-    raise typer.Exit(spoken(lambda: show_letters(asked, raw=raw)))
+    raise typer.Exit(spoken(lambda: show_letters(query, raw=raw)))
 
 
 @app.command()
@@ -149,15 +149,15 @@ def replay(
     Exit status: 0 done, 1 some were left or Kafka or ROS was away (the same command goes on with
     the rest), 2 the file or an option is wrong, or there is no such letter.
     """
-    asked = _asked(file, topic, route, reason, since, until, partition, offset, limit)
+    query = _query(file, topic, route, reason, since, until, partition, offset, limit)
 
     from ros2_kafka_bridge.commands.dead_letters import replay as command  # noqa: PLC0415 (heavy)
     from ros2_kafka_bridge.commands.dead_letters.report import spoken  # noqa: PLC0415
 
-    options = command.Options(
+    options = command.ReplayOptions(
         to_ros=to is Target.ROS, dry_run=dry_run, again=again, force=force, all=every
     )
-    raise typer.Exit(spoken(lambda: command.replay(asked, options)))
+    raise typer.Exit(spoken(lambda: command.replay(query, options)))
 
 
 def _place(
@@ -174,7 +174,7 @@ def _place(
     return place
 
 
-def _asked(
+def _query(
     file: Path,
     topic: str,
     route: str,
@@ -184,7 +184,7 @@ def _asked(
     partition: int | None,
     offset: int | None,
     limit: int | None,
-) -> 'Asked':
+) -> 'LetterQuery':
     from datetime import UTC, datetime  # noqa: PLC0415 (--help must be quick)
 
     from ros2_kafka_bridge.dead_letters.choice import Choice, time_ms  # noqa: PLC0415
@@ -202,6 +202,6 @@ def _asked(
     )
     config = load_checked(file, with_ros=False)
 
-    from ros2_kafka_bridge.commands.dead_letters.report import Asked  # noqa: PLC0415 (heavy)
+    from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery  # noqa: PLC0415 (heavy)
 
-    return Asked(config, topic, choice)
+    return LetterQuery(config, topic, choice)

@@ -13,8 +13,8 @@ from contextlib import ExitStack, contextmanager
 from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.commands.dead_letters.replay_ros import RosDelivery
-from ros2_kafka_bridge.commands.dead_letters.report import Asked, none_there, open_reader
 from ros2_kafka_bridge.commands.dead_letters.report import Found as Looked
+from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery, none_there, open_reader
 from ros2_kafka_bridge.commands.dead_letters.restore import Again, Restorer
 from ros2_kafka_bridge.commands.screen import waiting
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
@@ -33,7 +33,7 @@ _BATCH_BYTES: Final = 8_000_000
 _GO_ON: Final = 'the same command goes on with the rest'
 
 
-class Options(NamedTuple):
+class ReplayOptions(NamedTuple):
     """How to replay.
 
     Args:
@@ -63,7 +63,7 @@ class Ready(NamedTuple):
         return len(self.again.record.value or b'') + 1000
 
 
-class Tally:
+class ReplayTally:
     """What became of the letters."""
 
     def __init__(self) -> None:
@@ -88,20 +88,20 @@ class Tally:
         return '; '.join(parts)
 
 
-def replay(asked: Asked, options: Options) -> int:
+def replay(query: LetterQuery, options: ReplayOptions) -> int:
     """Replay the letters that are meant; returns the exit status.
 
     Raises:
         ConfigError: The options do not go together, or there is no such letter.
         BridgeError: Kafka was away from the start, or does not let this user in.
     """
-    _check(asked.choice, options)
-    tally, stop = Tally(), Stop()
+    _check(query.choice, options)
+    tally, stop = ReplayTally(), Stop()
     with ExitStack() as stack:
-        reader = stack.enter_context(open_reader(asked.config))
-        originals = stack.enter_context(open_reader(asked.config))
-        there = [topic for topic in asked.topics() if reader.has(topic)]
-        run = _Run(asked, options, tally, stop, reader, originals, stack)
+        reader = stack.enter_context(open_reader(query.config))
+        originals = stack.enter_context(open_reader(query.config))
+        there = [topic for topic in query.topics() if reader.has(topic)]
+        run = _Run(query, options, tally, stop, reader, originals, stack)
         try:
             for topic in there:
                 run.replay(topic)
@@ -114,10 +114,10 @@ def replay(asked: Asked, options: Options) -> int:
             text = f'{escaped(str(error))}; {told}; {_GO_ON}, exactly'
             print(text, file=sys.stderr)  # noqa: T201 (the words for the user)
             return 1
-    return _end(asked, options, tally, there, cut=run.cut)
+    return _end(query, options, tally, there, cut=run.cut)
 
 
-def _check(choice: Choice, options: Options) -> None:
+def _check(choice: Choice, options: ReplayOptions) -> None:
     mistakes = []
     if not choice.is_narrow and not options.all:
         mistakes.append('which letters? Give a filter such as --route or --since, or --all')
@@ -127,12 +127,19 @@ def _check(choice: Choice, options: Options) -> None:
         raise ConfigError(mistakes)
 
 
-def _end(asked: Asked, options: Options, tally: Tally, there: Sequence[str], *, cut: bool) -> int:
+def _end(
+    query: LetterQuery,
+    options: ReplayOptions,
+    tally: ReplayTally,
+    there: Sequence[str],
+    *,
+    cut: bool,
+) -> int:
     nothing = not (tally.sent or tally.left or tally.before or tally.foreign)
     if nothing and not cut:
-        missing = [topic for topic in asked.topics() if topic not in there]
-        text = none_there(asked, Looked([], {}, missing))
-        if asked.choice.offset is not None:
+        missing = [topic for topic in query.topics() if topic not in there]
+        text = none_there(query, Looked([], {}, missing))
+        if query.choice.offset is not None:
             raise ConfigError([text])
         _say(text)
         return 0
@@ -148,9 +155,9 @@ class _Run:
 
     def __init__(
         self,
-        asked: Asked,
-        options: Options,
-        tally: Tally,
+        query: LetterQuery,
+        options: ReplayOptions,
+        tally: ReplayTally,
         stop: Stop,
         reader: LetterReader,
         originals: LetterReader,
@@ -158,8 +165,8 @@ class _Run:
     ) -> None:
         self.began = False
         self.cut = False
-        self._config: Config = asked.config
-        self._choice = asked.choice
+        self._config: Config = query.config
+        self._choice = query.choice
         self._options = options
         self._tally = tally
         self._stop = stop
@@ -167,7 +174,7 @@ class _Run:
         self._stack = stack
         self._ros: RosDelivery | None = None
         self._restorer = Restorer(
-            asked.config, reader.partitions, originals.record, force=options.force
+            query.config, reader.partitions, originals.record, force=options.force
         )
 
     def replay(self, topic: str) -> None:

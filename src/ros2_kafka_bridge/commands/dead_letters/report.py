@@ -33,8 +33,8 @@ _COLUMNS: Final = (
 )  # fmt: skip
 
 
-class Asked(NamedTuple):
-    """What is asked for.
+class LetterQuery(NamedTuple):
+    """Which dead letters are asked for.
 
     Args:
         topic: The dead-letter topic; empty for those of the configuration.
@@ -77,15 +77,15 @@ def spoken(command: Callable[[], int]) -> int:
         return 1
 
 
-def list_letters(asked: Asked, *, as_json: bool) -> int:
+def list_letters(query: LetterQuery, *, as_json: bool) -> int:
     """Print a line for each letter, and how many there are of each kind."""
-    found = find(asked)
+    found = find(query)
     if as_json:
         sys.stdout.write(json.dumps(_json(found), indent=2) + '\n')
         return 0
     console = screen()
     if not found.letters:
-        show_line(console, none_there(asked, found))
+        show_line(console, none_there(query, found))
         return 0
     rows = [_row(letter, found.marks.get(letter.place)) for letter in found.letters]
     show_table(console, 'Dead letters', _COLUMNS, [[[cell] for cell in row] for row in rows])
@@ -93,19 +93,19 @@ def list_letters(asked: Asked, *, as_json: bool) -> int:
     return 0
 
 
-def show_letters(asked: Asked, *, raw: bool) -> int:
+def show_letters(query: LetterQuery, *, raw: bool) -> int:
     """Print everything of the letters that are meant, or the bytes of one value.
 
     Raises:
         ConfigError: There is no such letter, or several for `raw`.
     """
-    found = find(asked)
+    found = find(query)
     if not found.letters:
-        raise ConfigError([none_there(asked, found)])
+        raise ConfigError([none_there(query, found)])
     if raw and len(found.letters) > 1:
         text = f'--raw writes one value, and {len(found.letters)} letters fit: name one'
         raise ConfigError([f'{text}, such as {found.letters[0].place}'])
-    with open_reader(asked.config) as reader:
+    with open_reader(query.config) as reader:
         for known in found.letters:
             for letter in reader.fetch(*known.place[:2], {known.place.offset}):
                 if raw:
@@ -116,7 +116,7 @@ def show_letters(asked: Asked, *, raw: bool) -> int:
     return 0
 
 
-def find(asked: Asked) -> Found:
+def find(query: LetterQuery) -> Found:
     """Look at the topics for what is asked for.
 
     Raises:
@@ -125,15 +125,15 @@ def find(asked: Asked) -> Found:
     letters: list[Letter] = []
     marks: dict[Place, Mark] = {}
     missing = []
-    with open_reader(asked.config) as reader, waiting('Reading the dead letters'):
-        for topic in asked.topics():
+    with open_reader(query.config) as reader, waiting('Reading the dead letters'):
+        for topic in query.topics():
             if not reader.has(topic):
                 missing.append(topic)
                 continue
-            index = read_index(reader.letters(topic, asked.choice.since_ms), asked.choice)
+            index = read_index(reader.letters(topic, query.choice.since_ms), query.choice)
             letters += index.letters
             marks |= index.marks
-    return Found(list(limited(letters, asked.choice.limit)), marks, missing)
+    return Found(list(limited(letters, query.choice.limit)), marks, missing)
 
 
 def open_reader(config: Config) -> LetterReader:
@@ -145,13 +145,13 @@ def open_reader(config: Config) -> LetterReader:
     )
 
 
-def none_there(asked: Asked, found: Found) -> str:
+def none_there(query: LetterQuery, found: Found) -> str:
     """Say that there are none, and where was looked."""
-    if asked.choice.offset is not None:
-        place = f' at offset {asked.choice.offset}'
+    if query.choice.offset is not None:
+        place = f' at offset {query.choice.offset}'
     else:
-        place = ' that fit' if asked.choice.is_narrow else ''
-    there = [topic for topic in asked.topics() if topic not in found.missing]
+        place = ' that fit' if query.choice.is_narrow else ''
+    there = [topic for topic in query.topics() if topic not in found.missing]
     looked = [f'looked at {", ".join(there)}'] * bool(there)
     looked += [f'{", ".join(found.missing)}: not there'] * bool(found.missing)
     return f'no dead letters{place} ({"; ".join(looked)})'

@@ -62,12 +62,12 @@ def depth(
 
     Exit status: 0 a depth was found, 1 none can be recommended, 2 something is missing or wrong.
     """
-    from ros2_kafka_bridge.commands.depth.asked import Asked, Kafka, Ros  # noqa: PLC0415 (--help must be quick)
+    from ros2_kafka_bridge.commands.depth.options import DepthOptions, Kafka, Ros  # noqa: PLC0415 (--help must be quick)
     from ros2_kafka_bridge.commands.depth.report import report  # noqa: PLC0415
 
     of_kafka = kafka and Kafka(kafka, servers, partition, last, config, properties)
     of_ros = ros and Ros(ros, seconds)
-    asked = Asked(
+    options = DepthOptions(
         kafka=of_kafka or None,
         ros=of_ros or None,
         arrivals=arrivals,
@@ -80,4 +80,4 @@ def depth(
         plot=plot,
         as_json=as_json,
     )
-    raise typer.Exit(report(asked))
+    raise typer.Exit(report(options))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from ros2_kafka_bridge.commands.depth.asked import Asked
+    from ros2_kafka_bridge.commands.depth.options import DepthOptions
     from ros2_kafka_bridge.commands.depth.sources import Traffic
     from ros2_kafka_bridge.depth.choice import Choice, Prediction
 
@@ -29,7 +29,7 @@ _HOW_TO_RECORD = (
 )
 
 
-def report(asked: Asked) -> int:
+def report(options: DepthOptions) -> int:
     """Find the depth and show it.
 
     Returns:
@@ -38,14 +38,14 @@ def report(asked: Asked) -> int:
     Raises:
         BridgeError: What is asked for is not complete, or cannot be read.
     """
-    _check(asked)
-    _import_extra(plots=asked.plot is not None)
+    _check(options)
+    _import_extra(plots=options.plot is not None)
     keep_clients_quiet()
 
     from ros2_kafka_bridge.commands.depth.sources import measured  # noqa: PLC0415 (heavy)
     from ros2_kafka_bridge.depth.choice import choose  # noqa: PLC0415 (scipy is heavy)
 
-    traffic, reader = measured(asked)
+    traffic, reader = measured(options)
     times = traffic.arrivals_ns
     if not len(times) or times[0] == times[-1]:
         number = f'{count(len(times), "message")}{" of one moment" if len(times) else ""}'
@@ -59,29 +59,29 @@ def report(asked: Asked) -> int:
         )
     with waiting('Replaying'):
         service, wake = reader.service_ns, reader.wake_ns
-        choice = choose(times, service, asked.loss, depths=asked.depths, wake_ns=wake)
+        choice = choose(times, service, options.loss, depths=options.depths, wake_ns=wake)
     choice = choice._replace(notes=(*traffic.notes, *reader.notes, *choice.notes))
-    if asked.as_json:
+    if options.as_json:
         sys.stdout.write(json.dumps(_as_json(traffic, choice), indent=2) + '\n')
     else:
         _show(screen(), traffic, choice)
-    if asked.plot is not None:
+    if options.plot is not None:
         from ros2_kafka_bridge.depth.plot import draw  # noqa: PLC0415 (matplotlib is heavy)
 
-        draw(asked.plot, traffic.where, times, service, wake, choice)
-        if not asked.as_json:
-            show_line(screen(), f'drawn: {asked.plot}')
+        draw(options.plot, traffic.where, times, service, wake, choice)
+        if not options.as_json:
+            show_line(screen(), f'drawn: {options.plot}')
     return 1 if choice.recommended is None else 0
 
 
-def _check(asked: Asked) -> None:
+def _check(options: DepthOptions) -> None:
     """Refuse what is not one source of arrivals and one of service times."""
     problems = []
     sources = {
-        '--kafka': asked.kafka,
-        '--ros': asked.ros,
-        '--arrivals': asked.arrivals,
-        '--recording': asked.recording,
+        '--kafka': options.kafka,
+        '--ros': options.ros,
+        '--arrivals': options.arrivals,
+        '--recording': options.recording,
     }
     given = [name for name, value in sources.items() if value is not None]
     if len(given) != 1:
@@ -89,23 +89,28 @@ def _check(asked: Asked) -> None:
         problems.append(f'arrivals: one of {", ".join(sources)} is needed, not {found}')
     services = [
         name
-        for name, value in (('--service', asked.service), ('--service-file', asked.service_file))
+        for name, value in (
+            ('--service', options.service),
+            ('--service-file', options.service_file),
+        )
         if value
     ]
-    if len(services) > 1 or (services and asked.recording):
-        both = ' and '.join([*services, *(['--recording'] if asked.recording else [])])
+    if len(services) > 1 or (services and options.recording):
+        both = ' and '.join([*services, *(['--recording'] if options.recording else [])])
         problems.append(f'service times: {both} each say them: leave all but one out')
-    elif not services and not asked.recording:
+    elif not services and not options.recording:
         problems.append(
             'service times: --service (as 0.8ms) or --service-file is needed: how long your '
             f'reader takes for a message; to measure it, {_HOW_TO_RECORD}'
         )
-    if not 0 < asked.loss < 1:
-        problems.append(f'--loss: {asked.loss:g} is not above 0 and below 1')
-    if any(depth < 1 for depth in asked.depths):
+    if not 0 < options.loss < 1:
+        problems.append(f'--loss: {options.loss:g} is not above 0 and below 1')
+    if any(depth < 1 for depth in options.depths):
         problems.append('--depth: a depth is 1 or more')
-    if asked.plot is not None:
-        problems += [f'--plot {asked.plot}: {problem}' for problem in _plot_problems(asked.plot)]
+    if options.plot is not None:
+        problems += [
+            f'--plot {options.plot}: {problem}' for problem in _plot_problems(options.plot)
+        ]
     if problems:
         raise ConfigError(problems)
 

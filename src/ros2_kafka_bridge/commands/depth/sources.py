@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ros2_kafka_bridge.commands.depth.asked import Asked, Kafka, Ros
+from ros2_kafka_bridge.commands.depth.options import DepthOptions, Kafka, Ros
 from ros2_kafka_bridge.commands.options import LOCAL
 from ros2_kafka_bridge.commands.screen import waiting
 from ros2_kafka_bridge.config.settings import QoS
@@ -63,15 +63,15 @@ class Traffic(NamedTuple):
     notes: tuple[str, ...]
 
 
-def measured(asked: Asked) -> tuple[Traffic, Reader]:
+def measured(options: DepthOptions) -> tuple[Traffic, Reader]:
     """Arrivals, and how fast the reader is.
 
     Raises:
         BridgeError: A file is not what it should be, or the topic cannot be read.
     """
     # Files first: a mistake in one is not told after half a minute of listening.
-    reader = _reader(asked)
-    traffic = _traffic(asked)
+    reader = _reader(options)
+    traffic = _traffic(options)
     service = reader.service_ns
     if not isinstance(service, int) and len(service) != len(traffic.arrivals_ns):
         drawn = (
@@ -81,28 +81,28 @@ def measured(asked: Asked) -> tuple[Traffic, Reader]:
     return traffic, reader
 
 
-def _reader(asked: Asked) -> Reader:
-    file = asked.recording or asked.service_file
+def _reader(options: DepthOptions) -> Reader:
+    file = options.recording or options.service_file
     if file is None:
-        reader = Reader(_duration_ns('--service', asked.service), 0, ())
+        reader = Reader(_duration_ns('--service', options.service), 0, ())
     else:
         reader = read_service(file)
-    if asked.wake:
-        return reader._replace(wake_ns=_duration_ns('--wake', asked.wake))
+    if options.wake:
+        return reader._replace(wake_ns=_duration_ns('--wake', options.wake))
     if isinstance(reader.wake_ns, int):
         return reader._replace(notes=(*reader.notes, _AT_ONCE))
     return reader
 
 
-def _traffic(asked: Asked) -> Traffic:
-    if asked.kafka is not None:
-        return _from_kafka(asked.kafka)
-    if asked.ros is not None:
-        return _from_ros(asked.ros)
-    if asked.recording is not None:
-        return Traffic(str(asked.recording), read_recording(asked.recording).arrivals_ns, ())
-    assert asked.arrivals is not None, 'one source is given'
-    return Traffic(str(asked.arrivals), read_arrivals(asked.arrivals), ())
+def _traffic(options: DepthOptions) -> Traffic:
+    if options.kafka is not None:
+        return _from_kafka(options.kafka)
+    if options.ros is not None:
+        return _from_ros(options.ros)
+    if options.recording is not None:
+        return Traffic(str(options.recording), read_recording(options.recording).arrivals_ns, ())
+    assert options.arrivals is not None, 'one source is given'
+    return Traffic(str(options.arrivals), read_arrivals(options.arrivals), ())
 
 
 def _duration_ns(option: str, text: str) -> int:

@@ -49,7 +49,7 @@ def schema(
     from ros2_kafka_bridge.commands.schema import report as command  # noqa: PLC0415 (--help must be quick)
     from ros2_kafka_bridge.process.load import load_checked  # noqa: PLC0415
 
-    asked = command.Asked(
+    options = command.SchemaOptions(
         message_type,
         schema_format.value if schema_format else '',
         message_path,
@@ -57,4 +57,4 @@ def schema(
         route,
         output,
     )
-    raise typer.Exit(command.report(asked))
+    raise typer.Exit(command.report(options))

@@ -17,7 +17,7 @@ from ros2_kafka_bridge.message_types.layout import Layout
 SCHEMAS: Final = ('json', 'avro', 'protobuf')
 
 
-class Asked(NamedTuple):
+class SchemaOptions(NamedTuple):
     """What is wanted; what is left out comes from the route.
 
     Args:
@@ -43,18 +43,18 @@ class _Wanted(NamedTuple):
     settings: JsonSettings
 
 
-def report(asked: Asked) -> int:
+def report(options: SchemaOptions) -> int:
     """Print the schema, or write it into files; returns the exit status.
 
     Raises:
         ConfigError: There is no such type, route or schema, or the extra is missing.
     """
-    wanted = _wanted(asked)
-    if asked.output is None:
+    wanted = _wanted(options)
+    if options.output is None:
         sys.stdout.write(text_of(*wanted))
         return 0
     for name, text in _files_of(wanted).items():
-        _write(asked.output / name, text)
+        _write(options.output / name, text)
     return 0
 
 
@@ -97,31 +97,31 @@ def _write(file: Path, text: str) -> None:
     print(file)  # noqa: T201 (the words for the user)
 
 
-def _wanted(asked: Asked) -> _Wanted:
-    route = _route(asked)
-    format_name = asked.format_name or (route.format if route else '')
+def _wanted(options: SchemaOptions) -> _Wanted:
+    route = _route(options)
+    format_name = options.format_name or (route.format if route else '')
     if format_name not in SCHEMAS:
         said = f'{format_name} has no schema: say' if format_name else 'of which format? Say'
         raise ConfigError([f'{said} --format json, avro or protobuf'])
     if problem := missing_extra(format_name):
         raise ConfigError([problem])
-    name = asked.type_name or _type_of(route)
-    folders = [*asked.message_path, *(asked.config.ros.message_path if asked.config else ())]
+    name = options.type_name or _type_of(route)
+    folders = [*options.message_path, *(options.config.ros.message_path if options.config else ())]
     # A route has the type that is installed; the folders only tell its docs.
     layout = load_layout(name, () if route else folders)
     settings = route.json_settings if route and route.format == 'json' else None
     return _Wanted(document(layout, folders), format_name, settings or JsonSettings())
 
 
-def _route(asked: Asked) -> KafkaToRosRoute | RosToKafkaRoute | None:
-    if not asked.route:
+def _route(options: SchemaOptions) -> KafkaToRosRoute | RosToKafkaRoute | None:
+    if not options.route:
         return None
-    if asked.config is None:
+    if options.config is None:
         raise ConfigError(['--route: of which file? Say --config FILE, too'])
-    by_name = {route.name: route for route in asked.config.routes}
-    if asked.route not in by_name:
-        raise ConfigError([f'--route: no route {asked.route}{near(asked.route, by_name)}'])
-    return by_name[asked.route]
+    by_name = {route.name: route for route in options.config.routes}
+    if options.route not in by_name:
+        raise ConfigError([f'--route: no route {options.route}{near(options.route, by_name)}'])
+    return by_name[options.route]
 
 
 def _type_of(route: KafkaToRosRoute | RosToKafkaRoute | None) -> str:

@@ -31,4 +31,4 @@ def spool(
     """
     from ros2_kafka_bridge.commands.spool import report as command  # noqa: PLC0415 (--help must be quick)
 
-    raise typer.Exit(command.report(path, command.Asked(messages, values, as_json)))
+    raise typer.Exit(command.report(path, command.SpoolOptions(messages, values, as_json)))

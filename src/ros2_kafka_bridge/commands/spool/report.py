@@ -16,7 +16,7 @@ from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.logs.text import count as counted
 from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.spool.health import kind_of
-from ros2_kafka_bridge.spool.look import View, look, spools_in
+from ros2_kafka_bridge.spool.look import SpoolContents, look, spools_in
 from ros2_kafka_bridge.spool.rows import Row, size_of
 from ros2_kafka_bridge.spool.store import file_of
 
@@ -25,7 +25,7 @@ _UNITS: Final = ('kB', 'MB', 'GB', 'TB')
 _AGES: Final = ((86_400.0, 'd'), (3_600.0, 'h'), (60.0, 'min'))
 
 
-class Asked(NamedTuple):
+class SpoolOptions(NamedTuple):
     """What is to be shown.
 
     Args:
@@ -46,7 +46,7 @@ class _Place(NamedTuple):
     route: str = ''
 
 
-def report(path: Path, asked: Asked) -> int:
+def report(path: Path, options: SpoolOptions) -> int:
     """Look at the spools of a configuration, of a directory, or at one, and print what they hold.
 
     Returns:
@@ -58,17 +58,17 @@ def report(path: Path, asked: Asked) -> int:
     """
     places, none = _places(path)
     with waiting('Looking at the spools'):
-        found = [(place, look(place.path, asked.messages)) for place in places]
-    if asked.as_json:
-        shown = [_as_json(place, view, asked) for place, view in found]
+        found = [(place, look(place.path, options.messages)) for place in places]
+    if options.as_json:
+        shown = [_as_json(place, contents, options) for place, contents in found]
         sys.stdout.write(json.dumps({'spools': shown}, indent=2) + '\n')
     else:
-        _show(screen(), found, none, asked)
-    for view in (view for _, view in found if view.problem):
-        sys.stderr.write(f'{view.path}: {view.problem}\n')
-    if any(view.problem for _, view in found):
+        _show(screen(), found, none, options)
+    for contents in (contents for _, contents in found if contents.problem):
+        sys.stderr.write(f'{contents.path}: {contents.problem}\n')
+    if any(contents.problem for _, contents in found):
         return 2
-    return 1 if any(view.damage for _, view in found) else 0
+    return 1 if any(contents.damage for _, contents in found) else 0
 
 
 # What to look at
@@ -113,62 +113,70 @@ def _places_of_configuration(path: Path) -> list[_Place]:
 # For people
 
 
-def _show(console: Console, found: Sequence[tuple[_Place, View]], none: str, asked: Asked) -> None:
+def _show(
+    console: Console,
+    found: Sequence[tuple[_Place, SpoolContents]],
+    none: str,
+    options: SpoolOptions,
+) -> None:
     if not found:
         show_line(console, none)
-    by_directory: dict[Path, list[tuple[_Place, View]]] = {}
-    for place, view in found:
-        if not view.problem:
-            by_directory.setdefault(place.path.parent, []).append((place, view))
+    by_directory: dict[Path, list[tuple[_Place, SpoolContents]]] = {}
+    for place, contents in found:
+        if not contents.problem:
+            by_directory.setdefault(place.path.parent, []).append((place, contents))
     for directory, inside in by_directory.items():
         _show_spools(console, directory, inside)
-    for _, view in found:
-        if view.damage:
-            lost = f', {counted(view.lost, "message")} lost' if view.lost else ''
-            text = f'{view.path} is damaged: {view.damage}{lost}. What can be read is delivered'
-            show_line(console, f'{text} when a bridge opens it.', 'bold red')
-    for _, view in found:
-        if view.rows:
-            _show_rows(console, view, asked)
+    for _, contents in found:
+        if contents.damage:
+            lost = f', {counted(contents.lost, "message")} lost' if contents.lost else ''
+            text = f'{contents.path} is damaged: {contents.damage}{lost}. What can be read is'
+            show_line(console, f'{text} delivered when a bridge opens it.', 'bold red')
+    for _, contents in found:
+        if contents.rows:
+            _show_rows(console, contents, options)
 
 
-def _show_spools(console: Console, directory: Path, found: Sequence[tuple[_Place, View]]) -> None:
+def _show_spools(
+    console: Console, directory: Path, found: Sequence[tuple[_Place, SpoolContents]]
+) -> None:
     columns = ['spool', '#messages', '#size', 'oldest', 'newest', 'way', 'state']
     rows = [
         [
-            [printable(view.path.name)],
-            [str(view.messages)],
-            [_size(view.bytes)],
-            _when(view.oldest_ns),
-            _when(view.newest_ns),
-            _way(place, view),
-            list(_state(view)),
+            [printable(contents.path.name)],
+            [str(contents.messages)],
+            [_size(contents.bytes)],
+            _when(contents.oldest_ns),
+            _when(contents.newest_ns),
+            _way(place, contents),
+            list(_state(contents)),
         ]
-        for place, view in found
+        for place, contents in found
     ]
     show_table(console, f'Spools in {directory}', columns, rows)
 
 
-def _way(place: _Place, view: View) -> list[str]:
+def _way(place: _Place, contents: SpoolContents) -> list[str]:
     route = [place.route] if place.route else []
-    ends = [printable(view.ros_topic) or '?', f'-> {printable(view.kafka_topic)}']
-    return route + (ends if view.kafka_topic else [])
+    ends = [printable(contents.ros_topic) or '?', f'-> {printable(contents.kafka_topic)}']
+    return route + (ends if contents.kafka_topic else [])
 
 
-def _state(view: View) -> Iterator[str]:
-    if not view.exists:
+def _state(contents: SpoolContents) -> Iterator[str]:
+    if not contents.exists:
         yield 'not there yet'
         return
-    yield 'DAMAGED' if view.damage else 'well'
-    yield f'open (pid {view.pid})' if view.pid else 'not open'
-    if view.dead_letters:
-        yield counted(view.dead_letters, 'dead letter')
-    yield f'version {view.version}'
-    yield f'file {_size(view.file_bytes)}'
+    yield 'DAMAGED' if contents.damage else 'well'
+    yield f'open (pid {contents.pid})' if contents.pid else 'not open'
+    if contents.dead_letters:
+        yield counted(contents.dead_letters, 'dead letter')
+    yield f'version {contents.version}'
+    yield f'file {_size(contents.file_bytes)}'
 
 
-def _show_rows(console: Console, view: View, asked: Asked) -> None:
-    columns = ['#number', 'taken', 'key', 'publisher', '#seq', '#size', *['value'] * asked.values]
+def _show_rows(console: Console, contents: SpoolContents, options: SpoolOptions) -> None:
+    columns = ['#number', 'taken', 'key', 'publisher', '#seq', '#size']
+    columns += ['value'] * options.values
     rows = [
         [
             [str(row.number)],
@@ -177,11 +185,11 @@ def _show_rows(console: Console, view: View, asked: Asked) -> None:
             [row.gid.hex() or '-'],
             [str(row.seq) if row.seq else '-'],
             [_size(size_of(row.record))],
-            *[[_text(row.record.value)]] * asked.values,
+            *[[_text(row.record.value)]] * options.values,
         ]
-        for row in view.rows
+        for row in contents.rows
     ]
-    title = f'{printable(view.path.name)}: the first {len(rows)} of {view.messages}'
+    title = f'{printable(contents.path.name)}: the first {len(rows)} of {contents.messages}'
     show_table(console, title, columns, rows)
 
 
@@ -228,18 +236,18 @@ def _text(data: bytes | None) -> str:
 # For programs
 
 
-def _as_json(place: _Place, view: View, asked: Asked) -> Mapping[str, Any]:
+def _as_json(place: _Place, contents: SpoolContents, options: SpoolOptions) -> Mapping[str, Any]:
     return {
-        **vars(view),
-        'path': str(view.path),
+        **vars(contents),
+        'path': str(contents.path),
         'route': place.route,
-        'exists': view.exists,
-        'rows': [_row_as_json(row, asked) for row in view.rows],
+        'exists': contents.exists,
+        'rows': [_row_as_json(row, options) for row in contents.rows],
     }
 
 
-def _row_as_json(row: Row, asked: Asked) -> Mapping[str, Any]:
-    value = {'value': _text(row.record.value)} if asked.values else {}
+def _row_as_json(row: Row, options: SpoolOptions) -> Mapping[str, Any]:
+    value = {'value': _text(row.record.value)} if options.values else {}
     return {
         'number': row.number,
         'taken_ns': row.taken_ns,

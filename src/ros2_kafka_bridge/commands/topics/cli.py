@@ -43,7 +43,9 @@ def topics(
 
     config = None if file is None else load_checked(file)
 
-    from ros2_kafka_bridge.commands.topics.report import Sides, report  # noqa: PLC0415 (heavy)
+    from ros2_kafka_bridge.commands.topics.report import SideSettings, report  # noqa: PLC0415 (heavy)
 
-    sides = Sides.without_file(servers or LOCAL) if config is None else Sides.of(config)
+    sides = (
+        SideSettings.without_file(servers or LOCAL) if config is None else SideSettings.of(config)
+    )
     raise typer.Exit(report(sides, seconds=rates, as_json=as_json))

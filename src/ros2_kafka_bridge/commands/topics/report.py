@@ -17,7 +17,7 @@ from ros2_kafka_bridge.commands.topics.view import (
     PeerRow,
     RosRow,
     RouteRow,
-    View,
+    TopicsView,
 )
 from ros2_kafka_bridge.config.checks import DEAD_LETTER_SUFFIX
 from ros2_kafka_bridge.config.routes import AnyRoute
@@ -47,25 +47,25 @@ from ros2_kafka_bridge.ros.qos import mismatch, profile
 Offsets = Mapping[tuple[str, int], int]
 
 
-class Sides(NamedTuple):
-    """What is looked at."""
+class SideSettings(NamedTuple):
+    """What both sides are reached with, and the routes that join them."""
 
     kafka: Mapping[str, PropertyValue]
     ros: RosSettings
     routes: Sequence[AnyRoute]
 
     @classmethod
-    def of(cls, config: Config) -> 'Sides':
+    def of(cls, config: Config) -> 'SideSettings':
         """Those of a configuration."""
         return cls(config.kafka, config.ros, config.routes)
 
     @classmethod
-    def without_file(cls, servers: str) -> 'Sides':
+    def without_file(cls, servers: str) -> 'SideSettings':
         """A cluster without passwords and the domain of ROS_DOMAIN_ID, no routes."""
         return cls({'bootstrap.servers': servers}, RosSettings(), [])
 
 
-def report(sides: Sides, *, seconds: float | None, as_json: bool) -> int:
+def report(sides: SideSettings, *, seconds: float | None, as_json: bool) -> int:
     """Look at both sides and print what is there.
 
     Args:
@@ -85,7 +85,7 @@ def report(sides: Sides, *, seconds: float | None, as_json: bool) -> int:
     return 1 if view.kafka_problem else 0
 
 
-def look(sides: Sides, seconds: float | None) -> View:
+def look(sides: SideSettings, seconds: float | None) -> TopicsView:
     """Look at both sides.
 
     Raises:
@@ -108,7 +108,7 @@ def look(sides: Sides, seconds: float | None) -> View:
         for topic in [*topics, *_missing_in_kafka(topics, sides.routes, problem)]
     ]
     ros_rows = [_ros_row(topic, sides.routes, ros_rates) for topic in graph]
-    return View(
+    return TopicsView(
         brokers=str(sides.kafka.get('bootstrap.servers', '')),
         kafka_problem=problem,
         ros_middleware=middleware(),

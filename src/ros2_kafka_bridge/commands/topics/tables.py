@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from ros2_kafka_bridge.commands.screen import show_line, show_table
-from ros2_kafka_bridge.commands.topics.view import Pair, PeerRow, RosRow, RouteRow, View
+from ros2_kafka_bridge.commands.topics.view import Pair, PeerRow, RosRow, RouteRow, TopicsView
 
 _MATCH_COLUMNS = ('route', 'node', 'would match')
 
 
-def show(console: Console, view: View) -> None:
+def show(console: Console, view: TopicsView) -> None:
     """Print what was seen of Kafka, of ROS, and of both together."""
     if view.kafka_problem:
         show_line(console, f'Kafka ({view.brokers}): {view.kafka_problem}', 'bold red')
@@ -29,7 +29,7 @@ def show(console: Console, view: View) -> None:
     _show_pairs(console, view.pairs)
 
 
-def _show_kafka(console: Console, title: str, view: View) -> None:
+def _show_kafka(console: Console, title: str, view: TopicsView) -> None:
     rated = view.seconds is not None
     columns = ['topic', '#partitions', '#records', *['#records/s'] * rated, 'route']
     rows: list[list[list[str]]] = []
@@ -42,7 +42,7 @@ def _show_kafka(console: Console, title: str, view: View) -> None:
     show_table(console, title, columns, rows)
 
 
-def _show_ros(console: Console, title: str, view: View) -> None:
+def _show_ros(console: Console, title: str, view: TopicsView) -> None:
     rated = view.seconds is not None
     kinds = ['topic'] if console.is_terminal else ['topic', 'type']
     columns = [*kinds, 'publishers', 'subscribers', *['#msg/s'] * rated, 'route']

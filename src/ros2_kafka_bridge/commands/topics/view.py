@@ -89,7 +89,7 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class View:
+class TopicsView:
     """All that was seen.
 
     Args:

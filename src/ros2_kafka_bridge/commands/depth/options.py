@@ -1,4 +1,4 @@
-"""What `depth` is asked for."""
+"""What the command line of `depth` asks for."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,7 +32,7 @@ class Ros(NamedTuple):
     seconds: float
 
 
-class Asked(NamedTuple):
+class DepthOptions(NamedTuple):
     """What the command line asks for; what was not given is None or empty.
 
     Args:
