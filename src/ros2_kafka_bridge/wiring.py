@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
-from ros2_kafka_bridge.dead_letters.writer import DeadLetters, Letter
+from ros2_kafka_bridge.dead_letters.writer import DeadLetters, OutgoingLetter
 from ros2_kafka_bridge.endpoints import Matches, Message
 from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.formats import Encode
@@ -303,7 +303,7 @@ class Wiring:
         }
         return DeadLetters(
             topic,
-            KafkaSink[Letter[Any]](properties, topic, log),
+            KafkaSink[OutgoingLetter[Any]](properties, topic, log),
             lambda: ensure_topic(properties, topic),
             log,
         )

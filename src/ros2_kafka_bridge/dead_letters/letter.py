@@ -39,8 +39,8 @@ class Place(NamedTuple):
         return found and cls(found['topic'], int(found['partition']), int(found['offset']))
 
 
-class About(NamedTuple):
-    """What a bridge says of a letter.
+class Explanation(NamedTuple):
+    """What a bridge says of a letter, in the headers that `explain` adds.
 
     Args:
         reason: Class and text of the error.
@@ -87,7 +87,7 @@ class Letter(NamedTuple):
     key: bytes | None
     value: bytes | None
     headers: HeaderList
-    about: About | None
+    about: Explanation | None
     size_bytes: int
 
 
@@ -164,7 +164,7 @@ def _block_begins(headers: HeaderList) -> int | None:
     return None
 
 
-def _about(block: HeaderList) -> About | None:
+def _about(block: HeaderList) -> Explanation | None:
     told = {name.removeprefix(PREFIX): _text(value) for name, value in block}
     if len(told) != len(block) or not {'error', 'route', 'topic', 'time_ns'} <= told.keys():
         return None
@@ -172,7 +172,7 @@ def _about(block: HeaderList) -> About | None:
     ros_topic = told.get('source', '')
     if bool(ros_topic) == (partition is not None and offset is not None):
         return None
-    return About(
+    return Explanation(
         reason=told['error'],
         route=told['route'],
         topic=told['topic'],

@@ -84,7 +84,7 @@ def _bare(record: Outgoing) -> Outgoing:
     return record._replace(key=None, headers=record.headers[begin:])
 
 
-class Letter(NamedTuple, Generic[Token]):
+class OutgoingLetter(NamedTuple, Generic[Token]):
     """A dead letter on its way; `smaller` are the ways left to make it fit."""
 
     token: Token
@@ -108,7 +108,7 @@ class DeadLetters(Generic[Token]):
     def __init__(
         self,
         topic: str,
-        sink: RecordSink[Letter[Token]],
+        sink: RecordSink[OutgoingLetter[Token]],
         ensure_topic: Callable[[], None],
         log: logging.LoggerAdapter[logging.Logger],
     ) -> None:
@@ -118,8 +118,8 @@ class DeadLetters(Generic[Token]):
         self._ensure_topic = ensure_topic
         self._log = log
         self._open = False
-        self._waiting: deque[Letter[Token]] = deque()
-        self._sent: dict[int, Letter[Token]] = {}
+        self._waiting: deque[OutgoingLetter[Token]] = deque()
+        self._sent: dict[int, OutgoingLetter[Token]] = {}
         self._delivered: list[Token] = []
         self._again_at_s = 0.0
         self._backoff_s = _FIRST_BACKOFF_S
@@ -133,7 +133,7 @@ class DeadLetters(Generic[Token]):
     def add(self, record: Outgoing, token: Token) -> None:
         """Take a record, explained already; `poll` returns the token once it is confirmed."""
         smaller = (_bare,) if record.value is None else (without_value, _bare)
-        self._waiting.append(Letter(token, record._replace(topic=self.topic), smaller))
+        self._waiting.append(OutgoingLetter(token, record._replace(topic=self.topic), smaller))
 
     def poll(self) -> Sequence[Token]:
         """Send what waits, and return the tokens of the letters that were confirmed."""
@@ -173,12 +173,12 @@ class DeadLetters(Generic[Token]):
         for problem in filter(None, problems):
             raise problem
 
-    def _end(self, letters: Iterable[Letter[Token]]) -> None:
+    def _end(self, letters: Iterable[OutgoingLetter[Token]]) -> None:
         for letter in letters:
             del self._sent[id(letter)]
             self._delivered.append(letter.token)
 
-    def _send(self, letter: Letter[Token]) -> bool:
+    def _send(self, letter: OutgoingLetter[Token]) -> bool:
         try:
             taken = self._sink.produce(letter.record, letter)
         except RecordTooLargeError as error:
@@ -190,12 +190,12 @@ class DeadLetters(Generic[Token]):
             self._sent[id(letter)] = letter
         return taken
 
-    def _send_again(self, letter: Letter[Token], error: BridgeError) -> BridgeError | None:
+    def _send_again(self, letter: OutgoingLetter[Token], error: BridgeError) -> BridgeError | None:
         """Put a letter back in line, smaller where that helps; return what only a person mends."""
         del self._sent[id(letter)]
         if isinstance(error, RecordTooLargeError) and letter.smaller:
             shrink, *rest = letter.smaller
-            self._waiting.append(Letter(letter.token, shrink(letter.record), rest))
+            self._waiting.append(OutgoingLetter(letter.token, shrink(letter.record), rest))
             return None
         self._waiting.append(letter)
         return None if isinstance(error, TransportError) else error

@@ -69,7 +69,7 @@ def main() -> int:
 
     from ros2_kafka_bridge.commands.dead_letters import replay  # noqa: PLC0415 (heavy: the order is read first)
     from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery, spoken  # noqa: PLC0415
-    from ros2_kafka_bridge.dead_letters.choice import Choice  # noqa: PLC0415
+    from ros2_kafka_bridge.dead_letters.filter import LetterFilter  # noqa: PLC0415
     from ros2_kafka_bridge.dead_letters.letter import Place  # noqa: PLC0415
     from ros2_kafka_bridge.process.load import load_checked  # noqa: PLC0415
 
@@ -85,7 +85,7 @@ def main() -> int:
     )
     try:
         config = load_checked(Path(order.file), order.text, with_ros=False)
-        query = LetterQuery(config, order.topic, Choice(places=places))
+        query = LetterQuery(config, order.topic, LetterFilter(places=places))
         return spoken(lambda: replay.replay(query, options))
     except BridgeError as error:
         print(error, file=sys.stderr)  # noqa: T201 (the words for the user)

@@ -17,7 +17,7 @@ from ros2_kafka_bridge.commands.dead_letters.replay_ros import Channel
 from ros2_kafka_bridge.commands.dead_letters.report import _letter_json, described
 from ros2_kafka_bridge.commands.dead_letters.restore import Again, Restorer
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
-from ros2_kafka_bridge.dead_letters.choice import Choice, limited, read_index, time_ms
+from ros2_kafka_bridge.dead_letters.filter import LetterFilter, limited, read_index, time_ms
 from ros2_kafka_bridge.dead_letters.letter import Letter, Mark, Place, mark, parse
 from ros2_kafka_bridge.dead_letters.shown import escaped, hex_lines, shortened, text_lines
 from ros2_kafka_bridge.dead_letters.writer import explain, from_kafka, from_ros, without_value
@@ -202,34 +202,34 @@ def test_no_headers_confuse_the_reading(headers: HeaderList) -> None:
 
 
 @pytest.mark.parametrize(
-    ('choice', 'fits'),
+    ('letter_filter', 'fits'),
     [
-        (Choice(), True),
-        (Choice(route='orders'), True),
-        (Choice(route='order'), False),
-        (Choice(reason='not UTF-8'), True),
-        (Choice(reason='^DecodeError: .* byte [0-9]$'), True),
-        (Choice(reason='DecodeError'), True),
-        (Choice(reason='EncodeError'), False),
-        (Choice(reason='(not UTF-8'), False),
-        (Choice(since_ms=1_000_000), True),
-        (Choice(since_ms=1_000_001), False),
-        (Choice(until_ms=1_000_000), False),
-        (Choice(until_ms=1_000_001), True),
-        (Choice(partition=0, offset=7), True),
-        (Choice(partition=1), False),
-        (Choice(offset=8), False),
+        (LetterFilter(), True),
+        (LetterFilter(route='orders'), True),
+        (LetterFilter(route='order'), False),
+        (LetterFilter(reason='not UTF-8'), True),
+        (LetterFilter(reason='^DecodeError: .* byte [0-9]$'), True),
+        (LetterFilter(reason='DecodeError'), True),
+        (LetterFilter(reason='EncodeError'), False),
+        (LetterFilter(reason='(not UTF-8'), False),
+        (LetterFilter(since_ms=1_000_000), True),
+        (LetterFilter(since_ms=1_000_001), False),
+        (LetterFilter(until_ms=1_000_000), False),
+        (LetterFilter(until_ms=1_000_001), True),
+        (LetterFilter(partition=0, offset=7), True),
+        (LetterFilter(partition=1), False),
+        (LetterFilter(offset=8), False),
     ],
 )
-def test_filters(choice: Choice, *, fits: bool) -> None:
-    assert choice.fits(read(kafka_letter())) == fits
-    assert choice.is_narrow == (choice != Choice())
+def test_filters(letter_filter: LetterFilter, *, fits: bool) -> None:
+    assert letter_filter.fits(read(kafka_letter())) == fits
+    assert letter_filter.is_narrow == (letter_filter != LetterFilter())
 
 
 def test_an_index_keeps_the_letters_that_fit_without_values_and_every_mark() -> None:
     letters = read(kafka_letter(), 1, 10), read(kafka_letter(), 2, 99)
     found: list[Letter | Mark] = [*letters, Mark(Place(TOPIC, 0, 1), 'orders', 5)]
-    index = read_index(found, Choice(until_ms=50))
+    index = read_index(found, LetterFilter(until_ms=50))
     [letter] = index.letters
     assert (letter.place.offset, letter.value, letter.headers) == (1, None, [])
     assert letter.size_bytes == len(b'order')

@@ -1,4 +1,4 @@
-"""The command line of `dead-letters`: text -> configuration and choice; no logic."""
+"""The command line of `dead-letters`: text -> configuration and query; no logic."""
 
 import enum
 from pathlib import Path
@@ -187,11 +187,11 @@ def _query(
 ) -> 'LetterQuery':
     from datetime import UTC, datetime  # noqa: PLC0415 (--help must be quick)
 
-    from ros2_kafka_bridge.dead_letters.choice import Choice, time_ms  # noqa: PLC0415
+    from ros2_kafka_bridge.dead_letters.filter import LetterFilter, time_ms  # noqa: PLC0415
     from ros2_kafka_bridge.process.load import load_checked  # noqa: PLC0415
 
     now = datetime.now(UTC)
-    choice = Choice(
+    letter_filter = LetterFilter(
         route=route,
         reason=reason,
         since_ms=time_ms(since, '--since', now),
@@ -204,4 +204,4 @@ def _query(
 
     from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery  # noqa: PLC0415 (heavy)
 
-    return LetterQuery(config, topic, choice)
+    return LetterQuery(config, topic, letter_filter)

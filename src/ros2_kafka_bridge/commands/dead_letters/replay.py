@@ -18,7 +18,7 @@ from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery, none_the
 from ros2_kafka_bridge.commands.dead_letters.restore import Again, Restorer
 from ros2_kafka_bridge.commands.screen import waiting
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
-from ros2_kafka_bridge.dead_letters.choice import Choice, Index, limited, read_index
+from ros2_kafka_bridge.dead_letters.filter import Index, LetterFilter, limited, read_index
 from ros2_kafka_bridge.dead_letters.letter import Letter, mark
 from ros2_kafka_bridge.dead_letters.shown import escaped
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, RecordError
@@ -95,7 +95,7 @@ def replay(query: LetterQuery, options: ReplayOptions) -> int:
         ConfigError: The options do not go together, or there is no such letter.
         BridgeError: Kafka was away from the start, or does not let this user in.
     """
-    _check(query.choice, options)
+    _check(query.filter, options)
     tally, stop = ReplayTally(), Stop()
     with ExitStack() as stack:
         reader = stack.enter_context(open_reader(query.config))
@@ -117,9 +117,9 @@ def replay(query: LetterQuery, options: ReplayOptions) -> int:
     return _end(query, options, tally, there, cut=run.cut)
 
 
-def _check(choice: Choice, options: ReplayOptions) -> None:
+def _check(letter_filter: LetterFilter, options: ReplayOptions) -> None:
     mistakes = []
-    if not choice.is_narrow and not options.all:
+    if not letter_filter.is_narrow and not options.all:
         mistakes.append('which letters? Give a filter such as --route or --since, or --all')
     if options.to_ros and options.force:
         mistakes.append('--force goes with --to kafka only: ROS would take garbage silently')
@@ -139,7 +139,7 @@ def _end(
     if nothing and not cut:
         missing = [topic for topic in query.topics() if topic not in there]
         text = none_there(query, Looked([], {}, missing))
-        if query.choice.offset is not None:
+        if query.filter.offset is not None:
             raise ConfigError([text])
         _say(text)
         return 0
@@ -166,7 +166,7 @@ class _Run:
         self.began = False
         self.cut = False
         self._config: Config = query.config
-        self._choice = query.choice
+        self._filter = query.filter
         self._options = options
         self._tally = tally
         self._stop = stop
@@ -199,11 +199,11 @@ class _Run:
     def _chosen(self, topic: str, *, whole: bool) -> Iterator[Letter]:
         """The letters to replay, with their values, in the order of each partition."""
         with waiting(f'Reading {topic}'):
-            found = self._reader.letters(topic, self._choice.since_ms, whole=whole)
-            index = read_index(found, self._choice)
+            found = self._reader.letters(topic, self._filter.since_ms, whole=whole)
+            index = read_index(found, self._filter)
         left = None
-        if self._choice.limit is not None:
-            left = self._choice.limit - sum(self._tally.sent.values()) - self._tally.left
+        if self._filter.limit is not None:
+            left = self._filter.limit - sum(self._tally.sent.values()) - self._tally.left
         offsets: dict[int, set[int]] = {}
         for letter in limited(self._open(index), left):
             offsets.setdefault(letter.place.partition, set()).add(letter.place.offset)

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from ros2_kafka_bridge.commands.screen import screen, show_line, show_table, waiting
 from ros2_kafka_bridge.config.settings import Config
-from ros2_kafka_bridge.dead_letters.choice import Choice, limited, read_index
+from ros2_kafka_bridge.dead_letters.filter import LetterFilter, limited, read_index
 from ros2_kafka_bridge.dead_letters.letter import Letter, Mark, Place
 from ros2_kafka_bridge.dead_letters.shown import escaped, hex_lines, shortened, text_lines
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
@@ -42,14 +42,14 @@ class LetterQuery(NamedTuple):
 
     config: Config
     topic: str
-    choice: Choice
+    filter: LetterFilter
 
     def topics(self) -> list[str]:
         """The dead-letter topics to look at."""
         if self.topic:
             return [self.topic]
         routes = self.config.routes
-        named = [r.dead_letter_topic for r in routes if r.name == self.choice.route]
+        named = [r.dead_letter_topic for r in routes if r.name == self.filter.route]
         return list(dict.fromkeys(named or [r.dead_letter_topic for r in routes]))
 
 
@@ -130,10 +130,10 @@ def find(query: LetterQuery) -> Found:
             if not reader.has(topic):
                 missing.append(topic)
                 continue
-            index = read_index(reader.letters(topic, query.choice.since_ms), query.choice)
+            index = read_index(reader.letters(topic, query.filter.since_ms), query.filter)
             letters += index.letters
             marks |= index.marks
-    return Found(list(limited(letters, query.choice.limit)), marks, missing)
+    return Found(list(limited(letters, query.filter.limit)), marks, missing)
 
 
 def open_reader(config: Config) -> LetterReader:
@@ -147,10 +147,10 @@ def open_reader(config: Config) -> LetterReader:
 
 def none_there(query: LetterQuery, found: Found) -> str:
     """Say that there are none, and where was looked."""
-    if query.choice.offset is not None:
-        place = f' at offset {query.choice.offset}'
+    if query.filter.offset is not None:
+        place = f' at offset {query.filter.offset}'
     else:
-        place = ' that fit' if query.choice.is_narrow else ''
+        place = ' that fit' if query.filter.is_narrow else ''
     there = [topic for topic in query.topics() if topic not in found.missing]
     looked = [f'looked at {", ".join(there)}'] * bool(there)
     looked += [f'{", ".join(found.missing)}: not there'] * bool(found.missing)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple, TypeVar
 
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
-from ros2_kafka_bridge.dead_letters.letter import About, Letter
+from ros2_kafka_bridge.dead_letters.letter import Explanation, Letter
 from ros2_kafka_bridge.dead_letters.shown import escaped
 from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing, Record, headers_of
 from ros2_kafka_bridge.errors import ConfigError, RecordError
@@ -94,7 +94,7 @@ class Restorer:
 
     # Kafka -> ROS: the record as it was
 
-    def _checked(self, letter: Letter, about: About) -> Again:
+    def _checked(self, letter: Letter, about: Explanation) -> Again:
         letter = self._whole(letter, about)
         route = _chosen(
             [
@@ -134,7 +134,7 @@ class Restorer:
     def _would_be_skipped(self, header: tuple[str, str | bytes | None]) -> bool:
         return header in {(_ORIGIN, self._config.name), (_ORIGIN, self._config.name.encode())}
 
-    def _whole(self, letter: Letter, about: About) -> Letter:
+    def _whole(self, letter: Letter, about: Explanation) -> Letter:
         """The letter with its value, from its first topic where it was left out."""
         if about.value_bytes is None:
             return letter
@@ -149,7 +149,7 @@ class Restorer:
 
     # ROS -> Kafka: encoded once more
 
-    def _from_ros(self, letter: Letter, about: About) -> Again:
+    def _from_ros(self, letter: Letter, about: Explanation) -> Again:
         if about.value_bytes is not None:
             raise RecordError(
                 f'its value ({about.value_bytes} bytes) was left out, and it came from ROS: '
@@ -204,13 +204,13 @@ class Restorer:
         return self._encodes[route.name, name]
 
 
-def _about(letter: Letter) -> About:
+def _about(letter: Letter) -> Explanation:
     if letter.about is None:
         raise RecordError('it is no dead letter of a bridge')
     return letter.about
 
 
-def _is_of(letter: Letter, about: About, original: Record, headers: HeaderList) -> bool:
+def _is_of(letter: Letter, about: Explanation, original: Record, headers: HeaderList) -> bool:
     """Whether a record is the one of the letter: a topic made anew has others there."""
     if len(original.value() or b'') != about.value_bytes:
         return False
@@ -219,7 +219,7 @@ def _is_of(letter: Letter, about: About, original: Record, headers: HeaderList) 
     return bare or (letter.key, letter.headers) == (original.key(), headers)
 
 
-def _chosen(routes: Sequence[SomeRoute], about: About) -> SomeRoute | None:
+def _chosen(routes: Sequence[SomeRoute], about: Explanation) -> SomeRoute | None:
     """The route of that name, or the only one between the same ends: it may have a new name."""
     named = [route for route in routes if route.name == about.route]
     if named or len(routes) == 1:

@@ -12,8 +12,8 @@ _AGE: Final = re.compile(r'(\d{1,9}(?:\.\d{1,9})?)\s*([smhdw])', re.ASCII)
 _UNITS: Final = {'s': 'seconds', 'm': 'minutes', 'h': 'hours', 'd': 'days', 'w': 'weeks'}
 
 
-class Choice(NamedTuple):
-    """What is asked for; None and empty ask for nothing.
+class LetterFilter(NamedTuple):
+    """Which letters are asked for; None and empty ask for all.
 
     Args:
         route: Name of the route.
@@ -37,8 +37,8 @@ class Choice(NamedTuple):
 
     @property
     def is_narrow(self) -> bool:
-        """Whether it asks for anything at all."""
-        return self != Choice()
+        """Whether it leaves any out."""
+        return self != LetterFilter()
 
     def fits(self, letter: Letter) -> bool:
         """Whether this letter is meant; the limit is left to the caller."""
@@ -69,13 +69,13 @@ class Index(NamedTuple):
     marks: dict[Place, Mark]
 
 
-def read_index(found: Iterable[Letter | Mark], choice: Choice) -> Index:
+def read_index(found: Iterable[Letter | Mark], letter_filter: LetterFilter) -> Index:
     """Keep the letters that are meant, and where each was replayed to."""
     index = Index([], {})
     for one in found:
         if isinstance(one, Mark):
             index.marks[one.letter] = one
-        elif choice.fits(one):
+        elif letter_filter.fits(one):
             index.letters.append(one._replace(value=None, headers=[]))
     return index
 
