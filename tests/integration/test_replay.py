@@ -12,11 +12,11 @@ from harness import eventually
 
 STARTER: Final = """
 import sys, threading
-from ros2_kafka_bridge.monitoring.replay import Replay
-from ros2_kafka_bridge.monitoring.replay_process import Order
+from ros2_kafka_bridge.monitoring.replay import ReplayRunner
+from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
 
-replay = Replay(lambda: None)
-order = Order('name: ${file:held}', sys.argv[1], 'orders.dead-letters', None)
+replay = ReplayRunner(lambda: None)
+order = ReplayOrder('name: ${file:held}', sys.argv[1], 'orders.dead-letters', None)
 # Who has asked for it is done long before the replay is.
 asking = threading.Thread(target=replay.start, args=(order,))
 asking.start()

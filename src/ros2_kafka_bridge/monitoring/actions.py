@@ -18,8 +18,8 @@ from ros2_kafka_bridge.logs.lines import route_log, summed
 from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.monitoring import letters
 from ros2_kafka_bridge.monitoring.guard import Refusal, is_of_this_machine, without_right
-from ros2_kafka_bridge.monitoring.replay import Replay
-from ros2_kafka_bridge.monitoring.replay_process import Order
+from ros2_kafka_bridge.monitoring.replay import ReplayRunner
+from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
 from ros2_kafka_bridge.monitoring.state import Watch
 from ros2_kafka_bridge.protocol.monitor import Answer, Do
 
@@ -57,7 +57,7 @@ class Orders:
         replay: Runs replays.
     """
 
-    def __init__(self, watch: Watch, replay: Replay) -> None:
+    def __init__(self, watch: Watch, replay: ReplayRunner) -> None:
         self._watch = watch
         self._replay = replay
         self._reading = asyncio.Semaphore(2)
@@ -143,7 +143,7 @@ class Orders:
         if problem := self._replay_problem(form):
             return _refused(Refusal(HTTPStatus.BAD_REQUEST, problem))
         configured = self._watch.configured
-        order = Order(
+        order = ReplayOrder(
             configured.text, configured.file, form.topic, form.places,
             form.to_ros, form.dry_run, form.again, form.force,
         )  # fmt: skip

@@ -28,7 +28,7 @@ class Point(NamedTuple):
     held: int
 
 
-class Recent(NamedTuple):
+class RouteStatistics(NamedTuple):
     """A route in the last seconds.
 
     Args:
@@ -71,19 +71,19 @@ class History:
                 _extend(track, report.time_s, told.snapshot)
                 self._tracks[name] = track
 
-    def recent(self, route: str) -> Recent:
+    def recent(self, route: str) -> RouteStatistics:
         """A route in the last seconds: rates of five, percentiles of sixty."""
         with self._lock:
             track = self._tracks.get(route)
             seen = list(track.snapshots) if track else []
         if len(seen) < 2:
-            return Recent()
+            return RouteStatistics()
         now_s, now = seen[-1]
         then_s, then = next(entry for entry in seen if now_s - entry[0] <= _RATE_S)
         passed_s = max(now_s - then_s, 0.001)
         first = seen[0][1].measures
         last = now.measures
-        return Recent(
+        return RouteStatistics(
             rate=_gain(now.confirmed, then.confirmed) / passed_s,
             bytes_rate=_gain(last.bytes_confirmed, then.measures.bytes_confirmed) / passed_s,
             in_bridge=percentiles(last.in_bridge, first.in_bridge),

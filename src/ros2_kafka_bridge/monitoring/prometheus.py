@@ -52,7 +52,7 @@ class Seen(NamedTuple):
         return self.report.routes if self.report else ()
 
 
-class Described(NamedTuple):
+class MetricDefinition(NamedTuple):
     """A metric.
 
     Args:
@@ -171,142 +171,142 @@ _ROUTE: Final = ('route',)
 _WORKER: Final = ('worker',)
 
 METRICS: Final = (
-    Described(
+    MetricDefinition(
         'build_info', 'gauge', 'Version of the bridge.', ('version',),
         lambda _: [((__version__,), 1)],
     ),
-    Described(
+    MetricDefinition(
         'messages_taken', 'counter', 'Records or messages that the route has taken.', _ROUTE,
         _of_routes(lambda told: told.snapshot.taken),
     ),
-    Described(
+    MetricDefinition(
         'messages_ended', 'counter', 'What became of those that were taken, each in one outcome.',
         ('route', 'outcome'), _ended,
     ),
-    Described(
+    MetricDefinition(
         'messages_in_flight', 'gauge', 'Taken and not ended yet.', _ROUTE,
         _of_routes(lambda told: told.snapshot.in_flight),
     ),
-    Described(
+    MetricDefinition(
         'messages_spooled', 'gauge', 'Waiting on disk for Kafka.', _ROUTE,
         _of_routes(lambda told: told.snapshot.spooled),
     ),
-    Described(
+    MetricDefinition(
         'messages_lost_upstream', 'counter', 'Lost before the bridge could take them, as far as '
         'gaps in sequence numbers or offsets show.', _ROUTE,
         _of_routes(lambda told: told.snapshot.lost_upstream),
     ),
-    Described(
+    MetricDefinition(
         'messages_repeated', 'counter', 'Published again, because a reader had gone before it '
         'confirmed them.', _ROUTE,
         _of_routes(lambda told: told.snapshot.repeated),
     ),
-    Described(
+    MetricDefinition(
         'bytes_taken', 'counter', 'Bytes of values of records or of CDR, taken.', _ROUTE,
         _of_routes(lambda told: told.snapshot.measures.bytes_taken),
     ),
-    Described(
+    MetricDefinition(
         'bytes_confirmed', 'counter', 'Bytes of what was confirmed, as it was taken.', _ROUTE,
         _of_routes(lambda told: told.snapshot.measures.bytes_confirmed),
     ),
-    Described(
+    MetricDefinition(
         'spool_bytes', 'gauge', 'Bytes that wait on disk.', _ROUTE,
         _of_routes(lambda told: told.snapshot.measures.spool_bytes),
     ),
-    Described(
+    MetricDefinition(
         'spool_limit_bytes', 'gauge', 'Bytes that may wait on disk; only routes with a spool.',
         _ROUTE, _spool_limits,
     ),
-    Described(
+    MetricDefinition(
         'errors', 'counter', 'Errors by their class.', ('route', 'error'), _errors,
     ),
-    Described(
+    MetricDefinition(
         'bridge_seconds', 'histogram', 'From the take to the confirmation.', _ROUTE,
         _of_routes(lambda told: told.snapshot.measures.in_bridge),
     ),
-    Described(
+    MetricDefinition(
         'end_to_end_seconds', 'histogram', 'From the time of the record, or that of its '
         'publisher, to the confirmation.', _ROUTE,
         _of_routes(lambda told: told.snapshot.measures.end_to_end),
     ),
-    Described(
+    MetricDefinition(
         'produce_seconds', 'histogram', 'From handing a record to the producer to its delivery '
         'report (ROS to Kafka).', _ROUTE, _produced,
     ),
-    Described(
+    MetricDefinition(
         'broker_round_trip_seconds', 'gauge', 'Round trip to the slowest broker in the last '
         'seconds, as librdkafka measures it.', ('route', 'quantile'), _broker_round_trip,
     ),
-    Described(
+    MetricDefinition(
         'consumer_lag_records', 'gauge', 'Records in Kafka behind the last that has '
         'ended (Kafka to ROS).', _ROUTE,
         _of_routes(lambda told: told.snapshot.lag),
     ),
-    Described(
+    MetricDefinition(
         'sink_queue_messages', 'gauge', 'What the sink holds: the history of the ROS writer, the '
         'queue of the producer.', _ROUTE,
         _of_routes(lambda told: told.snapshot.measures.queued),
     ),
-    Described(
+    MetricDefinition(
         'sink_queue_limit_messages', 'gauge', 'How much the sink may hold.', _ROUTE,
         _of_routes(lambda told: told.snapshot.measures.queue_limit),
     ),
-    Described(
+    MetricDefinition(
         'back_pressure_seconds', 'counter', 'For how long the sink has held the route back.',
         _ROUTE, _of_routes(lambda told: told.snapshot.measures.waited_s),
     ),
-    Described(
+    MetricDefinition(
         'rebalances', 'counter', 'How often partitions came or went (Kafka to ROS).', _ROUTE,
         _rebalances,
     ),
-    Described(
+    MetricDefinition(
         'dds_matched_endpoints', 'gauge', "DDS endpoints that match the route's own.", _ROUTE,
         _of_routes(lambda told: told.snapshot.measures.matched),
     ),
-    Described(
+    MetricDefinition(
         'dds_mismatched_endpoints', 'gauge', "DDS endpoints on the route's topic that do not "
         'match: their QoS or type differs.', _ROUTE,
         _of_routes(lambda told: told.snapshot.measures.mismatched),
     ),
-    Described(
+    MetricDefinition(
         'route_state', 'gauge', '1 for the state in which the route is, 0 for the others.',
         ('route', 'state'), _states,
     ),
-    Described(
+    MetricDefinition(
         'route_info', 'gauge', 'What the route joins.',
         ('route', 'direction', 'source', 'sink', 'type', 'format'), _about_routes,
     ),
-    Described(
+    MetricDefinition(
         'route_snapshot_age_seconds', 'gauge', "Age of the route's numbers.", _ROUTE,
         _of_routes(lambda told: told.age_s),
     ),
-    Described(
+    MetricDefinition(
         'worker_up', 'gauge', 'Whether the process runs.', _WORKER,
         _of_workers(lambda worker: float(worker.pid > 0)),
     ),
-    Described(
+    MetricDefinition(
         'worker_starts', 'counter', 'How often the process was started.', _WORKER,
         _of_workers(lambda worker: worker.starts),
     ),
-    Described(
+    MetricDefinition(
         'worker_resident_memory_bytes', 'gauge', 'Memory of the process.', _WORKER,
         _of_workers(lambda worker: memory_bytes(worker.pid) if worker.pid else None),
     ),
-    Described(
+    MetricDefinition(
         'report_age_seconds', 'gauge', 'How long ago the supervisor has told all these numbers.',
         (), lambda seen: [((), seen.report_age_s)],
     ),
-    Described(
+    MetricDefinition(
         'config_reload_success', 'gauge', 'Whether the last reload of the configuration '
         'succeeded; 1 before the first.', (),
         _of_report(lambda report: float(report.reload is None or report.reload.done)),
     ),
-    Described(
+    MetricDefinition(
         'config_reload_timestamp_seconds', 'gauge', 'When the configuration was last read, since '
         '1970.', (),
         _of_report(lambda report: report.reload.time_s if report.reload else report.started_s),
     ),
-    Described(
+    MetricDefinition(
         'start_time_seconds', 'gauge', 'When the bridge was started, since 1970.', (),
         _of_report(lambda report: report.started_s),
     ),
@@ -341,7 +341,7 @@ class BridgeCollector(Collector):
             yield _family(metric, seen, bridge)
 
 
-def _family(metric: Described, seen: Seen, bridge: str) -> Metric:
+def _family(metric: MetricDefinition, seen: Seen, bridge: str) -> Metric:
     name, labels = f'{PREFIX}{metric.name}', ('bridge', *metric.labels)
     if metric.kind == 'histogram':
         histogram = HistogramMetricFamily(name, metric.help, labels=labels)

@@ -13,13 +13,13 @@ import msgspec
 
 from ros2_kafka_bridge.logs.lines import route_log
 from ros2_kafka_bridge.logs.text import printable
-from ros2_kafka_bridge.monitoring.replay_process import Order
+from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
 
 _LINES: Final = 500
 _ENDING_S: Final = 5.0
 
 
-class Replay:
+class ReplayRunner:
     """One process at a time that replays dead letters.
 
     Args:
@@ -40,7 +40,7 @@ class Replay:
         with self._lock:
             return {**self._state, 'lines': list(self._lines)} if self._state else None
 
-    def start(self, order: Order) -> bool:
+    def start(self, order: ReplayOrder) -> bool:
         """Begin; False where another one runs.
 
         Raises:
@@ -94,7 +94,7 @@ class Replay:
             except subprocess.TimeoutExpired:
                 process.kill()
 
-    def _follow(self, process: subprocess.Popen[bytes], order: Order) -> None:
+    def _follow(self, process: subprocess.Popen[bytes], order: ReplayOrder) -> None:
         assert process.stdin is not None, 'it was started with pipes'
         assert process.stdout is not None, 'it was started with pipes'
         try:

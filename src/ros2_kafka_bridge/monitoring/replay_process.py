@@ -22,7 +22,7 @@ from ros2_kafka_bridge.errors import BridgeError
 _ENDING_S: Final = 5.0
 
 
-class Order(msgspec.Struct, frozen=True):
+class ReplayOrder(msgspec.Struct, frozen=True):
     """What is to be replayed, and how.
 
     Args:
@@ -47,7 +47,7 @@ class Order(msgspec.Struct, frozen=True):
 
 
 def _end_with_starter() -> None:
-    """Wait for the end of standard input, then end as `Replay.close` would have it.
+    """Wait for the end of standard input, then end as `ReplayRunner.close` would have it.
 
     The death signal of Linux would not do: it comes when the thread dies that has started this.
     """
@@ -64,7 +64,7 @@ def main() -> int:
     # The bridge holds these back; here they end the replay after the batch in hand.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_DFL)
-    order = msgspec.json.decode(sys.stdin.buffer.readline(), type=Order)
+    order = msgspec.json.decode(sys.stdin.buffer.readline(), type=ReplayOrder)
     threading.Thread(target=_end_with_starter, name='starter', daemon=True).start()
 
     from ros2_kafka_bridge.commands.dead_letters import replay  # noqa: PLC0415 (heavy: the order is read first)

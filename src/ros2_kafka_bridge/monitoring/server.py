@@ -10,7 +10,7 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from ros2_kafka_bridge.monitoring.guard import Names, names_of
-from ros2_kafka_bridge.monitoring.replay import Replay
+from ros2_kafka_bridge.monitoring.replay import ReplayRunner
 from ros2_kafka_bridge.monitoring.sides import Sides
 from ros2_kafka_bridge.monitoring.state import Watch
 from ros2_kafka_bridge.monitoring.web import Page, make_app
@@ -66,7 +66,7 @@ class Server:
         self._watch = watch
         self._listener = listener
         self._sides = Sides(watch, failed)
-        self._replay = Replay(self._sides.look_again)
+        self._replay = ReplayRunner(self._sides.look_again)
         page = Page(watch, self._sides, self._replay, self._names, self._stopping, failed)
         _log_as_the_bridge()
         self._server = uvicorn.Server(

@@ -22,7 +22,7 @@ _DRAINING: Final = frozenset({Do.RELOAD, Do.DEACTIVATE, Do.CLEANUP, Do.SHUTDOWN}
 
 
 class Watch:
-    """Holds the last report, the configuration, and what has been asked for.
+    """The `WatchedBridge`: its last report, its configuration, and what it has been asked for.
 
     Each method may be called from any thread.
 

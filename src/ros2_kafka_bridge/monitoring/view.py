@@ -7,7 +7,7 @@ from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.config.routes import AnyRoute, direction_of, ends_of, type_of
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.monitoring.health import liveness, readiness
-from ros2_kafka_bridge.monitoring.history import Recent
+from ros2_kafka_bridge.monitoring.history import RouteStatistics
 from ros2_kafka_bridge.monitoring.prometheus import memory_bytes
 from ros2_kafka_bridge.monitoring.state import Watch
 from ros2_kafka_bridge.protocol.advice import ERROR_ADVICE, advice
@@ -85,7 +85,7 @@ def routes(watch: Watch) -> list[Json]:
     ]
 
 
-def _route(told: RouteReport, recent: Recent, asked_to_pause: bool) -> Json:  # noqa: FBT001
+def _route(told: RouteReport, recent: RouteStatistics, asked_to_pause: bool) -> Json:  # noqa: FBT001
     now = told.snapshot
     measures = now.measures
     return {

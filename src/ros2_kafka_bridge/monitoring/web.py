@@ -29,7 +29,7 @@ from ros2_kafka_bridge.monitoring.guard import Guard, Names
 from ros2_kafka_bridge.monitoring.health import Health, liveness, readiness
 from ros2_kafka_bridge.monitoring.history import BUCKET_S, SPAN_S
 from ros2_kafka_bridge.monitoring.prometheus import BridgeCollector
-from ros2_kafka_bridge.monitoring.replay import Replay
+from ros2_kafka_bridge.monitoring.replay import ReplayRunner
 from ros2_kafka_bridge.monitoring.sides import Sides
 from ros2_kafka_bridge.monitoring.state import Watch
 
@@ -51,7 +51,7 @@ class Page(NamedTuple):
 
     watch: Watch
     sides: Sides
-    replay: Replay
+    replay: ReplayRunner
     names: Callable[[], Names]
     stopping: Callable[[], bool]
     failed: Callable[[], None]

@@ -11,7 +11,7 @@ from monitors import TOKEN, report, snapshot
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.monitoring import letters
 from ros2_kafka_bridge.monitoring.guard import is_loopback, names_of
-from ros2_kafka_bridge.monitoring.replay_process import Order
+from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
 from ros2_kafka_bridge.monitoring.web import Page, make_app
 from ros2_kafka_bridge.protocol.monitor import Answer
 from ros2_kafka_bridge.route.counters import Measures, Trouble
@@ -49,13 +49,13 @@ class NoReplay:
     """Keeps what it was told to do."""
 
     def __init__(self) -> None:
-        self.orders: list[Order] = []
+        self.orders: list[ReplayOrder] = []
         self.runs = False
 
     def state(self) -> dict[str, Any] | None:
         return {'number': len(self.orders)} if self.orders else None
 
-    def start(self, order: Order) -> bool:
+    def start(self, order: ReplayOrder) -> bool:
         self.orders.append(order)
         return not self.runs
 

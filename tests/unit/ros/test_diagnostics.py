@@ -9,10 +9,10 @@ from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.monitoring.history import History
 from ros2_kafka_bridge.protocol.monitor import Lifecycle, Reload, Report, RouteReport, Worker
 from ros2_kafka_bridge.ros.control.diagnostics import (
-    About,
+    BridgeIdentity,
     Change,
     Level,
-    Recent,
+    RecentCounters,
     Status,
     statuses,
 )
@@ -59,10 +59,13 @@ def told(*snapshots: Snapshot, pid: int = 17, **more: Any) -> Report:
 
 
 def said(
-    config: Config, report: Report | None, silent_s: float = 0.1, recent: Recent | None = None
+    config: Config,
+    report: Report | None,
+    silent_s: float = 0.1,
+    recent: RecentCounters | None = None,
 ) -> dict[str, Status]:
-    about = About('kafka_bridge_shop', '/etc/shop.yaml', '0.1.0', config.routes)
-    found = statuses(about, report, silent_s, recent or Recent())
+    bridge = BridgeIdentity('kafka_bridge_shop', '/etc/shop.yaml', '0.1.0', config.routes)
+    found = statuses(bridge, report, silent_s, recent or RecentCounters())
     assert all(status.name.startswith('kafka_bridge_shop: ') for status in found)
     return {status.name.removeprefix('kafka_bridge_shop: '): status for status in found}
 
@@ -171,8 +174,8 @@ def test_a_refused_reload_is_a_warning_of_the_bridge(config: Config) -> None:
 # What has changed lately
 
 
-def heard(*confirmed: int, **more: Any) -> Recent:
-    recent = Recent()
+def heard(*confirmed: int, **more: Any) -> RecentCounters:
+    recent = RecentCounters()
     for second, number in enumerate(confirmed):
         recent.add(told(snapshot(confirmed=number, **more)), float(second))
     return recent
@@ -188,7 +191,7 @@ def test_a_worker_that_was_started_again_counts_from_zero_and_the_rate_is_never_
 
 
 def test_a_route_that_was_never_heard_of_has_not_changed() -> None:
-    assert Recent().change('orders') == Change()
+    assert RecentCounters().change('orders') == Change()
 
 
 def test_a_lag_of_more_than_a_minute_of_work_is_a_warning_and_a_smaller_one_is_not(
@@ -212,7 +215,7 @@ def test_a_lag_that_fits_into_what_is_in_flight_anyway_is_no_warning(config: Con
 def test_new_losses_and_dead_letters_are_told_for_a_minute(
     config: Config, counter: str, level: Level
 ) -> None:
-    recent, after = Recent(), told(*both(**{counter: 3}))
+    recent, after = RecentCounters(), told(*both(**{counter: 3}))
     recent.add(told(*both()), 0.0)
     recent.add(after, 1.0)
     assert said(config, after, recent=recent)['orders'].level is level
@@ -221,7 +224,7 @@ def test_new_losses_and_dead_letters_are_told_for_a_minute(
 
 
 def test_the_latency_is_that_of_the_last_minute_as_the_page_shows_it() -> None:
-    recent, page = Recent(), History()
+    recent, page = RecentCounters(), History()
     before, after = [1000, *[0] * 16], [1000, 98, 2, *[0] * 14]
     for second, counts in enumerate((before, after)):
         measures = Measures(in_bridge=Distribution(tuple(counts)))

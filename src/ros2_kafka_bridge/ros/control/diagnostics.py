@@ -43,7 +43,7 @@ class Status(NamedTuple):
     values: tuple[tuple[str, str], ...]
 
 
-class Finding(NamedTuple):
+class Diagnosis(NamedTuple):
     """One thing to be said of a route."""
 
     level: Level
@@ -82,7 +82,7 @@ class _Mark(NamedTuple):
         return cls(at_s, told.confirmed, letters, told.lost, told.lost_upstream, in_bridge)
 
 
-class Recent:
+class RecentCounters:
     """The counters of the last minute, for what has changed since."""
 
     def __init__(self) -> None:
@@ -119,7 +119,7 @@ class Recent:
         )
 
 
-class About(NamedTuple):
+class BridgeIdentity(NamedTuple):
     """What a bridge is, beside what it reports.
 
     Args:
@@ -135,76 +135,78 @@ class About(NamedTuple):
     routes: Sequence[AnyRoute]
 
 
-def statuses(about: About, report: Report | None, silent_s: float, recent: Recent) -> list[Status]:
+def statuses(
+    bridge: BridgeIdentity, report: Report | None, silent_s: float, recent: RecentCounters
+) -> list[Status]:
     """All that is to be said: the bridge, its workers, its routes.
 
     Args:
-        about: Which bridge.
+        bridge: Which one.
         report: The last one, None before the first.
         silent_s: How long ago it came.
         recent: What has changed lately.
     """
     if report is None or silent_s > OLD_S:
-        return [*_silent(about, silent_s)]
+        return [*_silent(bridge, silent_s)]
     told = {route.snapshot.route: route for route in report.routes}
     workers = {worker.number: worker for worker in report.workers}
     routes = [
-        _route_status(about, route, told.get(route.name), workers, recent.change(route.name))
-        for route in about.routes
+        _route_status(bridge, route, told.get(route.name), workers, recent.change(route.name))
+        for route in bridge.routes
     ]
-    below = [*(_worker_status(about, worker, report) for worker in report.workers), *routes]
-    return [_bridge_status(about, report, below), *below]
+    below = [*(_worker_status(bridge, worker, report) for worker in report.workers), *routes]
+    return [_bridge_status(bridge, report, below), *below]
 
 
-def _silent(about: About, silent_s: float) -> Iterator[Status]:
+def _silent(bridge: BridgeIdentity, silent_s: float) -> Iterator[Status]:
     text = f'the bridge has reported nothing for {silent_s:.0f} s: look at its log'
-    yield Status(f'{about.node}: bridge', Level.STALE, text, _of_bridge(about))
-    for route in about.routes:
-        yield Status(f'{about.node}: {route.name}', Level.STALE, text, _of_route(route))
+    yield Status(f'{bridge.node}: bridge', Level.STALE, text, _of_bridge(bridge))
+    for route in bridge.routes:
+        yield Status(f'{bridge.node}: {route.name}', Level.STALE, text, _of_route(route))
 
 
 # The bridge
 
 
-def _bridge_status(about: About, report: Report, below: Sequence[Status]) -> Status:
-    own = [*_bridge_findings(report)]
+def _bridge_status(bridge: BridgeIdentity, report: Report, below: Sequence[Status]) -> Status:
+    own = [*_bridge_diagnoses(report)]
     bad = [status for status in below if status.level is not Level.OK]
-    level = max([Level.OK, *(f.level for f in own), *(status.level for status in bad)])
-    texts = [f'{report.lifecycle}, {count(len(about.routes), "route")}']
-    texts += [finding.text for finding in own]
-    texts += [f'{status.name.removeprefix(about.node + ": ")} {_word(status)}' for status in bad]
+    level = max([Level.OK, *(one.level for one in own), *(status.level for status in bad)])
+    texts = [f'{report.lifecycle}, {count(len(bridge.routes), "route")}']
+    texts += [one.text for one in own]
+    texts += [f'{status.name.removeprefix(bridge.node + ": ")} {_word(status)}' for status in bad]
     values = [
-        *_of_bridge(about),
+        *_of_bridge(bridge),
         ('lifecycle', str(report.lifecycle)),
         ('workers', str(len(report.workers))),
         ('paused routes', ', '.join(report.paused)),
         ('last reload', report.reload.text if report.reload else ''),
     ]
-    return Status(f'{about.node}: bridge', level, '; '.join(texts), tuple(values))
+    return Status(f'{bridge.node}: bridge', level, '; '.join(texts), tuple(values))
 
 
 def _word(status: Status) -> str:
     return status.message.partition(':')[0]
 
 
-def _bridge_findings(report: Report) -> Iterator[Finding]:
+def _bridge_diagnoses(report: Report) -> Iterator[Diagnosis]:
     if report.stopping:
-        yield Finding(Level.WARN, 'it drains to end')
+        yield Diagnosis(Level.WARN, 'it drains to end')
     elif report.lifecycle is not Lifecycle.ACTIVE:
         cure = (
             'configure and activate' if report.lifecycle is Lifecycle.UNCONFIGURED else 'activate'
         )
-        yield Finding(Level.WARN, f'no route runs: {cure} it')
+        yield Diagnosis(Level.WARN, f'no route runs: {cure} it')
     if report.reload is not None and not report.reload.done:
         text = 'the last reload was refused, and what ran before goes on: mend the file'
-        yield Finding(Level.WARN, text)
+        yield Diagnosis(Level.WARN, text)
 
 
-def _of_bridge(about: About) -> tuple[tuple[str, str], ...]:
-    return (('version', about.version), ('config file', about.file))
+def _of_bridge(bridge: BridgeIdentity) -> tuple[tuple[str, str], ...]:
+    return (('version', bridge.version), ('config file', bridge.file))
 
 
-def _worker_status(about: About, worker: Worker, report: Report) -> Status:
+def _worker_status(bridge: BridgeIdentity, worker: Worker, report: Report) -> Status:
     own = [told.snapshot.route for told in report.routes if told.worker == worker.number]
     away = not worker.pid and report.lifecycle is Lifecycle.ACTIVE
     problem = f'away: {worker.problem or "it does not run"}; it is started again by itself'
@@ -215,38 +217,38 @@ def _worker_status(about: About, worker: Worker, report: Report) -> Status:
         ('routes', ', '.join(own)),
     )
     level = Level.ERROR if away else Level.OK
-    return Status(f'{about.node}: worker {worker.number}', level, message, values)
+    return Status(f'{bridge.node}: worker {worker.number}', level, message, values)
 
 
 # A route
 
 
 def _route_status(
-    about: About,
+    bridge: BridgeIdentity,
     route: AnyRoute,
     told: RouteReport | None,
     workers: Mapping[int, Worker],
     change: Change,
 ) -> Status:
-    name = f'{about.node}: {route.name}'
+    name = f'{bridge.node}: {route.name}'
     if told is None:
         text = 'unknown: its worker has told nothing of it yet'
         return Status(name, Level.STALE, text, _of_route(route))
-    found = sorted(_findings(route, told, workers, change), key=lambda finding: -finding.level)
-    message = '; '.join(finding.text for finding in found)
+    found = sorted(_diagnoses(route, told, workers, change), key=lambda one: -one.level)
+    message = '; '.join(one.text for one in found)
     values = (*_of_route(route), *_counted(told, change))
     return Status(name, found[0].level, message, values)
 
 
-def _findings(
+def _diagnoses(
     route: AnyRoute, told: RouteReport, workers: Mapping[int, Worker], change: Change
-) -> Iterator[Finding]:
+) -> Iterator[Diagnosis]:
     worker = workers.get(told.worker)
     if worker is None or not worker.pid:
         stopped = told.snapshot.state is State.STOPPED
         reason = (worker.problem if worker else '') or 'it does not run'
         text = f'worker {told.worker} is away: {reason}'
-        yield Finding(Level.WARN, 'stopped') if stopped else Finding(Level.ERROR, text)
+        yield Diagnosis(Level.WARN, 'stopped') if stopped else Diagnosis(Level.ERROR, text)
     else:
         yield _of_state(told)
         yield from _of_sink(route, told.snapshot)
@@ -263,42 +265,44 @@ _LEVELS: Final = {
 }
 
 
-def _of_state(told: RouteReport) -> Finding:
+def _of_state(told: RouteReport) -> Diagnosis:
     now = told.snapshot
     if told.busy_s > STUCK_S:
         text = f'stuck: its thread has done one thing for {told.busy_s:.0f} s: start it again'
-        return Finding(Level.ERROR, text)
+        return Diagnosis(Level.ERROR, text)
     if now.state is State.RUNNING and told.age_s > OLD_S:
-        return Finding(Level.STALE, f'silent: its thread has told nothing for {told.age_s:.0f} s')
+        return Diagnosis(
+            Level.STALE, f'silent: its thread has told nothing for {told.age_s:.0f} s'
+        )
     text = ': '.join(part for part in (str(now.state), now.reason) if part)
-    return Finding(_LEVELS[now.state], '. '.join(part for part in (text, advice(now)) if part))
+    return Diagnosis(_LEVELS[now.state], '. '.join(part for part in (text, advice(now)) if part))
 
 
-def _of_sink(route: AnyRoute, now: Snapshot) -> Iterator[Finding]:
+def _of_sink(route: AnyRoute, now: Snapshot) -> Iterator[Diagnosis]:
     ros = route.sink.ros if isinstance(route, KafkaToRosRoute) else route.source.ros
     if mismatched := now.measures.mismatched:
         text = f'{count(mismatched, "endpoint")} on {ros} cannot match it, by type or QoS'
-        yield Finding(Level.WARN, f'{text}: ros2 topic info --verbose {ros}')
+        yield Diagnosis(Level.WARN, f'{text}: ros2 topic info --verbose {ros}')
     limit = route.spool.max_bytes if isinstance(route, RosToKafkaRoute) and route.spool else 0
     if limit and now.measures.spool_bytes > _SPOOL_FULL * limit:
         share = now.measures.spool_bytes / limit
         text = f'its spool is full to {share:.0%}: see why Kafka takes nothing'
-        yield Finding(Level.WARN, text)
+        yield Diagnosis(Level.WARN, text)
 
 
-def _of_changes(route: AnyRoute, now: Snapshot, change: Change) -> Iterator[Finding]:
+def _of_changes(route: AnyRoute, now: Snapshot, change: Change) -> Iterator[Diagnosis]:
     lag = now.lag or 0
     if now.state is State.RUNNING and lag > max(change.rate * _RECENT_S, route.max_in_flight):
         text = f'{lag} records behind: more than a minute at {change.rate:.0f}/s'
-        yield Finding(Level.WARN, text)
+        yield Diagnosis(Level.WARN, text)
     if change.dead_lettered:
         text = f'{count(change.dead_lettered, "dead letter")} in the last minute'
-        yield Finding(Level.WARN, f'{text}: ros2-kafka-bridge dead-letters list')
+        yield Diagnosis(Level.WARN, f'{text}: ros2-kafka-bridge dead-letters list')
     if change.lost:
-        yield Finding(Level.ERROR, f'{change.lost} lost on a damaged disk: replace it')
+        yield Diagnosis(Level.ERROR, f'{change.lost} lost on a damaged disk: replace it')
     if change.lost_upstream:
         text = f'{change.lost_upstream} lost before the bridge: give it a deeper queue'
-        yield Finding(Level.WARN, text)
+        yield Diagnosis(Level.WARN, text)
 
 
 def _of_route(route: AnyRoute) -> tuple[tuple[str, str], ...]:

@@ -21,7 +21,12 @@ from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.protocol.monitor import Answer, Configured, Do, Report
 from ros2_kafka_bridge.ros.arguments import ROS_ARGUMENTS
-from ros2_kafka_bridge.ros.control.diagnostics import About, Recent, Status, statuses
+from ros2_kafka_bridge.ros.control.diagnostics import (
+    BridgeIdentity,
+    RecentCounters,
+    Status,
+    statuses,
+)
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import RosNode, node_name, open_made
@@ -41,8 +46,11 @@ _THREADS: Final = 6
 _Log = logging.LoggerAdapter[logging.Logger]
 
 
-class Watch(Protocol):
-    """What is known of the bridge, and whom to ask for a change; for any thread."""
+class WatchedBridge(Protocol):
+    """What is known of the bridge, and whom to ask for a change (`monitoring.state.Watch`).
+
+    Each method may be called from any thread.
+    """
 
     @property
     def config(self) -> Config:
@@ -73,7 +81,7 @@ class Watch(Protocol):
         ...
 
 
-def run_control(watch: Watch, stop: Stop) -> None:
+def run_control(watch: WatchedBridge, stop: Stop) -> None:
     """Be in the ROS graph until a stop is asked for; tries again while ROS refuses.
 
     Args:
@@ -90,7 +98,7 @@ def run_control(watch: Watch, stop: Stop) -> None:
         stop.wait(_AGAIN_S if problem else 0.0)
 
 
-def _until_problem(watch: Watch, stop: Stop, log: _Log) -> str:
+def _until_problem(watch: WatchedBridge, stop: Stop, log: _Log) -> str:
     try:
         _be_in_graph(watch, stop, log)
     except BridgeError as error:
@@ -100,15 +108,15 @@ def _until_problem(watch: Watch, stop: Stop, log: _Log) -> str:
     return ''
 
 
-def _be_in_graph(watch: Watch, stop: Stop, log: _Log) -> None:
+def _be_in_graph(watch: WatchedBridge, stop: Stop, log: _Log) -> None:
     """Run the node until a stop, or until another name or domain counts."""
     place = _Place.of(watch.config)
-    asking = Asking(watch)
+    supervisor = SupervisorClient(watch)
     with ExitStack() as stack:
-        node = stack.enter_context(_opened(place, asking, log))
+        node = stack.enter_context(_opened(place, supervisor, log))
         executor = stack.enter_context(_spinning(node))
         with translated('the ROS node of the bridge'):
-            control = Control(watch, node, asking, log)
+            control = Control(watch, node, supervisor, log)
         next_s = time.monotonic()
         while not stop.asked and place == _Place.of(watch.config):
             if time.monotonic() >= next_s:
@@ -130,13 +138,13 @@ class _Place(NamedTuple):
         return cls(config.name, config.ros.domain_id, config.ros.lease_s)
 
 
-def _opened(place: _Place, asking: 'Asking', log: _Log) -> Any:
+def _opened(place: _Place, supervisor: 'SupervisorClient', log: _Log) -> Any:
     def make(context: Any) -> 'ManagedNode':
         from ros2_kafka_bridge.ros.control.lifecycle import ManagedNode  # noqa: PLC0415 (rclpy)
 
         return ManagedNode(
             node_name(place.name),
-            asking.ask,
+            supervisor.ask,
             log,
             context=context,
             cli_args=_own_arguments(),
@@ -153,10 +161,10 @@ def _own_arguments() -> list[str]:
     return ['--ros-args', *json.loads(given)] if given else []
 
 
-class Asking:
+class SupervisorClient:
     """Asks the supervisor, and knows whether what it reports is newer than the last answer."""
 
-    def __init__(self, watch: Watch) -> None:
+    def __init__(self, watch: WatchedBridge) -> None:
         self._watch = watch
         self._lock = threading.Lock()
         self._waiting = 0
@@ -211,23 +219,25 @@ class Control:
     Args:
         watch: The bridge.
         node: The node.
-        asking: Asks for changes.
+        supervisor: Asks for changes.
         log: Of the bridge.
     """
 
-    def __init__(self, watch: Watch, node: RosNode, asking: Asking, log: _Log) -> None:
+    def __init__(
+        self, watch: WatchedBridge, node: RosNode, supervisor: SupervisorClient, log: _Log
+    ) -> None:
         from diagnostic_msgs.msg import DiagnosticArray  # noqa: PLC0415 (ROS)
 
         from ros2_kafka_bridge.ros.control.services import Offers  # noqa: PLC0415 (rclpy)
 
         self._watch = watch
         self._node = node.handle
-        self._asking = asking
+        self._supervisor = supervisor
         self._log = log
-        self._recent = Recent()
+        self._recent = RecentCounters()
         self._last: Report | None = None
         self._namesakes = Namesakes(node.handle, log)
-        self._offers = Offers(node.handle, asking.ask, log)
+        self._offers = Offers(node.handle, supervisor.ask, log)
         self._publisher = node.handle.create_publisher(DiagnosticArray, '/diagnostics', 10)
 
     def tick(self) -> None:
@@ -237,20 +247,20 @@ class Control:
             self._recent.add(report, time.monotonic())
             self._last = report
         self._offers.offer(self._watch.config, self._watch.configured.file, self._watch.routes)
-        if report is not None and self._asking.settled:
+        if report is not None and self._supervisor.settled:
             self._node.follow(report.lifecycle)
             self._offers.follow(report.paused)
         self._publish(report)
         self._namesakes.look()
 
     def _publish(self, report: Report | None) -> None:
-        about = About(
+        bridge = BridgeIdentity(
             node=self._node.get_name(),
             file=self._watch.configured.file,
             version=__version__,
             routes=self._watch.routes,
         )
-        told = statuses(about, report, self._watch.report_age_s, self._recent)
+        told = statuses(bridge, report, self._watch.report_age_s, self._recent)
         hardware = self._watch.config.name
         self._publisher.publish(_message(told, hardware, self._node.get_clock().now().to_msg()))
 
