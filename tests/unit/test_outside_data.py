@@ -311,8 +311,8 @@ def test_one_large_file_that_is_named_often_does_not_fill_the_memory(tmp_path: P
     data = {f'field_{number}': '${file:large}' * 5 for number in range(20)}
     expanded = expand(data, {}, tmp_path)
     assert sum(map(len, expanded.data.values())) <= EXPANDED_LIMIT_CHARS
-    [finding] = expanded.findings
-    assert 'more than 16777216 characters' in finding.text
+    [mistake] = expanded.mistakes
+    assert 'more than 16777216 characters' in mistake.text
 
 
 def test_repeated_fields_count_as_values(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from ros2_kafka_bridge.config.base import mistakes_in
 from ros2_kafka_bridge.config.references import UnreadableError, expand, read_limited
 from ros2_kafka_bridge.config.settings import Config
-from ros2_kafka_bridge.config.tree import Finding, Tree, YamlError, read_yaml
+from ros2_kafka_bridge.config.tree import LocatedMistake, Tree, YamlError, read_yaml
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.logs.text import count, printable
 
@@ -96,14 +96,14 @@ def loads(
         'directory': directory,
         'message_path': _message_path(expanded.data, directory),
     }
-    findings = [*tree.findings, *expanded.findings]
+    mistakes = [*tree.mistakes, *expanded.mistakes]
     config = None
     try:
         config = Config.model_validate(expanded.data, context=context)
     except ValidationError as error:
-        findings += _found_by_settings(error, expanded.findings)
-    if config is None or findings:
-        raise ConfigError(_told(findings, tree, file_name))
+        mistakes += _found_by_settings(error, expanded.mistakes)
+    if config is None or mistakes:
+        raise ConfigError(_told(mistakes, tree, file_name))
     return config
 
 
@@ -115,20 +115,22 @@ def _message_path(data: Any, directory: Path) -> list[Path]:
     return [directory / folder for folder in found if isinstance(folder, str)]
 
 
-def _found_by_settings(error: ValidationError, known: list[Finding]) -> list[Finding]:
-    """The settings' findings, but for values that are wrong already for their reference."""
-    reported = {finding.path for finding in known}
+def _found_by_settings(
+    error: ValidationError, known: list[LocatedMistake]
+) -> list[LocatedMistake]:
+    """The settings' mistakes, but for values that are wrong already for their reference."""
+    reported = {one.path for one in known}
     return [
-        Finding(mistake.path, mistake.text)
+        LocatedMistake(mistake.path, mistake.text)
         for mistake in mistakes_in(Config, error)
         if not any(mistake.path[: len(path)] == path for path in reported)
     ]
 
 
-def _told(findings: list[Finding], tree: Tree, file_name: str) -> list[str]:
-    lined = [(finding.line or tree.line_of(finding.path), finding) for finding in findings]
+def _told(mistakes: list[LocatedMistake], tree: Tree, file_name: str) -> list[str]:
+    lined = [(one.line or tree.line_of(one.path), one) for one in mistakes]
     ordered = sorted(lined, key=lambda entry: entry[0])
-    lines = [f'{file_name}:{line}: {_field(f.path)}{f.text}' for line, f in ordered]
+    lines = [f'{file_name}:{line}: {_field(one.path)}{one.text}' for line, one in ordered]
     told = [_short(printable(line)) for line in dict.fromkeys(lines)]
     more = count(len(told) - TOLD_LIMIT, 'more mistake')
     return [*told[:TOLD_LIMIT], f'{file_name}: and {more}'] if len(told) > TOLD_LIMIT else told

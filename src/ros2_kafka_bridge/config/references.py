@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ros2_kafka_bridge.config.tree import Finding
+from ros2_kafka_bridge.config.tree import LocatedMistake
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,7 +22,7 @@ class Expanded(NamedTuple):
     """Values without references, and what is wrong with the references."""
 
     data: Any
-    findings: list[Finding]
+    mistakes: list[LocatedMistake]
 
 
 class UnreadableError(Exception):
@@ -38,7 +38,7 @@ def expand(data: Any, environ: Mapping[str, str], directory: Path) -> Expanded:
         directory: What the path in `${file:PATH}` is relative to.
     """
     reader = _Reader(environ, directory)
-    return Expanded(reader.expanded(data, ()), reader.findings)
+    return Expanded(reader.expanded(data, ()), reader.mistakes)
 
 
 def read_limited(path: Path) -> bytes:
@@ -71,7 +71,7 @@ class _Reader:
     """Replaces the references of one configuration; each file is read once."""
 
     def __init__(self, environ: Mapping[str, str], directory: Path) -> None:
-        self.findings: list[Finding] = []
+        self.mistakes: list[LocatedMistake] = []
         self._environ = environ
         self._directory = directory
         self._texts: dict[str, str | UnreadableError] = {}
@@ -92,16 +92,20 @@ class _Reader:
             return '$'
         if variable is None and file is None:
             wrong = '${ without a name and }: a variable is ${NAME}, a file ${file:PATH}'
-            self.findings.append(Finding(path, wrong))
+            self.mistakes.append(LocatedMistake(path, wrong))
         elif variable is not None and variable in self._environ:
             return self._within_room(self._environ[variable], path)
         elif variable is not None:
-            self.findings.append(Finding(path, f'the environment has no variable {variable}'))
+            self.mistakes.append(
+                LocatedMistake(path, f'the environment has no variable {variable}')
+            )
         else:
             text = self._text(file)
             if isinstance(text, str):
                 return self._within_room(text, path)
-            self.findings.append(Finding(path, f'the file {self._directory / file}: {text}'))
+            self.mistakes.append(
+                LocatedMistake(path, f'the file {self._directory / file}: {text}')
+            )
         return match[0]
 
     def _within_room(self, text: str, path: tuple[str | int, ...]) -> str:
@@ -111,7 +115,7 @@ class _Reader:
             return text
         if room_chars >= 0:
             much = f'what ${{...}} stands for has more than {EXPANDED_LIMIT_CHARS} characters'
-            self.findings.append(Finding(path, f'{much} in this file, all together'))
+            self.mistakes.append(LocatedMistake(path, f'{much} in this file, all together'))
         return ''
 
     def _text(self, file: str) -> str | UnreadableError:

@@ -44,7 +44,7 @@ class YamlError(Exception):
         self.column = column
 
 
-class Finding(NamedTuple):
+class LocatedMistake(NamedTuple):
     """A mistake at a field; line 0 where the field tells it."""
 
     path: Path
@@ -58,7 +58,7 @@ class Tree:
 
     data: Any = None
     lines: dict[Path, int] = field(default_factory=dict)
-    findings: list[Finding] = field(default_factory=list)
+    mistakes: list[LocatedMistake] = field(default_factory=list)
 
     def line_of(self, path: Path) -> int:
         """The line, from 1, of a field or else of the nearest one around it."""
@@ -134,7 +134,7 @@ class _Reader:
                 self._count_value(key)
                 first = self.tree.lines[(*path, name)]
                 text = f'is there twice, first on line {first}'
-                self.tree.findings.append(Finding((*path, name), text, line))
+                self.tree.mistakes.append(LocatedMistake((*path, name), text, line))
                 continue
             self.tree.lines[(*path, name)] = line
             values[name] = self.value(item, (*path, name))

@@ -8,16 +8,16 @@ and no ROS: where the numbers come from, the command knows.
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.depth.choice import Choice, Load, Prediction, choose, load, predict
+    from ros2_kafka_bridge.depth.choice import Choice, Prediction, Workload, choose, load, predict
     from ros2_kafka_bridge.depth.queue import Replay, replay, resample
     from ros2_kafka_bridge.depth.recorder import ServiceTimes
 
 __all__ = [
     'Choice',
-    'Load',
     'Prediction',
     'Replay',
     'ServiceTimes',
+    'Workload',
     'choose',
     'load',
     'predict',
@@ -28,7 +28,7 @@ __all__ = [
 _HOMES = {
     'ServiceTimes': 'recorder',
     **dict.fromkeys(('Replay', 'replay', 'resample'), 'queue'),
-    **dict.fromkeys(('Choice', 'Load', 'Prediction', 'choose', 'load', 'predict'), 'choice'),
+    **dict.fromkeys(('Choice', 'Workload', 'Prediction', 'choose', 'load', 'predict'), 'choice'),
 }
 
 

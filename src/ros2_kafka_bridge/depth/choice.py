@@ -23,7 +23,7 @@ _HEAVY = 0.15
 _FAR = 1.0  # messages of the recording that the wanted loss would be
 
 
-class Load(NamedTuple):
+class Workload(NamedTuple):
     """What a recording asks of its reader.
 
     Args:
@@ -84,12 +84,12 @@ class Choice(NamedTuple):
     estimated: int | None
     loss: float
     confidence: float
-    load: Load
+    load: Workload
     predictions: tuple[Prediction, ...]
     notes: tuple[str, ...]
 
 
-def load(arrivals_ns: Times, service_ns: Times | int, *, wake_ns: Times | int = 0) -> Load:
+def load(arrivals_ns: Times, service_ns: Times | int, *, wake_ns: Times | int = 0) -> Workload:
     """What a recording asks of its reader; the arguments are those of `choose`."""
     return _Queue(fitted(arrivals_ns, service_ns, wake_ns), 0.95).load
 
@@ -272,11 +272,11 @@ def fitted(arrivals_ns: Times, service_ns: Times | int, wake_ns: Times | int) ->
     return Fitted(arrivals, service, wake)
 
 
-def _load(fitted: Fitted, peaks: Times) -> Load:
+def _load(fitted: Fitted, peaks: Times) -> Workload:
     arrivals, service, wake = fitted
     span_ns = int(arrivals[-1] - arrivals[0])
     work_ns = int(service[:-1].sum())
-    return Load(
+    return Workload(
         messages=len(arrivals),
         seconds=span_ns / 1e9,
         rate=(len(arrivals) - 1) / span_ns * 1e9,

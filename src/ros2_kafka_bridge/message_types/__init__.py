@@ -21,7 +21,7 @@ from ros2_kafka_bridge.message_types.definition import (
     read_docs,
 )
 from ros2_kafka_bridge.message_types.description import (
-    Described,
+    DescribedTypes,
     TypeDescription,
     make_layout,
     nested_names,
@@ -116,7 +116,7 @@ def _near(name: str, names: list[str]) -> str | None:
     return by_lower[found[0]] if found else None
 
 
-def _described(name: str, files: Mapping[str, Path], known: list[str]) -> Described:
+def _described(name: str, files: Mapping[str, Path], known: list[str]) -> DescribedTypes:
     """The descriptions of a type and of all that it holds, from files before packages."""
     types: dict[str, TypeDescription] = {}
     hashes: dict[str, str] = {}
@@ -136,7 +136,7 @@ def _described(name: str, files: Mapping[str, Path], known: list[str]) -> Descri
             wanted += [inner for inner in found.types if inner in files]
     if types.keys() & files.keys():
         hashes = {inner: type_hash(inner, types) for inner in types}
-    return Described(types, hashes)
+    return DescribedTypes(types, hashes)
 
 
 def _check_held(description: TypeDescription, file: Path, known: list[str]) -> None:

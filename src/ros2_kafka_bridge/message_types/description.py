@@ -54,7 +54,7 @@ class TypeDescription(msgspec.Struct, frozen=True):
     fields: tuple[FieldDescription, ...]
 
 
-class Described(msgspec.Struct, frozen=True):
+class DescribedTypes(msgspec.Struct, frozen=True):
     """A type with all that it holds, by name, each with its hash where that is known."""
 
     types: dict[str, TypeDescription]
@@ -124,7 +124,7 @@ def nested_names(description: TypeDescription) -> list[str]:
     return [name for name in dict.fromkeys(names) if name]
 
 
-def make_layout(name: str, described: Described) -> Layout:
+def make_layout(name: str, described: DescribedTypes) -> Layout:
     """The layout of a type.
 
     Raises:
@@ -153,7 +153,7 @@ def _without_defaults(description: TypeDescription) -> dict[str, object]:
     return {'type_name': description.type_name, 'fields': fields}
 
 
-def _layout(path: tuple[str, ...], described: Described, made: dict[str, Layout]) -> Layout:
+def _layout(path: tuple[str, ...], described: DescribedTypes, made: dict[str, Layout]) -> Layout:
     """The layout of the last type of a path, which leads to it from the outermost type."""
     *outer, name = path
     if name in outer:
@@ -170,7 +170,7 @@ def _layout(path: tuple[str, ...], described: Described, made: dict[str, Layout]
 def _field(
     field: FieldDescription,
     path: tuple[str, ...],
-    described: Described,
+    described: DescribedTypes,
     made: dict[str, Layout],
 ) -> Field:
     try:
@@ -183,7 +183,7 @@ def _field(
 def _kind(
     field_type: FieldType,
     path: tuple[str, ...],
-    described: Described,
+    described: DescribedTypes,
     made: dict[str, Layout],
 ) -> Kind:
     repeated, base = divmod(field_type.type_id, _LISTS)
@@ -205,7 +205,7 @@ def _item(
     base: int,
     field_type: FieldType,
     path: tuple[str, ...],
-    described: Described,
+    described: DescribedTypes,
     made: dict[str, Layout],
 ) -> Kind:
     if base in _PRIMITIVES:

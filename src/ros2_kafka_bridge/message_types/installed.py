@@ -10,7 +10,7 @@ import msgspec
 
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.message_types.description import (
-    Described,
+    DescribedTypes,
     TypeDescription,
     nested_names,
 )
@@ -50,7 +50,7 @@ def installed_names() -> set[str]:
     }
 
 
-def read_installed(name: str) -> Described:
+def read_installed(name: str) -> DescribedTypes:
     """The description of a type with those of all that it holds.
 
     Raises:
@@ -70,7 +70,7 @@ def read_installed(name: str) -> Described:
     held = {inner for one in every for inner in nested_names(one)}
     if missing := sorted({name, *held} - types.keys()):
         raise ConfigError([f'{file}: no description of {", ".join(missing)} in it'])
-    return Described(types, {one.type_name: one.hash_string for one in read.type_hashes})
+    return DescribedTypes(types, {one.type_name: one.hash_string for one in read.type_hashes})
 
 
 def installed_source(name: str) -> Path | None:
