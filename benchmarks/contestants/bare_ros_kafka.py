@@ -16,7 +16,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from std_msgs.msg import String
 
 from ros2_kafka_bridge.config.settings import QoS
-from ros2_kafka_bridge.demo.paper import Arguments, arguments
+from ros2_kafka_bridge.demo.paper import PaperArguments, arguments
 from ros2_kafka_bridge.demo.snapshots import Count
 from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
 from ros2_kafka_bridge.ros.node import open_node
@@ -71,7 +71,7 @@ def taken(context: Any, subscription: Any) -> Iterator[list[tuple[bytes, Mapping
             waiter.wait(WAIT_NS)
 
 
-def move(batches: Iterator[Any], producer: Producer, given: Arguments, count: Count) -> None:
+def move(batches: Iterator[Any], producer: Producer, given: PaperArguments, count: Count) -> None:
     """Produce each message; while the producer's queue is full, wait for room."""
     produce, poll = producer.produce, producer.poll
     kafka_topic, ros_topic = given.kafka_topic, given.ros_topic

@@ -21,7 +21,7 @@ from ros2_kafka_bridge.process.child import start_child
 from ros2_kafka_bridge.process.crew import Crew
 from ros2_kafka_bridge.process.hangup import Signals
 from ros2_kafka_bridge.process.local_worker import LocalWorker
-from ros2_kafka_bridge.process.operations import Operations, Outcome
+from ros2_kafka_bridge.process.operations import OperationResult, Operations
 from ros2_kafka_bridge.process.plan import Plan, RoutePlan, Share, plan_of, write_plan
 from ros2_kafka_bridge.process.standalone import Standalone
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
@@ -58,7 +58,7 @@ class House:
         self.selector = selectors.DefaultSelector()
         self.crew = Crew([], self.selector, self.stop)
         self.operations = Operations(plan, self.crew, Lifecycle.ACTIVE, self.stop)
-        self.answers: list[Outcome] = []
+        self.answers: list[OperationResult] = []
 
     def turn(self) -> None:
         self.crew.tick()

@@ -14,7 +14,7 @@ from demos import all_equal, children_in, counted, demo, numbers
 from harness import Bench, eventually, values
 
 from ros2_kafka_bridge.demo import traffic
-from ros2_kafka_bridge.demo.run import STOPPED_AT_ONCE, Options, run
+from ros2_kafka_bridge.demo.run import STOPPED_AT_ONCE, DemoOptions, run
 from ros2_kafka_bridge.demo.topics import Topics
 from ros2_kafka_bridge.demo.traffic import PROBE, Receiver
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka, free_port
@@ -178,7 +178,7 @@ def test_an_interruption_while_the_topics_are_made_leaves_none(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Topics, 'create', interrupted)
-    assert run(Options(bootstrap_servers=bench.bootstrap_servers)) == STOPPED_AT_ONCE
+    assert run(DemoOptions(bootstrap_servers=bench.bootstrap_servers)) == STOPPED_AT_ONCE
     assert leftovers(bench) <= before
 
 

@@ -29,5 +29,5 @@ def demo(
     """
     from ros2_kafka_bridge.demo import run as demonstration  # noqa: PLC0415 (heavy)
 
-    options = demonstration.Options(rate, seconds, bootstrap_servers, compare, domain)
+    options = demonstration.DemoOptions(rate, seconds, bootstrap_servers, compare, domain)
     raise typer.Exit(demonstration.run(options))

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 DEPTH: Final = 10
 
 
-class Arguments(NamedTuple):
+class PaperArguments(NamedTuple):
     """The command line of a node.
 
     Args:
@@ -31,7 +31,7 @@ class Arguments(NamedTuple):
     record: Path | None
 
 
-def arguments(description: str | None) -> Arguments:
+def arguments(description: str | None) -> PaperArguments:
     """Read the command line."""
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -48,4 +48,4 @@ def arguments(description: str | None) -> Arguments:
     parser.add_argument('--snapshots', type=int, metavar='FD', help='a pipe for the counter')
     given = vars(parser.parse_args())
     properties = dict(text.split('=', 1) for text in given.pop('properties'))
-    return Arguments(**given, properties=properties)
+    return PaperArguments(**given, properties=properties)

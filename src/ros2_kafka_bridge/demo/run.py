@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 from ros2_kafka_bridge.demo.contestants import BRIDGE, PAPER, Contestant, Ends
 from ros2_kafka_bridge.demo.table import Look, say, summary, view
 from ros2_kafka_bridge.demo.topics import Topics
-from ros2_kafka_bridge.demo.trip import Plan, Trip
+from ros2_kafka_bridge.demo.trip import SendPlan, Trip
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.testing.embedded_broker import QUICK_FETCH, EmbeddedBroker
 from ros2_kafka_bridge.threads.stop import Stop, signals_to_heed
@@ -31,7 +31,7 @@ _SLOW: Final = 0.95
 _PATIENCE_S: Final = 10.0  # longer than the session of a consumer of the bridge
 
 
-class Options(NamedTuple):
+class DemoOptions(NamedTuple):
     """What the user asks for.
 
     Args:
@@ -62,7 +62,7 @@ class _Kafka(NamedTuple):
     is_shared: bool
 
 
-def run(options: Options) -> int:
+def run(options: DemoOptions) -> int:
     """Run the demonstration; returns the exit status.
 
     0: nothing was lost on the way through the bridge. 1: something was, or a process has failed.
@@ -87,7 +87,7 @@ def run(options: Options) -> int:
     return outcome.status
 
 
-def _plan(options: Options) -> Plan:
+def _plan(options: DemoOptions) -> SendPlan:
     rate = options.rate
     if rate is None:
         rate = COMPARED_RATE if options.compare else RATE
@@ -112,7 +112,7 @@ def _plan(options: Options) -> Plan:
         problems.append(f'--domain {options.domain}: expected 0 to {HIGHEST_DOMAIN}')
     if problems:
         raise ConfigError(problems)
-    return Plan(rate, max(1, round(rate * options.seconds)))
+    return SendPlan(rate, max(1, round(rate * options.seconds)))
 
 
 # Before
@@ -169,7 +169,9 @@ def _topics(kafka: _Kafka, ends: Ends, stop: Stop, problems: list[str]) -> Itera
 # The orders
 
 
-def _carry(options: Options, plan: Plan, kafka: _Kafka, stop: Stop, place: Path) -> Sequence[Trip]:
+def _carry(
+    options: DemoOptions, plan: SendPlan, kafka: _Kafka, stop: Stop, place: Path
+) -> Sequence[Trip]:
     """Let the contestants carry the orders, in turn: none of them shares the processor."""
     environ = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     if options.domain is not None:
@@ -203,7 +205,7 @@ class _Outcome(NamedTuple):
     keep_logs: bool
 
 
-def _sum_up(trips: Sequence[Trip], plan: Plan, place: Path) -> _Outcome:
+def _sum_up(trips: Sequence[Trip], plan: SendPlan, place: Path) -> _Outcome:
     problems = [problem for trip in trips for problem in trip.problems]
     problems += [problem for trip in trips for problem in losses(trip.look())]
     sent = [trip for trip in trips if trip.started]

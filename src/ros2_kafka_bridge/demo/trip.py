@@ -25,7 +25,7 @@ _LOOK_S: Final = 0.5
 _STEP_S: Final = 0.05
 
 
-class Plan(NamedTuple):
+class SendPlan(NamedTuple):
     """What is sent: `total` orders, `rate` a second."""
 
     rate: float
@@ -47,7 +47,7 @@ class Trip:
         self,
         contestant: Contestant,
         ends: Ends,
-        plan: Plan,
+        plan: SendPlan,
         stop: Stop,
         show: Callable[[], None],
     ) -> None:

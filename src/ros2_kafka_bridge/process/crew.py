@@ -12,7 +12,7 @@ from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.process.local_worker import LocalWorker
 from ros2_kafka_bridge.process.plan import Rank, RoutePlan, Share
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
-from ros2_kafka_bridge.protocol.worker import Pause, Resume
+from ros2_kafka_bridge.protocol.worker import PauseRoute, ResumeRoute
 from ros2_kafka_bridge.route.counters import Snapshot
 from ros2_kafka_bridge.route.status import left
 from ros2_kafka_bridge.threads.stop import Stop
@@ -181,14 +181,14 @@ class Crew:
         self.paused.add(route)
         for worker in self.workers:
             if route in worker.snapshots:
-                worker.tell(Pause(route))
+                worker.tell(PauseRoute(route))
 
     def resume(self, route: str) -> None:
         """Let a paused route go on."""
         self.paused.discard(route)
         for worker in self.workers:
             if route in worker.snapshots:
-                worker.tell(Resume(route))
+                worker.tell(ResumeRoute(route))
 
     # Ends
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from ros2_kafka_bridge.process.plan import Rank
-from ros2_kafka_bridge.protocol.worker import Order, Pause, Resume
+from ros2_kafka_bridge.protocol.worker import Order, PauseRoute, ResumeRoute
 from ros2_kafka_bridge.route.counters import Snapshot
 from ros2_kafka_bridge.threads.stop import Stop
 
@@ -103,9 +103,9 @@ class LocalWorker:
     def tell(self, order: Order) -> None:
         """Let its bridge do it."""
         match order:
-            case Pause(route):
+            case PauseRoute(route):
                 self._bridge.pause(route)
-            case Resume(route):
+            case ResumeRoute(route):
                 self._bridge.resume(route)
             case _:
                 raise AssertionError(f'{order} has a call of its own')

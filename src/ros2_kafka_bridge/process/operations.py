@@ -29,7 +29,7 @@ _FROM: Final = {
 }
 
 
-class Outcome(NamedTuple):
+class OperationResult(NamedTuple):
     """How something has ended: as an `Answer` without its number."""
 
     done: bool
@@ -37,20 +37,20 @@ class Outcome(NamedTuple):
     changes: tuple[str, ...] = ()
 
 
-def _done(text: str, changes: tuple[str, ...] = ()) -> Outcome:
-    return Outcome(done=True, text=text, changes=changes)
+def _done(text: str, changes: tuple[str, ...] = ()) -> OperationResult:
+    return OperationResult(done=True, text=text, changes=changes)
 
 
-def _not_done(text: str, changes: tuple[str, ...] = ()) -> Outcome:
-    return Outcome(done=False, text=text, changes=changes)
+def _not_done(text: str, changes: tuple[str, ...] = ()) -> OperationResult:
+    return OperationResult(done=False, text=text, changes=changes)
 
 
-Steps = Generator[None, None, Outcome]
+Steps = Generator[None, None, OperationResult]
 
 
 class _Asked(NamedTuple):
     do: Do
-    answer: Callable[[Outcome], None]
+    answer: Callable[[OperationResult], None]
 
 
 class Operations:
@@ -105,8 +105,8 @@ class Operations:
     def request(self, request: Request, answer: Callable[[Answer], None]) -> None:
         """Do what a request asks for, at once or when it is its turn."""
 
-        def tell(outcome: Outcome) -> None:
-            answer(Answer(request.number, outcome.done, outcome.text, outcome.changes))
+        def tell(result: OperationResult) -> None:
+            answer(Answer(request.number, result.done, result.text, result.changes))
 
         match request.do:
             case Do.PAUSE:
@@ -120,7 +120,7 @@ class Operations:
             case do:
                 self.ask(do, tell)
 
-    def ask(self, do: Do, answer: Callable[[Outcome], None] = lambda _: None) -> None:
+    def ask(self, do: Do, answer: Callable[[OperationResult], None] = lambda _: None) -> None:
         """Do something when it is its turn. Nobody who waits with the same is asked for twice."""
         if len(self._queue) >= _WAITING or self._stop.asked:
             why = 'the bridge stops' if self._stop.asked else 'too much is asked for at once'
@@ -146,15 +146,15 @@ class Operations:
         try:
             next(steps)
         except StopIteration as end:
-            outcome: Outcome = end.value
+            result: OperationResult = end.value
         except OSError as error:
-            outcome = _out_of(error)
+            result = _out_of(error)
         else:
             return
         self._running = None
         if asked.do in _FROM:
-            self._log.info('%s: %s', asked.do, outcome.text)
-        asked.answer(outcome)
+            self._log.info('%s: %s', asked.do, result.text)
+        asked.answer(result)
 
     def _steps(self, do: Do) -> Steps:
         needed = _FROM.get(do)
@@ -172,21 +172,21 @@ class Operations:
 
     # Pause
 
-    def pause(self, route: str) -> Outcome:
+    def pause(self, route: str) -> OperationResult:
         """Let a route pause; whoever runs it later begins paused."""
         if route not in self.plan.names:
             return self._unknown(route)
         self._crew.pause(route)
         return _done(f'{route} takes nothing until it is resumed')
 
-    def resume(self, route: str) -> Outcome:
+    def resume(self, route: str) -> OperationResult:
         """Let a paused route go on."""
         if route not in self.plan.names:
             return self._unknown(route)
         self._crew.resume(route)
         return _done(f'{route} goes on')
 
-    def _unknown(self, route: str) -> Outcome:
+    def _unknown(self, route: str) -> OperationResult:
         there = ', '.join(self.plan.names)
         return _not_done(f'no route {route!r}: there are {there}')
 
@@ -240,16 +240,16 @@ class Operations:
 
     def _reload(self) -> Steps:
         try:
-            outcome = yield from self._reloaded()
+            result = yield from self._reloaded()
         except OSError as error:
-            outcome = _out_of(error)
-        self.reload = Reload(time.time(), outcome.done, outcome.text)
-        if outcome.done:
-            self._log.info('reloaded: %s', outcome.text)
+            result = _out_of(error)
+        self.reload = Reload(time.time(), result.done, result.text)
+        if result.done:
+            self._log.info('reloaded: %s', result.text)
         else:
-            for line in outcome.text.split('\n'):
+            for line in result.text.split('\n'):
                 self._log.error('reload: %s', line)
-        return outcome
+        return result
 
     def _reloaded(self) -> Steps:
         checked = yield from check(self.plan)
@@ -296,12 +296,12 @@ class Operations:
         self.on_configured(self.configured())
 
 
-def _out_of(error: OSError) -> Outcome:
+def _out_of(error: OSError) -> OperationResult:
     """Not done, for want of something that the system gives out."""
     return _not_done(f'{error.strerror or error}: refused: all goes on as it was')
 
 
-def _bad(checked: Checked) -> Outcome:
+def _bad(checked: Checked) -> OperationResult:
     return _not_done('\n'.join([*checked.problems, 'refused: all goes on as it was']))
 
 

@@ -17,7 +17,7 @@ _LAST_S: Final = 1.0
 _BUSY_S: Final = 0.01
 
 
-class Sender:
+class SnapshotSender:
     """Sends snapshots once a second, from a thread, and a last time at the end of `with`.
 
     A lock keeps the lines whole: a route may send one from its own thread.

@@ -31,7 +31,7 @@ from ros2_kafka_bridge.process.child import become
 from ros2_kafka_bridge.process.hangup import Signals
 from ros2_kafka_bridge.process.load import chosen, load_checked
 from ros2_kafka_bridge.process.plan import Plan, content, plan_of, write_plan
-from ros2_kafka_bridge.process.sender import Sender
+from ros2_kafka_bridge.process.sender import SnapshotSender
 from ros2_kafka_bridge.protocol.worker import (
     ORDERS,
     Begin,
@@ -39,8 +39,8 @@ from ros2_kafka_bridge.protocol.worker import (
     End,
     Event,
     Order,
-    Pause,
-    Resume,
+    PauseRoute,
+    ResumeRoute,
 )
 from ros2_kafka_bridge.threads import unattended
 from ros2_kafka_bridge.threads.stop import SIGNALS
@@ -141,7 +141,7 @@ def _run(options: argparse.Namespace, signals: Signals) -> int:
     with ExitStack() as stack:
         tell = None
         if options.snapshots is not None:
-            sender = Sender(options.snapshots, bridge.snapshots, events=options.worker > 0)
+            sender = SnapshotSender(options.snapshots, bridge.snapshots, events=options.worker > 0)
             tell = stack.enter_context(sender).tell
         if plan is None:
             threading.Thread(target=_obey, args=(bridge, options.after), daemon=True).start()
@@ -209,9 +209,9 @@ def _do(bridge: 'Bridge', order: Order) -> None:
             bridge.begin()
         case End(routes):
             bridge.end(frozenset(routes))
-        case Pause(route):
+        case PauseRoute(route):
             bridge.pause(route)
-        case Resume(route):
+        case ResumeRoute(route):
             bridge.resume(route)
 
 

@@ -23,13 +23,13 @@ class End(msgspec.Struct, frozen=True, tag='end'):
     routes: tuple[str, ...]
 
 
-class Pause(msgspec.Struct, frozen=True, tag='pause'):
+class PauseRoute(msgspec.Struct, frozen=True, tag='pause'):
     """Take and publish nothing on a route."""
 
     route: str
 
 
-class Resume(msgspec.Struct, frozen=True, tag='resume'):
+class ResumeRoute(msgspec.Struct, frozen=True, tag='resume'):
     """Let a paused route go on."""
 
     route: str
@@ -53,7 +53,7 @@ class Ended(msgspec.Struct, frozen=True, tag='ended'):
     routes: tuple[str, ...]
 
 
-Order = Drain | Begin | End | Pause | Resume
+Order = Drain | Begin | End | PauseRoute | ResumeRoute
 Event = Failed | Loaded | Begun | Ended
 
 ORDERS: Final = msgspec.json.Decoder(Order)

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from ros2_kafka_bridge.demo.run import Options, losses, run
+from ros2_kafka_bridge.demo.run import DemoOptions, losses, run
 from ros2_kafka_bridge.demo.table import Look, line, page, spark, summary
 from ros2_kafka_bridge.demo.tally import Arrival, Latency, Tally, percentile
 from ros2_kafka_bridge.errors import ConfigError
@@ -182,16 +182,21 @@ def test_what_the_broker_deleted_is_not_blamed_on_the_bridge(
 @pytest.mark.parametrize(
     ('options', 'problem'),
     [
-        (Options(rate=0), '--rate 0: expected more than 0, at most 1,000'),
-        (Options(rate=float('nan')), '--rate nan: expected'),
-        (Options(rate=1_001), '--bootstrap-servers takes more'),
-        (Options(rate=20_000, bootstrap_servers='there:9092'), 'at most 10,000 orders a second$'),
-        (Options(seconds=-1), '--seconds -1: expected a number of seconds, more than 0'),
-        (Options(seconds=float('inf')), '--seconds inf: expected a number of seconds'),
-        (Options(bootstrap_servers=''), '--bootstrap-servers: expected .* leave it out for'),
-        (Options(domain=233), '--domain 233: expected 0 to 232'),
+        (DemoOptions(rate=0), '--rate 0: expected more than 0, at most 1,000'),
+        (DemoOptions(rate=float('nan')), '--rate nan: expected'),
+        (DemoOptions(rate=1_001), '--bootstrap-servers takes more'),
+        (
+            DemoOptions(rate=20_000, bootstrap_servers='there:9092'),
+            'at most 10,000 orders a second$',
+        ),
+        (DemoOptions(seconds=-1), '--seconds -1: expected a number of seconds, more than 0'),
+        (DemoOptions(seconds=float('inf')), '--seconds inf: expected a number of seconds'),
+        (DemoOptions(bootstrap_servers=''), '--bootstrap-servers: expected .* leave it out for'),
+        (DemoOptions(domain=233), '--domain 233: expected 0 to 232'),
     ],
 )
-def test_an_option_that_cannot_be_is_refused_in_a_sentence(options: Options, problem: str) -> None:
+def test_an_option_that_cannot_be_is_refused_in_a_sentence(
+    options: DemoOptions, problem: str
+) -> None:
     with pytest.raises(ConfigError, match=problem):
         run(options)

@@ -38,7 +38,7 @@ from ros2_kafka_bridge.protocol.worker import (
     End,
     Ended,
     Loaded,
-    Pause,
+    PauseRoute,
 )
 from ros2_kafka_bridge.route.counters import Counters, to_line
 from ros2_kafka_bridge.threads.stop import Part, Stop
@@ -219,7 +219,7 @@ def test_a_plan_goes_through_a_file_in_memory_whoever_has_read_it_before() -> No
 # Orders and events
 
 
-@pytest.mark.parametrize('order', [Drain(), End(('a', 'ü')), Pause('a "b"'), wire.Begin()])
+@pytest.mark.parametrize('order', [Drain(), End(('a', 'ü')), PauseRoute('a "b"'), wire.Begin()])
 def test_an_order_is_one_line_and_comes_back_as_it_was(order: wire.Order) -> None:
     line = wire.to_line(order)
     assert line.count(b'\n') == 1

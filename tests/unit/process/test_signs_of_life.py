@@ -12,7 +12,7 @@ import pytest
 
 from ros2_kafka_bridge.process.plan import Share
 from ros2_kafka_bridge.process.reports import is_live
-from ros2_kafka_bridge.process.sender import Sender
+from ros2_kafka_bridge.process.sender import SnapshotSender
 from ros2_kafka_bridge.process.systemd import Systemd
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
 from ros2_kafka_bridge.protocol.limits import STUCK_S
@@ -28,7 +28,7 @@ def test_an_event_arrives_whole_however_full_the_pipe_of_the_snapshots_is() -> N
     os.set_blocking(pipe, False)
     routes = [Counters(f'route_{number}').snapshot(0) for number in range(24)]
     assert 4096 < len(to_line(routes)) < 3 * 4096
-    sender = Sender(its_end, lambda: routes, events=True)
+    sender = SnapshotSender(its_end, lambda: routes, events=True)
     os.set_blocking(its_end, False)
     data = b''
     for number in range(20):
@@ -46,7 +46,7 @@ def test_an_event_arrives_whole_however_full_the_pipe_of_the_snapshots_is() -> N
     os.close(its_end)
 
 
-def _more(sender: Sender, pipe: int) -> bytes:
+def _more(sender: SnapshotSender, pipe: int) -> bytes:
     sender._send(b'')
     return _all_of(pipe)
 
