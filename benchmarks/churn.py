@@ -29,7 +29,7 @@ from benchmarks.processes import Process, ProcessError
 from benchmarks.topics import EndOffset, topics
 from benchmarks.vitals import Slope, Vitals, slope, vitals
 from ros2_kafka_bridge.errors import ConfigError, TransportError
-from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Endpoints, make_profile
+from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Histories, make_profile
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
 DOMAIN: Final = 221
@@ -127,7 +127,7 @@ class _Visitors:
 
     def __init__(self, place: Path, environ: Mapping[str, str], *topics: str) -> None:
         profile = place / 'visitor.xml'
-        profile.write_text(make_profile(Endpoints({}, {}, LEASE_S)))
+        profile.write_text(make_profile(Histories({}, {}, LEASE_S)))
         self._place = place
         self._environ = {**environ, FASTDDS_3.variable: str(profile)}
         self._command = [sys.executable, '-m', 'benchmarks.visitor', *topics]

@@ -32,7 +32,7 @@ from benchmarks.processes import Process, ProcessError
 from benchmarks.topics import EndOffset, topics
 from benchmarks.vitals import Slope, Vitals, means, slope, watched
 from ros2_kafka_bridge.errors import ConfigError, TransportError
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode, open_node
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
@@ -214,7 +214,7 @@ def soak(servers: str, rates: Rates, minutes: float) -> Result:
     """Run for so long at these rates, and count."""
     around: list[Around] = []
     warm_up_s = WARM_UP_SHARE * minutes * 60
-    with staged(servers) as stage, open_node('soak', DOMAIN, Endpoints({}, {}, None)) as node:
+    with staged(servers) as stage, open_node('soak', DOMAIN, Histories({}, {}, None)) as node:
         with (
             watched(lambda: stage.bridge.pid) as seen,
             stage.senders(rates) as (to_ros, to_kafka),

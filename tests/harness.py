@@ -23,7 +23,7 @@ from ruamel.yaml import YAML
 from warm import Warm
 
 from rig.hosts import Host
-from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Endpoints, make_profile
+from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Histories, make_profile
 
 PEERS = Path(__file__).parent / 'peers'
 PATIENCE_S = 60.0  # stretched, as all that is waited for here (patience.patient)
@@ -286,7 +286,7 @@ class Bench:
         if samples is not None or lease_s is not None:
             readers = {} if samples is None else {topic: samples}
             profile = self._file('xml')
-            profile.write_text(make_profile(Endpoints({}, readers, lease_s)))
+            profile.write_text(make_profile(Histories({}, readers, lease_s)))
             environ[FASTDDS_3.variable] = str(profile)
         return self._begin(str(PEERS / 'ros_subscriber.py'), topic, str(file), *options, **environ)
 

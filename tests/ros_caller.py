@@ -15,7 +15,7 @@ from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import open_node
 
 PATIENCE_S = 60.0
@@ -152,7 +152,7 @@ def _value(value: Any) -> Any:
 @contextmanager
 def caller(domain: int, name: str) -> Iterator[Caller]:
     """Make a node that calls the bridge's node of that name."""
-    with open_node('caller', domain, Endpoints({}, {})) as node:
+    with open_node('caller', domain, Histories({}, {})) as node:
         executor = SingleThreadedExecutor(context=node.context)
         executor.add_node(node.handle)
         yield Caller(node.handle, executor, name)

@@ -17,7 +17,7 @@ from std_msgs.msg import String
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.demo.paper import arguments
 from ros2_kafka_bridge.demo.snapshots import Count
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import open_node
 from ros2_kafka_bridge.ros.qos import profile
 
@@ -32,7 +32,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     given = arguments(__doc__)
     count = Count('kafka_to_ros', given.snapshots)
-    with open_node('bare_kafka_ros', None, Endpoints({given.ros_topic: HISTORY}, {})) as node:
+    with open_node('bare_kafka_ros', None, Histories({given.ros_topic: HISTORY}, {})) as node:
         publisher = node.handle.create_publisher(String, given.ros_topic, profile(QoS()))
         count.start()
         while not publisher.get_subscription_count():

@@ -18,7 +18,7 @@ from std_msgs.msg import String
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.demo.paper import PaperArguments, arguments
 from ros2_kafka_bridge.demo.snapshots import Count
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import open_node
 from ros2_kafka_bridge.ros.qos import profile
 from ros2_kafka_bridge.ros.types import load_type
@@ -33,7 +33,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     given = arguments(__doc__)
     count = Count('ros_to_kafka', given.snapshots)
-    with open_node('bare_ros_kafka', None, Endpoints({}, {given.ros_topic: CACHE})) as node:
+    with open_node('bare_ros_kafka', None, Histories({}, {given.ros_topic: CACHE})) as node:
         subscription = node.handle.create_subscription(
             String, given.ros_topic, lambda _: None, profile(QoS()), raw=True
         )

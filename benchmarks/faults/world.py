@@ -18,7 +18,7 @@ from benchmarks.faults.streams import SUBSCRIBER_CACHE, Stream, configuration
 from benchmarks.processes import ProcessError
 from rig.hosts import Host
 from rig.local_cluster import LocalCluster
-from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Endpoints, make_profile
+from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Histories, make_profile
 from ros2_kafka_bridge.testing.kafka_node import HOST
 
 START_S: Final = 90.0
@@ -347,13 +347,13 @@ class World:
         return self._peer('kafka_producer', [*arguments, *options], {})
 
     def _subscriber(self, stream: Stream) -> Part:
-        profile = self._profile('subscriber', Endpoints({}, {stream.ros_topic: SUBSCRIBER_CACHE}))
+        profile = self._profile('subscriber', Histories({}, {stream.ros_topic: SUBSCRIBER_CACHE}))
         arguments = [stream.ros_topic, str(self.progress[stream.name].arrived_file)]
         return self._peer('ros_subscriber', arguments, self._ros() | profile, self._robot)
 
     def _publisher(self, stream: Stream) -> Part:
         assert stream.durability is not None
-        history = Endpoints({stream.ros_topic: PUBLISHER_HISTORY}, {})
+        history = Histories({stream.ros_topic: PUBLISHER_HISTORY}, {})
         environ = self._ros() | self._profile(stream.name, history)
         command = [
             '-m', f'{_PEER}.ros_publisher', stream.ros_topic, str(self._sent(stream)),
@@ -386,10 +386,10 @@ class World:
         near = {} if self.setting.hosts else {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
         return {'ROS_DOMAIN_ID': str(self.setting.domain), **near}
 
-    def _profile(self, name: str, endpoints: Endpoints) -> dict[str, str]:
+    def _profile(self, name: str, histories: Histories) -> dict[str, str]:
         """With a quick heartbeat: what is acknowledged is known at once."""
         file = self.place / f'{name}.xml'
-        file.write_text(make_profile(endpoints))
+        file.write_text(make_profile(histories))
         return {FASTDDS_3.variable: str(file)}
 
     def _write_config(self) -> Path:

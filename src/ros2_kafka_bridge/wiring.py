@@ -21,7 +21,7 @@ from ros2_kafka_bridge.kafka.properties import consumer_properties, producer_pro
 from ros2_kafka_bridge.kafka.tail import KafkaTail
 from ros2_kafka_bridge.kafka.topics import ensure_topic
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
 from ros2_kafka_bridge.ros.publisher import RosSink
@@ -51,7 +51,7 @@ Direction = KafkaToRos | RosToKafka
 Log = logging.LoggerAdapter[logging.Logger]
 
 
-def endpoints_of(routes: list[Route], probed: str, lease_s: float | None) -> Endpoints:
+def endpoints_of(routes: list[Route], probed: str, lease_s: float | None) -> Histories:
     """List the ROS endpoints of the routes, with the lengths of their histories."""
     writers = {probed: SAMPLES}
     readers = {probed: SAMPLES}
@@ -62,7 +62,7 @@ def endpoints_of(routes: list[Route], probed: str, lease_s: float | None) -> End
         else:
             room = writers.get(route.sink.ros, 0)
             writers[route.sink.ros] = max(room, route.max_in_flight)
-    return Endpoints(writers, readers, lease_s)
+    return Histories(writers, readers, lease_s)
 
 
 def group_lock_of(route: Route, config: Config, log: Log) -> GroupLock | None:
@@ -80,13 +80,13 @@ class Wiring:
         config: Config,
         node: RosNode,
         abilities: Abilities,
-        endpoints: Endpoints,
+        histories: Histories,
         tracing: Tracing,
     ) -> None:
         self._config = config
         self._node = node
         self._abilities = abilities
-        self._endpoints = endpoints
+        self._histories = histories
         self._tracing = tracing
 
     def make(self, route: Route, log: Log, stop: Stop, stack: ExitStack) -> Direction | None:
@@ -165,7 +165,7 @@ class Wiring:
             log,
             self._config.membership,
         )
-        room = self._endpoints.writers[route.sink.ros] if self._abilities.bounded else None
+        room = self._histories.writers[route.sink.ros] if self._abilities.bounded else None
         sink = RosSink(self._node, route.sink.ros, message_type, route.sink.qos, room, log)
         decode = decode_of(route, self._config, message_type.layout)
         stack.enter_context(_open(sink))

@@ -24,7 +24,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from ros_caller import caller
 
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import open_node
 
 JAZZY = Path(__file__).parents[2] / '.venv-jazzy' / 'bin' / 'python'
@@ -286,7 +286,7 @@ def test_the_node_takes_the_name_and_the_namespace_that_launch_gives_it(
 def test_another_node_of_the_same_name_is_warned_of(bench: Bench, topic_name: str) -> None:
     config = monitored(bench, [to_ros(topic_name, '/orders')])
     with (
-        open_node(bench.name, bench.domain, Endpoints({}, {})),
+        open_node(bench.name, bench.domain, Histories({}, {})),
         bench.bridge(config) as bridge,
     ):
         bridge.wait_for(f'another node is called {bench.node}', 60)

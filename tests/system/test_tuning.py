@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints, make_profile
+from ros2_kafka_bridge.ros.fastdds_profile import Histories, make_profile
 
 PAGE = Path(__file__).parents[2] / 'docs' / 'tuning.md'
 START = """
@@ -25,7 +25,7 @@ def test_ros_starts_with_the_profile_of_the_docs_and_with_what_the_bridge_adds(
     users = tmp_path / 'users.xml'
     users.write_text(text)
     bridges = tmp_path / 'bridges.xml'
-    bridges.write_text(make_profile(Endpoints({'/a': 500}, {'/b': 2000}, lease_s=3), users))
+    bridges.write_text(make_profile(Histories({'/a': 500}, {'/b': 2000}, lease_s=3), users))
     for file in (users, bridges):
         done = started(file, ros_domain)
         assert (done.returncode, done.stdout) == (0, 'started\n'), done.stderr

@@ -16,7 +16,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 from harness import Bench, Process, eventually, lines, to_kafka, to_ros, values
 from workers import Watched, bridge, gone, pids, sized, there_and_back, wait_until_gone
 
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import open_node
 
 COUNT = 20_000
@@ -113,7 +113,7 @@ def test_workers_are_told_apart_in_the_graph_and_at_the_broker(
     bench.create_topic(topic_name)
     with (
         bench.bridge(bench.config(routes, workers=2)) as process,
-        open_node('watcher', ros_domain, Endpoints({}, {}, None)) as watcher,
+        open_node('watcher', ros_domain, Histories({}, {}, None)) as watcher,
     ):
         process.wait_for('reads ', 60, count=2)
         for topic, node in (

@@ -28,7 +28,7 @@ from ros2_kafka_bridge.kafka.partitions import Partitions
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.tail import KafkaTail
 from ros2_kafka_bridge.message_types.layout import Layout
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import Abilities
 from ros2_kafka_bridge.ros.publisher import RosSink
@@ -356,7 +356,7 @@ def test_guarantee_4_a_route_that_cannot_be_made_leaves_no_reader_behind(
         }
     )
     abilities = Abilities(bounded=True, gid=True, seq=True, own=b'')
-    wiring = Wiring(config, MagicMock(), abilities, Endpoints({}, {}, None), MagicMock())
+    wiring = Wiring(config, MagicMock(), abilities, Histories({}, {}, None), MagicMock())
     with contextlib.ExitStack() as stack:
         with pytest.raises(RouteError):
             wiring.make(config.routes[0], LOG, Stop(), stack)

@@ -14,7 +14,7 @@ from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
 from ros2_kafka_bridge.kafka.properties import common_properties
 from ros2_kafka_bridge.monitoring import graph
 from ros2_kafka_bridge.monitoring.state import Watch
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode, domain_in_words, open_node
 
 _OFTEN_S: Final = 3.0
@@ -130,10 +130,10 @@ class Sides:
     def _watch_ros(self) -> None:
         while not self._ended.is_set():
             config = self._watch.config
-            endpoints = Endpoints({}, {}, config.ros.lease_s)
+            histories = Histories({}, {}, config.ros.lease_s)
             try:
                 with ExitStack() as stack:
-                    opened = open_node(f'{config.name}-page', config.ros.domain_id, endpoints)
+                    opened = open_node(f'{config.name}-page', config.ros.domain_id, histories)
                     self._look_at_ros(stack.enter_context(opened), config)
             except BridgeError as error:
                 domain = domain_in_words(config.ros.domain_id)

@@ -31,8 +31,8 @@ FASTDDS_3 = Dialect('FASTDDS_DEFAULT_PROFILES_FILE', 'heartbeat_period')
 FASTDDS_2 = Dialect('FASTRTPS_DEFAULT_PROFILES_FILE', 'heartbeatPeriod')
 
 
-class Endpoints(NamedTuple):
-    """The endpoints that the bridge makes.
+class Histories(NamedTuple):
+    """How long the histories of the bridge's own endpoints are, and its lease.
 
     Args:
         writers: ROS topic -> samples of its writer's history.
@@ -53,7 +53,7 @@ def user_profile(environ: Mapping[str, str] | None = None) -> Path | None:
 
 
 def make_profile(
-    endpoints: Endpoints, user_file: Path | None = None, dialect: Dialect = FASTDDS_3
+    histories: Histories, user_file: Path | None = None, dialect: Dialect = FASTDDS_3
 ) -> str:
     """Write the XML of the profile.
 
@@ -64,12 +64,12 @@ def make_profile(
     settings = _child(root, 'library_settings', first=True)
     _child(settings, 'intraprocess_delivery').text = 'OFF'
     profiles = _child(root, 'profiles')
-    for topic, samples in sorted(endpoints.writers.items()):
+    for topic, samples in sorted(histories.writers.items()):
         _writer(_entry(profiles, 'data_writer', topic), samples, dialect)
-    for topic, samples in sorted(endpoints.readers.items()):
+    for topic, samples in sorted(histories.readers.items()):
         _limit(_entry(profiles, 'data_reader', topic), samples)
-    if endpoints.lease_s is not None:
-        _lease(profiles, endpoints.lease_s)
+    if histories.lease_s is not None:
+        _lease(profiles, histories.lease_s)
     if not len(profiles):
         root.remove(profiles)  # Fast DDS takes an empty one for a mistake
     ET.register_namespace('', NAMESPACE)

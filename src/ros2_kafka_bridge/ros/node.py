@@ -18,7 +18,7 @@ from ros2_kafka_bridge.ros.fastdds_profile import (
     FASTDDS_2,
     FASTDDS_3,
     Dialect,
-    Endpoints,
+    Histories,
     make_profile,
     user_profile,
 )
@@ -161,7 +161,7 @@ def rclpy_folder() -> Path:
 
 
 @contextmanager
-def open_node(name: str, domain_id: int | None, endpoints: Endpoints) -> Iterator[RosNode]:
+def open_node(name: str, domain_id: int | None, histories: Histories) -> Iterator[RosNode]:
     """Join the ROS graph with a node that has endpoints only.
 
     Raises:
@@ -179,13 +179,13 @@ def open_node(name: str, domain_id: int | None, endpoints: Endpoints) -> Iterato
             parameter_overrides=[rclpy.Parameter('start_type_description_service', value=False)],
         )
 
-    with open_made(make, domain_id, endpoints) as node:
+    with open_made(make, domain_id, histories) as node:
         yield node
 
 
 @contextmanager
 def open_made(
-    make: Callable[[Any], Any], domain_id: int | None, endpoints: Endpoints
+    make: Callable[[Any], Any], domain_id: int | None, histories: Histories
 ) -> Iterator[RosNode]:
     """Join the ROS graph with the node that `make` makes in a context.
 
@@ -196,7 +196,7 @@ def open_made(
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415 (heavy)
 
     with ExitStack() as stack:
-        with _STARTING, _profile(endpoints), translated('ROS'):
+        with _STARTING, _profile(histories), translated('ROS'):
             context = rclpy.Context()
             rclpy.init(
                 args=[],
@@ -228,10 +228,10 @@ def _import_rclpy() -> Any:
 
 
 @contextmanager
-def _profile(endpoints: Endpoints) -> Iterator[None]:
+def _profile(histories: Histories) -> Iterator[None]:
     """Show Fast DDS our profile while it starts; it reads the file once."""
     dialect = _dialect()
-    text = make_profile(endpoints, user_profile(), dialect)
+    text = make_profile(histories, user_profile(), dialect)
     variables = (FASTDDS_2.variable, FASTDDS_3.variable)
     before = {variable: os.environ.pop(variable, None) for variable in variables}
     with tempfile.TemporaryDirectory(prefix='ros2-kafka-bridge-') as directory:

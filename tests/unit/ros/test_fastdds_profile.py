@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.ros.fastdds_profile import NAMESPACE, Endpoints, make_profile, user_profile
+from ros2_kafka_bridge.ros.fastdds_profile import NAMESPACE, Histories, make_profile, user_profile
 
 NAMES = {'d': NAMESPACE}
-ORDERS = Endpoints({'/orders': 500}, {'/returned': 2000})
+ORDERS = Histories({'/orders': 500}, {'/returned': 2000})
 
 PARTICIPANT = """
     <participant profile_name="mine" is_default_profile="true">
@@ -22,9 +22,9 @@ WRITER = """
     </data_writer>"""
 
 
-def profile(endpoints: Endpoints, file: Path | None = None) -> ET.Element:
+def profile(histories: Histories, file: Path | None = None) -> ET.Element:
     """The profile, read again."""
-    return ET.fromstring(make_profile(endpoints, file))  # noqa: S314 (our own)
+    return ET.fromstring(make_profile(histories, file))  # noqa: S314 (our own)
 
 
 def text(root: ET.Element, path: str) -> str | None:

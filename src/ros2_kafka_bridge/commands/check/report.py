@@ -28,7 +28,7 @@ from ros2_kafka_bridge.config.settings import (
 from ros2_kafka_bridge.kafka_to_ros import BATCH as TO_ROS_BATCH
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
 from ros2_kafka_bridge.logs.text import count
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.matching import type_of
 from ros2_kafka_bridge.ros.node import RosNode, open_node
 from ros2_kafka_bridge.ros.probe import SAMPLES, probe_topic
@@ -74,8 +74,8 @@ def _report_connected(console: Console, config: Config) -> int:
     kafka, findings = check_kafka.ask(config)
     _show(console, 'Kafka', findings)
     topic = probe_topic()
-    endpoints = Endpoints({topic: SAMPLES}, {topic: SAMPLES}, config.ros.lease_s)
-    with open_node(f'{config.name}_check', config.ros.domain_id, endpoints) as node:
+    histories = Histories({topic: SAMPLES}, {topic: SAMPLES}, config.ros.lease_s)
+    with open_node(f'{config.name}_check', config.ros.domain_id, histories) as node:
         _show(console, 'ROS', check_ros.graph_findings(node, topic, config))
         wait_for_discovery()
         found = {

@@ -13,7 +13,7 @@ from ros2_kafka_bridge.endpoints import MessageSink, Readers
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.logs.lines import route_log
 from ros2_kafka_bridge.logs.text import count
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode, open_node
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.types import load_type
@@ -43,10 +43,10 @@ class RosDelivery:
     def __enter__(self) -> Self:
         routes = [route for route in self._config.routes if isinstance(route, KafkaToRosRoute)]
         writers = {route.sink.ros: route.max_in_flight for route in routes}
-        endpoints = Endpoints(writers, {}, self._config.ros.lease_s)
+        histories = Histories(writers, {}, self._config.ros.lease_s)
         name = f'{self._config.name}_replay'
         self._node = self._stack.enter_context(
-            open_node(name, self._config.ros.domain_id, endpoints)
+            open_node(name, self._config.ros.domain_id, histories)
         )
         return self
 

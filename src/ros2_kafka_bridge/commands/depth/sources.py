@@ -24,7 +24,7 @@ from ros2_kafka_bridge.kafka.properties import (
 from ros2_kafka_bridge.kafka.timestamps import read_timestamps
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.process.load import load_checked
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode, domain_in_words, open_node
 from ros2_kafka_bridge.ros.subscription import RosSource, wait_for_type
 from ros2_kafka_bridge.ros.types import load_type
@@ -168,8 +168,8 @@ def _from_ros(asked: Ros) -> Traffic:
         BridgeError: ROS is not here, nobody publishes on the topic, or its type is not known.
     """
     log = logging.LoggerAdapter(logging.getLogger(__name__))
-    endpoints = Endpoints({}, {asked.topic: _SAMPLES})
-    with open_node(f'depth_{os.getpid()}', None, endpoints) as node:
+    histories = Histories({}, {asked.topic: _SAMPLES})
+    with open_node(f'depth_{os.getpid()}', None, histories) as node:
         source = RosSource(node, asked.topic, load_type(_type(node, asked.topic)), QoS(), log)
         source.open()
         try:

@@ -20,7 +20,7 @@ from ros2_kafka_bridge.kafka.overview import Overview
 from ros2_kafka_bridge.kafka.properties import common_properties
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
 from ros2_kafka_bridge.message_types import unknown_type
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import Topic, domain_in_words, open_node
 
 _WIDTH = 98
@@ -195,7 +195,7 @@ def _look(servers: str, *, ask_kafka: bool) -> _Seen:
             kafka = _kafka_topics(servers)
         except BridgeError as error:
             notes.append(f'{error}: the file is written without looking at Kafka ({servers})')
-    with open_node('init', None, Endpoints({}, {})) as node:
+    with open_node('init', None, Histories({}, {})) as node:
         wait_for_discovery()
         return _Seen(node.topics(), kafka, notes)
 

@@ -32,7 +32,7 @@ from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
 from ros2_kafka_bridge.kafka.properties import PropertyValue, common_properties
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
 from ros2_kafka_bridge.ros import rates
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.matching import (
     own_publishers,
     own_readers,
@@ -93,7 +93,7 @@ def look(sides: SideSettings, seconds: float | None) -> TopicsView:
     """
     overview = Overview(common_properties(sides.kafka, client_id='topics'))
     topics, problem = _kafka_topics(overview)
-    with open_node('topics', sides.ros.domain_id, Endpoints({}, {}, sides.ros.lease_s)) as node:
+    with open_node('topics', sides.ros.domain_id, Histories({}, {}, sides.ros.lease_s)) as node:
         wait_for_discovery()
         graph = node.topics()
         graph += _missing_in_ros(graph, sides.routes)

@@ -28,7 +28,7 @@ from ros2_kafka_bridge.ros.control.diagnostics import (
     statuses,
 )
 from ros2_kafka_bridge.ros.errors import translated
-from ros2_kafka_bridge.ros.fastdds_profile import Endpoints
+from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode, node_name, open_made
 from ros2_kafka_bridge.threads.stop import Stop
 
@@ -152,7 +152,7 @@ def _opened(place: _Place, supervisor: 'SupervisorClient', log: _Log) -> Any:
             enable_rosout=False,
         )
 
-    return open_made(make, place.domain_id, Endpoints({}, {}, place.lease_s))
+    return open_made(make, place.domain_id, Histories({}, {}, place.lease_s))
 
 
 def _own_arguments() -> list[str]:
