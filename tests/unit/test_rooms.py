@@ -15,6 +15,8 @@ HOUSE = ROOT / 'src' / 'ros2_kafka_bridge'
 FRONT = sorted(path.stem for path in HOUSE.glob('*.py') if path.stem != '__init__')
 ROOMS = sorted(path.parent for path in HOUSE.glob('*/__init__.py'))
 WITHIN = sorted(path.parent for path in HOUSE.glob('*/*/__init__.py'))
+SHARED = {'Entry', 'Lock', 'Successor'}
+"""Names that two classes still have; each is to become two."""
 
 
 def test_at_most_ten_modules_stand_at_the_front() -> None:
@@ -65,6 +67,17 @@ def test_rooms_take_nothing_but_the_version_from_the_face() -> None:
     submodules = {*FRONT, *(room.name for room in ROOMS)}
     for file in HOUSE.rglob('*.py'):
         assert taken_from_the_face(file) <= {'__version__', *submodules}, file
+
+
+def test_no_two_public_classes_share_a_name() -> None:
+    """One name, one thing, in all rooms: a class that is private to its module may have any."""
+    homes: dict[str, list[str]] = {}
+    for file in sorted(HOUSE.rglob('*.py')):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith('_'):
+                homes.setdefault(node.name, []).append(str(file.relative_to(HOUSE)))
+    several = {name: files for name, files in homes.items() if len(files) > 1}
+    assert not {name: files for name, files in several.items() if name not in SHARED}
 
 
 def methods() -> set[str]:
