@@ -218,7 +218,7 @@ def test_a_client_that_does_not_read_what_its_partition_holds_is_given_up(
         eventually(lambda: read(1) and [part.end for part in source._partitions] == [1, 0], 30)
         # Only now: while it begins, a client may well be slower than that.
         monkeypatch.setattr('ros2_kafka_bridge.kafka.watchdog._STUCK_LOOK_S', 0.3)
-        source._member._watch.begin()
+        source._member._watchdog.begin()
         source.advance({0: 1})
         source.commit()
         source._member.client.pause([TopicPartition(topic_name, 0)])

@@ -77,7 +77,7 @@ def kafka_source(client: Library) -> Iterator[Callable[[], object]]:
     yield lambda: source.advance({0: 6})
     yield source.commit
     yield lambda: source.poll(10, 0.0)
-    yield lambda: setattr(source._member._watch, '_stuck_look_at_s', 0.0)
+    yield lambda: setattr(source._member._watchdog, '_stuck_look_at_s', 0.0)
     yield lambda: source.poll(10, 0.0)
     yield lambda: source.advance({0: 7})
     yield lambda: source.commit_now(0.1)
