@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from datetime import datetime, timedelta
 from typing import Final, NamedTuple
 
-from ros2_kafka_bridge.dead_letters.letter import Letter, Mark, Place
+from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark
 from ros2_kafka_bridge.errors import ConfigError
 
 _AGE: Final = re.compile(r'(\d{1,9}(?:\.\d{1,9})?)\s*([smhdw])', re.ASCII)
@@ -33,7 +33,7 @@ class LetterFilter(NamedTuple):
     partition: int | None = None
     offset: int | None = None
     limit: int | None = None
-    places: frozenset[Place] | None = None
+    places: frozenset[LetterPlace] | None = None
 
     @property
     def is_narrow(self) -> bool:
@@ -66,7 +66,7 @@ class Index(NamedTuple):
     """Letters without values and headers, in the order of each partition, and all marks."""
 
     letters: list[Letter]
-    marks: dict[Place, Mark]
+    marks: dict[LetterPlace, Mark]
 
 
 def read_index(found: Iterable[Letter | Mark], letter_filter: LetterFilter) -> Index:

@@ -22,7 +22,7 @@ _NUMBER: Final = re.compile(r'\d{1,19}', re.ASCII)
 _PLACE: Final = re.compile(r'(?P<topic>[^\[\]@]+)\[(?P<partition>\d{1,9})\]@(?P<offset>\d{1,18})')
 
 
-class Place(NamedTuple):
+class LetterPlace(NamedTuple):
     """Where a record lies."""
 
     topic: str
@@ -33,7 +33,7 @@ class Place(NamedTuple):
         return f'{self.topic}[{self.partition}]@{self.offset}'
 
     @classmethod
-    def parse(cls, text: str) -> 'Place | None':
+    def parse(cls, text: str) -> 'LetterPlace | None':
         """Read it as it is printed; None for anything else."""
         found = _PLACE.fullmatch(text)
         return found and cls(found['topic'], int(found['partition']), int(found['offset']))
@@ -82,7 +82,7 @@ class Letter(NamedTuple):
         size_bytes: Of the value, also of one that was left out.
     """
 
-    place: Place
+    place: LetterPlace
     time_ms: int
     key: bytes | None
     value: bytes | None
@@ -100,7 +100,7 @@ class Mark(NamedTuple):
         time_ns: When, since 1970.
     """
 
-    letter: Place
+    letter: LetterPlace
     to: str
     time_ns: int
 
@@ -111,7 +111,7 @@ def parse(topic: str, record: Record) -> Letter | Mark:
     Headers that somebody has written into the record before it failed say nothing: the bridge
     adds its own behind them.
     """
-    place = Place(topic, record.partition() or 0, record.offset() or 0)
+    place = LetterPlace(topic, record.partition() or 0, record.offset() or 0)
     headers = headers_of(record) or []
     if mark := _mark(place, headers):
         return mark
@@ -132,7 +132,7 @@ def parse(topic: str, record: Record) -> Letter | Mark:
     )
 
 
-def mark(letter: Place, to: str) -> Outgoing:
+def mark(letter: LetterPlace, to: str) -> Outgoing:
     """Make the record that says that a letter was replayed."""
     headers: HeaderList = [
         ('dead_letter.replayed', str(letter.offset)),
@@ -143,7 +143,7 @@ def mark(letter: Place, to: str) -> Outgoing:
     return Outgoing(letter.topic, f'replayed {letter.offset}'.encode(), b'', headers)
 
 
-def _mark(place: Place, headers: HeaderList) -> Mark | None:
+def _mark(place: LetterPlace, headers: HeaderList) -> Mark | None:
     if tuple(name for name, _ in headers) != _MARK:
         return None
     replayed, to, time_ns = (_text(value) for _, value in headers)

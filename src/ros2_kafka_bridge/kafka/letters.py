@@ -12,7 +12,7 @@ from confluent_kafka import (
     TopicPartition,
 )
 
-from ros2_kafka_bridge.dead_letters.letter import Letter, Mark, Place, parse
+from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark, parse
 from ros2_kafka_bridge.endpoints import Record
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.errors import Client, translate
@@ -103,7 +103,7 @@ class LetterReader:
             begin = self._begin(topic, partition, since_ms)
             if begin is None or begin >= end:
                 continue
-            for message in self._read(Place(topic, partition, begin), end, whole=whole):
+            for message in self._read(LetterPlace(topic, partition, begin), end, whole=whole):
                 yield parse(topic, message)
 
     def newest(self, topic: str, most: int) -> Iterator[Letter | Mark]:
@@ -117,7 +117,7 @@ class LetterReader:
             low, high = self._bounds(topic, partition)
             begin = max(low, high - most)
             if begin < high:
-                for message in self._read(Place(topic, partition, begin), high, whole=False):
+                for message in self._read(LetterPlace(topic, partition, begin), high, whole=False):
                     yield parse(topic, message)
 
     def fetch(self, topic: str, partition: int, offsets: Collection[int]) -> Iterator[Letter]:
@@ -125,7 +125,7 @@ class LetterReader:
         wanted = set(offsets)
         if not wanted:
             return
-        begin, end = Place(topic, partition, min(wanted)), max(wanted) + 1
+        begin, end = LetterPlace(topic, partition, min(wanted)), max(wanted) + 1
         for message in self._read(begin, end, whole=False):
             if message.offset() in wanted:
                 letter = parse(topic, message)
@@ -139,7 +139,7 @@ class LetterReader:
         low, high = self._bounds(topic, partition)
         if not low <= offset < high:
             return None
-        place = Place(topic, partition, offset)
+        place = LetterPlace(topic, partition, offset)
         found = [m for m in self._read(place, offset + 1, whole=False) if m.offset() == offset]
         return found[0] if found else None
 
@@ -167,7 +167,7 @@ class LetterReader:
             raise self._translated(error, topic) from error
         return max(low, found.offset) if found.offset >= 0 else None
 
-    def _read(self, begin: Place, end: int, *, whole: bool) -> Iterator[Record]:
+    def _read(self, begin: LetterPlace, end: int, *, whole: bool) -> Iterator[Record]:
         """The records from one offset to before another, as far as they are committed."""
         topic, partition, offset = begin
         self._client.assign([TopicPartition(topic, partition, offset)])

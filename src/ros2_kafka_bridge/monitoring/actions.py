@@ -12,7 +12,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from ros2_kafka_bridge.config.settings import MonitoringSettings
-from ros2_kafka_bridge.dead_letters.letter import Place
+from ros2_kafka_bridge.dead_letters.letter import LetterPlace
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.logs.lines import route_log, summed
 from ros2_kafka_bridge.logs.text import printable
@@ -157,7 +157,7 @@ class Orders:
         if form.to_ros and form.force:
             return 'force goes with Kafka only: ROS would take garbage silently'
         for text in form.places or ():
-            place = Place.parse(text)
+            place = LetterPlace.parse(text)
             if place is None or place.topic != form.topic or not _can_be(place):
                 return f'{printable(text)} is no letter of {form.topic}'
         return ''
@@ -184,7 +184,7 @@ class Orders:
             return _nothing(f'{printable(topic)} is no dead-letter topic of this bridge')
         if refusal := await self._kept_back(request):
             return _refused(refusal)
-        place = Place(topic, request.path_params['partition'], request.path_params['offset'])
+        place = LetterPlace(topic, request.path_params['partition'], request.path_params['offset'])
         if not _can_be(place):
             return _nothing(f'{place} is no letter')
         return await self._read(letters.look, place)
@@ -214,7 +214,7 @@ def _who(request: Request) -> str:
     return printable(request.client.host) if request.client else 'somebody'
 
 
-def _can_be(place: Place) -> bool:
+def _can_be(place: LetterPlace) -> bool:
     """Whether Kafka counts so far."""
     return place.partition < 2**31 and place.offset < 2**63 - 1
 

@@ -9,7 +9,7 @@ import msgspec
 from ros2_kafka_bridge.commands.dead_letters.report import NOT_OURS, open_reader
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
-from ros2_kafka_bridge.dead_letters.letter import Letter, Mark, Place
+from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark
 from ros2_kafka_bridge.dead_letters.shown import escaped, hex_lines, shortened, text_lines
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.formats.json import make_encode
@@ -35,7 +35,7 @@ def newest(config: Config, topic: str) -> Json:
         BridgeError: Kafka is away, or does not let this user read.
     """
     letters: list[Letter] = []
-    marks: dict[Place, Mark] = {}
+    marks: dict[LetterPlace, Mark] = {}
     with open_reader(config) as reader:
         there = reader.has(topic)
         for found in reader.newest(topic, MOST_OFFSETS) if there else ():
@@ -69,7 +69,7 @@ def _row(letter: Letter, mark: Mark | None) -> Json:
     }
 
 
-def look(config: Config, place: Place) -> Json | None:
+def look(config: Config, place: LetterPlace) -> Json | None:
     """Everything of a letter; None where it is gone.
 
     Raises:

@@ -70,12 +70,12 @@ def main() -> int:
     from ros2_kafka_bridge.commands.dead_letters import replay  # noqa: PLC0415 (heavy: the order is read first)
     from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery, spoken  # noqa: PLC0415
     from ros2_kafka_bridge.dead_letters.filter import LetterFilter  # noqa: PLC0415
-    from ros2_kafka_bridge.dead_letters.letter import Place  # noqa: PLC0415
+    from ros2_kafka_bridge.dead_letters.letter import LetterPlace  # noqa: PLC0415
     from ros2_kafka_bridge.process.load import load_checked  # noqa: PLC0415
 
     places = None
     if order.places is not None:
-        places = frozenset(found for text in order.places if (found := Place.parse(text)))
+        places = frozenset(found for text in order.places if (found := LetterPlace.parse(text)))
     options = replay.ReplayOptions(
         to_ros=order.to_ros,
         dry_run=order.dry_run,

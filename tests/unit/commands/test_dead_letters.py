@@ -18,7 +18,7 @@ from ros2_kafka_bridge.commands.dead_letters.report import _letter_json, describ
 from ros2_kafka_bridge.commands.dead_letters.restore import Again, Restorer
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters.filter import LetterFilter, limited, read_index, time_ms
-from ros2_kafka_bridge.dead_letters.letter import Letter, Mark, Place, mark, parse
+from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark, mark, parse
 from ros2_kafka_bridge.dead_letters.shown import escaped, hex_lines, shortened, text_lines
 from ros2_kafka_bridge.dead_letters.writer import explain, from_kafka, from_ros, without_value
 from ros2_kafka_bridge.endpoints import HeaderList, Load, Matches, Outgoing, Readers
@@ -126,7 +126,7 @@ def restorer(
 def test_a_letter_is_read_as_the_bridge_has_written_it() -> None:
     letter = read(kafka_letter())
     assert str(letter.place) == 'orders.dead-letters[0]@7'
-    assert Place.parse(str(letter.place)) == letter.place
+    assert LetterPlace.parse(str(letter.place)) == letter.place
     assert (letter.key, letter.value, letter.headers) == (b'key', b'order', HEADERS)
     assert letter.about is not None
     assert letter.about.reason == 'DecodeError: not UTF-8 at byte 3'
@@ -156,14 +156,14 @@ def test_headers_that_a_record_brought_along_are_its_own_and_say_nothing() -> No
 
 
 def test_a_mark_is_read_again_and_names_its_letter() -> None:
-    place = Place(TOPIC, 0, 3)
+    place = LetterPlace(TOPIC, 0, 3)
     found = parse(TOPIC, Stored(mark(place, 'orders')))
     assert isinstance(found, Mark)
     assert (found.letter, found.to) == (place, 'orders')
 
 
 def test_a_letter_with_the_headers_of_a_mark_before_its_own_is_a_letter() -> None:
-    record = kafka_letter(headers=mark(Place(TOPIC, 0, 3), 'orders').headers)
+    record = kafka_letter(headers=mark(LetterPlace(TOPIC, 0, 3), 'orders').headers)
     assert read(record).about is not None
 
 
@@ -178,7 +178,7 @@ def test_a_letter_with_the_headers_of_a_mark_before_its_own_is_a_letter() -> Non
         [*kafka_letter().headers, ('dead_letter.source', b'/both')],
         [*kafka_letter().headers, ('dead_letter.topic', b'twice')],
         [(n, b'9' * 99 if n == 'dead_letter.offset' else v) for n, v in kafka_letter().headers],
-        mark(Place(TOPIC, 0, 9), 'of a letter that is still to come').headers,
+        mark(LetterPlace(TOPIC, 0, 9), 'of a letter that is still to come').headers,
     ],
 )
 def test_what_no_bridge_has_written_is_no_letter_of_one_and_never_replayed(
@@ -228,12 +228,12 @@ def test_filters(letter_filter: LetterFilter, *, fits: bool) -> None:
 
 def test_an_index_keeps_the_letters_that_fit_without_values_and_every_mark() -> None:
     letters = read(kafka_letter(), 1, 10), read(kafka_letter(), 2, 99)
-    found: list[Letter | Mark] = [*letters, Mark(Place(TOPIC, 0, 1), 'orders', 5)]
+    found: list[Letter | Mark] = [*letters, Mark(LetterPlace(TOPIC, 0, 1), 'orders', 5)]
     index = read_index(found, LetterFilter(until_ms=50))
     [letter] = index.letters
     assert (letter.place.offset, letter.value, letter.headers) == (1, None, [])
     assert letter.size_bytes == len(b'order')
-    assert Place(TOPIC, 0, 1) in index.marks
+    assert LetterPlace(TOPIC, 0, 1) in index.marks
     assert len(list(limited(index.letters * 5, 3))) == 3
 
 

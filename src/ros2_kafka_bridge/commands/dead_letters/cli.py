@@ -163,9 +163,9 @@ def replay(
 def _place(
     text: str, topic: str, partition: int | None, offset: int | None
 ) -> tuple[str, int, int]:
-    from ros2_kafka_bridge.dead_letters.letter import Place  # noqa: PLC0415
+    from ros2_kafka_bridge.dead_letters.letter import LetterPlace  # noqa: PLC0415
 
-    place = Place.parse(text)
+    place = LetterPlace.parse(text)
     if place is None:
         raise ConfigError([f'{text!r} is no letter: one is written as orders.dead-letters[0]@5'])
     given = zip((topic or None, partition, offset), place, strict=True)

@@ -14,7 +14,7 @@ from rich.console import Console
 from ros2_kafka_bridge.commands.screen import screen, show_line, show_table, waiting
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.dead_letters.filter import LetterFilter, limited, read_index
-from ros2_kafka_bridge.dead_letters.letter import Letter, Mark, Place
+from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark
 from ros2_kafka_bridge.dead_letters.shown import escaped, hex_lines, shortened, text_lines
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.kafka.letters import LetterReader
@@ -61,7 +61,7 @@ class Found(NamedTuple):
     """
 
     letters: list[Letter]
-    marks: dict[Place, Mark]
+    marks: dict[LetterPlace, Mark]
     missing: list[str]
 
 
@@ -123,7 +123,7 @@ def find(query: LetterQuery) -> Found:
         BridgeError: Kafka is away, or does not let this user read.
     """
     letters: list[Letter] = []
-    marks: dict[Place, Mark] = {}
+    marks: dict[LetterPlace, Mark] = {}
     missing = []
     with open_reader(query.config) as reader, waiting('Reading the dead letters'):
         for topic in query.topics():
