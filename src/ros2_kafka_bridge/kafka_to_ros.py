@@ -34,7 +34,7 @@ from ros2_kafka_bridge.route.obstacle import (
     PACED,
     WINDOW_FULL,
     Blocked,
-    Kind,
+    Cause,
     Obstacle,
 )
 from ros2_kafka_bridge.route.pace import Pace, expires
@@ -262,7 +262,7 @@ class KafkaToRos:
             self._stay()
         if drops:
             self._count(self._window.drop_oldest())
-        if obstacle.kind is Kind.PACE:
+        if obstacle.cause is Cause.PACE:
             time.sleep(min(LONGEST_NAP_S, self._pace.wait_s))
             return
         self._blocked.nap()
@@ -272,7 +272,7 @@ class KafkaToRos:
         """Whether what waits may be dropped, for what comes behind it can be published."""
         return (
             self._route.when_full == 'drop_oldest'
-            and obstacle.kind is not Kind.PACE
+            and obstacle.cause is not Cause.PACE
             and self._window.failure is None
             and not self._dead_letters.problem
         )
@@ -328,7 +328,7 @@ class KafkaToRos:
         """Why the route waits; empty where it does not, or not for long."""
         if obstacle is None or not self._blocked.is_long:
             return ''
-        if obstacle.kind is Kind.HISTORY:
+        if obstacle.cause is Cause.HISTORY:
             return f'{obstacle.reason} ({held(self._sink.holders, self._blocked.for_s)})'
         return obstacle.reason
 

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,7 +16,7 @@ HOUSE = ROOT / 'src' / 'ros2_kafka_bridge'
 FRONT = sorted(path.stem for path in HOUSE.glob('*.py') if path.stem != '__init__')
 ROOMS = sorted(path.parent for path in HOUSE.glob('*/__init__.py'))
 WITHIN = sorted(path.parent for path in HOUSE.glob('*/*/__init__.py'))
-SHARED = {'Entry', 'Lock', 'Successor'}
+SHARED = {'Lock', 'Successor', 'Route'}
 """Names that two classes still have; each is to become two."""
 
 
@@ -69,15 +70,25 @@ def test_rooms_take_nothing_but_the_version_from_the_face() -> None:
         assert taken_from_the_face(file) <= {'__version__', *submodules}, file
 
 
-def test_no_two_public_classes_share_a_name() -> None:
-    """One name, one thing, in all rooms: a class that is private to its module may have any."""
-    homes: dict[str, list[str]] = {}
+def types_of(file: Path) -> Iterator[tuple[str, str]]:
+    """The public names of types in a file, each with what it is."""
+    for node in ast.parse(file.read_text()).body:
+        match node:
+            case ast.ClassDef(name=name):
+                yield name, f'class in {file.relative_to(HOUSE)}'
+            case ast.Assign(targets=[ast.Name(id=name)], value=value) if not name.isupper():
+                yield name, ast.unparse(value)
+
+
+def test_no_two_public_types_share_a_name() -> None:
+    """One name, one thing, in all rooms: what is private to its module may have any name."""
+    meanings: dict[str, set[str]] = {}
     for file in sorted(HOUSE.rglob('*.py')):
-        for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.ClassDef) and not node.name.startswith('_'):
-                homes.setdefault(node.name, []).append(str(file.relative_to(HOUSE)))
-    several = {name: files for name, files in homes.items() if len(files) > 1}
-    assert not {name: files for name, files in several.items() if name not in SHARED}
+        for name, meaning in types_of(file):
+            if name[0].isupper():
+                meanings.setdefault(name, set()).add(meaning)
+    several = {name: said for name, said in meanings.items() if len(said) > 1}
+    assert not {name: said for name, said in several.items() if name not in SHARED}
 
 
 def methods() -> set[str]:

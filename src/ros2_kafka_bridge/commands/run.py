@@ -8,25 +8,27 @@ import typer
 from ros2_kafka_bridge.commands.options import File
 from ros2_kafka_bridge.commands.status.cli import status
 
-Names = Annotated[
+RoutesOption = Annotated[
     str, typer.Option('--routes', help='Names of the routes to run, with commas; all without it.')
 ]
 
 
-class LogFormat(enum.StrEnum):
+class LogFormatChoice(enum.StrEnum):
     """How a line of the log is written."""
 
     TEXT = 'text'
     JSON = 'json'
 
 
-Log = Annotated[LogFormat, typer.Option(help='How a line of the log is written.')]
+LogFormatOption = Annotated[
+    LogFormatChoice, typer.Option(help='How a line of the log is written.')
+]
 
 
 def run(
     file: File,
-    routes: Names = '',
-    log_format: Log = LogFormat.TEXT,
+    routes: RoutesOption = '',
+    log_format: LogFormatOption = LogFormatChoice.TEXT,
     *,
     ask: Annotated[
         bool, typer.Option('--status', help='Ask the bridge that runs, as the command status.')

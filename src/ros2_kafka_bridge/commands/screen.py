@@ -21,8 +21,8 @@ _DISCOVERY_S = 4.0  # Fast DDS announces a participant every 3 s: sometimes the 
 _THING_WIDTH = len('dead letters')  # the longest: the tables stand under each other
 _WORD_WIDTH = len('transient_local')  # longer ones are broken where the terminal is narrow
 
-Level = Literal['ok', 'note', 'bad']
-_MARKS: dict[Level, tuple[str, str]] = {
+FindingLevel = Literal['ok', 'note', 'bad']
+_MARKS: dict[FindingLevel, tuple[str, str]] = {
     'ok': ('ok', 'green'),
     'note': ('note', 'yellow'),
     'bad': ('BAD', 'bold red'),
@@ -39,7 +39,7 @@ class Finding(NamedTuple):
         waits: What the route would wait for, where it would.
     """
 
-    level: Level
+    level: FindingLevel
     thing: str
     text: str
     cure: str = ''

@@ -8,14 +8,14 @@ from pydantic import Field
 from ros2_kafka_bridge.config import checks
 from ros2_kafka_bridge.config.base import Mistake, Settings
 from ros2_kafka_bridge.config.values import (
-    Count,
     Directory,
     Domain,
-    KafkaTopic,
+    KafkaTopicName,
     KeyTemplate,
     MessageFolder,
-    MessageType,
+    MessageTypeName,
     Positive,
+    PositiveCount,
     Properties,
     RosTopic,
 )
@@ -35,7 +35,7 @@ class QoS(Settings):
         None,
         description='Whether a full history waits or overwrites. The bridge chooses keep_all.',
     )
-    depth: Count | None = Field(None, description='Messages that keep_last keeps.')
+    depth: PositiveCount | None = Field(None, description='Messages that keep_last keeps.')
     deadline_s: Positive | None = Field(
         None, description='Longest time between two messages, in seconds.'
     )
@@ -89,14 +89,14 @@ def _dead_letter_mistakes(given: Mapping[str, Any]) -> Iterator[Mistake]:
 class FromKafka(Settings):
     """A Kafka topic that a route reads."""
 
-    kafka: KafkaTopic = Field(description='Kafka topic.')
+    kafka: KafkaTopicName = Field(description='Kafka topic.')
     start: Literal['latest', 'earliest'] = Field(
         'latest', description='Where to begin in a partition without a committed offset.'
     )
     group: Annotated[str, Field(min_length=1)] | None = Field(
         None, description='Consumer group. Without it `<name of the bridge>.<name of the route>`.'
     )
-    dead_letter: KafkaTopic | None = Field(
+    dead_letter: KafkaTopicName | None = Field(
         None,
         description='Kafka topic for records that can never be delivered. '
         'Without it `<topic>.dead-letters`.',
@@ -113,7 +113,7 @@ class FromKafka(Settings):
 class ToKafka(Settings):
     """A Kafka topic that a route writes."""
 
-    kafka: KafkaTopic = Field(description='Kafka topic.')
+    kafka: KafkaTopicName = Field(description='Kafka topic.')
     key: KeyTemplate | None = Field(
         None,
         description='Key of a record: text with `{ros.topic}`, `{ros.gid}` or `{message.a.b}`. '
@@ -123,7 +123,7 @@ class ToKafka(Settings):
         default_factory=dict,
         description='librdkafka properties for this route only, by their own names.',
     )
-    dead_letter: KafkaTopic | None = Field(
+    dead_letter: KafkaTopicName | None = Field(
         None,
         description='Kafka topic for messages that can never be delivered. '
         'Without it `<topic>.dead-letters`.',
@@ -153,7 +153,7 @@ class SpoolSettings(Settings):
         description='when_away: the disk is used while Kafka is away or does not keep up. '
         'always: every message is on disk before it goes on, and leaves it once confirmed.',
     )
-    max_bytes: Count = Field(
+    max_bytes: PositiveCount = Field(
         1024 * 1024 * 1024,
         description='Bytes of messages in the file, at most; when_full says what happens then.',
     )
@@ -171,11 +171,11 @@ class FromRos(Settings):
     """A ROS topic that a route takes from."""
 
     ros: RosTopic = Field(description='ROS topic, by its absolute name such as /orders.')
-    type: MessageType | None = Field(
+    type: MessageTypeName | None = Field(
         None, description='Message type. Without it the type that the graph shows.'
     )
     qos: QoS = Field(default_factory=QoS, description="Quality of service of the bridge's reader.")
-    max_samples: Count = Field(
+    max_samples: PositiveCount = Field(
         2000,
         description='Messages that DDS keeps for the bridge while it does not take, at most. '
         'Fewer for large ones: while Kafka is away, so many of them are held in memory.',
@@ -186,5 +186,5 @@ class ToRos(Settings):
     """A ROS topic that a route publishes to."""
 
     ros: RosTopic = Field(description='ROS topic, by its absolute name such as /orders.')
-    type: MessageType = Field(description='Message type, such as std_msgs/msg/String.')
+    type: MessageTypeName = Field(description='Message type, such as std_msgs/msg/String.')
     qos: QoS = Field(default_factory=QoS, description="Quality of service of the bridge's writer.")

@@ -61,9 +61,9 @@ def _endpoint(value: str) -> str:
 
 
 ListenAddress = Annotated[str, AfterValidator(_address)]
-Token = Annotated[str, AfterValidator(_token)]
+AccessToken = Annotated[str, AfterValidator(_token)]
 Endpoint = Annotated[str, AfterValidator(_endpoint)]
-Share = Annotated[float, Field(ge=0, le=1), BeforeValidator(no_bool)]
+Ratio = Annotated[float, Field(ge=0, le=1), BeforeValidator(no_bool)]
 
 
 class MonitoringSettings(Settings):
@@ -73,7 +73,7 @@ class MonitoringSettings(Settings):
         '127.0.0.1:9464',
         description='Address of metrics, health and the live page. off: none of them.',
     )
-    token: Token | None = Field(
+    token: AccessToken | None = Field(
         None,
         description='Who knows it may pause, resume and replay from the page, and reload. '
         'Without it the page is read-only.',
@@ -104,7 +104,7 @@ class MonitoringSettings(Settings):
 class TracingSettings(Settings):
     """W3C trace context in the headers of records, and spans by OpenTelemetry."""
 
-    sample: Share = Field(
+    sample: Ratio = Field(
         0.01,
         description='Share of the messages from ROS whose trace is sampled. A record from Kafka '
         'says in its traceparent header whether it is; one without the header counts as one from '

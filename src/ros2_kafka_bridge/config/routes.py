@@ -26,11 +26,11 @@ from ros2_kafka_bridge.config.endpoints import (
 from ros2_kafka_bridge.config.formats import JsonSettings, SchemaSettings
 from ros2_kafka_bridge.config.values import (
     CheckFormat,
-    Count,
     CountOrNone,
     Name,
     NotNegative,
     Positive,
+    PositiveCount,
 )
 from ros2_kafka_bridge.kafka.names import reading_group
 
@@ -65,14 +65,14 @@ class Route(Settings):
     on_error: Literal['dead_letter', 'stop', 'drop'] = Field(
         'dead_letter', description='What happens to what can never be delivered.'
     )
-    max_in_flight: Count = Field(
+    max_in_flight: PositiveCount = Field(
         1, description='Messages handed to the sink and not yet acknowledged, at most.'
     )
-    max_in_flight_bytes: Count = Field(
+    max_in_flight_bytes: PositiveCount = Field(
         16 * 1024 * 1024,
         description='Bytes in flight (taken and not ended) with which nothing more is taken.',
     )
-    max_message_bytes: Count = Field(
+    max_message_bytes: PositiveCount = Field(
         1_000_000, description='Largest message or value of a record, in bytes.'
     )
     drain_s: NotNegative = Field(
@@ -105,7 +105,7 @@ class KafkaToRosRoute(Route):
 
     source: FromKafka = Field(alias='from', description='Kafka topic to read.')
     sink: ToRos = Field(alias='to', description='ROS topic to publish to.')
-    max_in_flight: Count = Field(
+    max_in_flight: PositiveCount = Field(
         500,
         description='Messages published and not yet acknowledged, at most. In flight are also '
         'those read ahead, and those acknowledged less than 0.1 s ago.',
@@ -140,7 +140,7 @@ class RosToKafkaRoute(Route):
 
     source: FromRos = Field(alias='from', description='ROS topic to take from.')
     sink: ToKafka = Field(alias='to', description='Kafka topic to write.')
-    max_in_flight: Count = Field(
+    max_in_flight: PositiveCount = Field(
         2000,
         description='Messages in flight (taken and not ended), at most. With when_full: '
         'drop_oldest so many may be with the producer, and so many wait for it.',

@@ -42,7 +42,7 @@ from ros2_kafka_bridge.config.values import (
     BridgeName,
     CheckFormat,
     CheckKafka,
-    Count,
+    PositiveCount,
     Properties,
 )
 from ros2_kafka_bridge.kafka.properties import Membership, canonical, is_secret
@@ -100,7 +100,9 @@ class Config(Settings):
     tracing: TracingSettings | None = Field(
         None, description='Traces through the bridge, by W3C trace context and OpenTelemetry.'
     )
-    workers: Count = Field(1, description='Processes that share the routes, at most one for each.')
+    workers: PositiveCount = Field(
+        1, description='Processes that share the routes, at most one for each.'
+    )
     defaults: dict[str, Any] = Field(
         default_factory=dict,
         description='Any field of a route but name, from and to, for the routes that it fits.',

@@ -29,8 +29,8 @@ _NO_ERRORS: Final = dict.fromkeys(
 _PAGE_BYTES: Final = os.sysconf('SC_PAGE_SIZE')
 
 Labels = tuple[str, ...]
-Value = float | Distribution
-Sample = tuple[Labels, Value]
+SampleValue = float | Distribution
+Sample = tuple[Labels, SampleValue]
 
 
 class Seen(NamedTuple):
@@ -75,7 +75,9 @@ class MetricDefinition(NamedTuple):
         return f'{PREFIX}{self.name}' + ('_total' if self.kind == 'counter' else '')
 
 
-def _of_routes(read: Callable[[RouteReport], Value | None]) -> Callable[[Seen], Iterator[Sample]]:
+def _of_routes(
+    read: Callable[[RouteReport], SampleValue | None],
+) -> Callable[[Seen], Iterator[Sample]]:
     def samples(seen: Seen) -> Iterator[Sample]:
         for told in seen.told:
             value = read(told)

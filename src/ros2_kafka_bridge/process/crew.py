@@ -28,7 +28,7 @@ DONE: Final = 0
 FAILED: Final = 1
 CANNOT_START: Final = 2
 
-Worker = WorkerProcess | LocalWorker
+AnyWorker = WorkerProcess | LocalWorker
 
 
 class Crew:
@@ -43,7 +43,7 @@ class Crew:
     def __init__(
         self, arguments: Sequence[str], selector: selectors.BaseSelector, stop: Stop
     ) -> None:
-        self.workers: list[Worker] = []
+        self.workers: list[AnyWorker] = []
         self.paused: set[str] = set()
         self.status = DONE
         self.last: dict[str, Snapshot] = {}  # of routes that no worker has any more
@@ -85,7 +85,7 @@ class Crew:
         running = [worker for worker in self.workers if not worker.waits]
         return [s for worker in running for s in worker.snapshots.values()]
 
-    def worker_of(self, route: str) -> Worker | None:
+    def worker_of(self, route: str) -> AnyWorker | None:
         """Who runs a route, or is to run it soon."""
         found = [worker for worker in self.workers if route in worker.snapshots]
         return min(found, key=lambda worker: worker.waits, default=None)
@@ -120,7 +120,7 @@ class Crew:
         self.workers = [w for w in self.workers if w.snapshots or not w.over]
         self._has_begun = self._has_begun or any(worker.begun for worker in self.workers)
 
-    def _start(self, worker: Worker) -> None:
+    def _start(self, worker: AnyWorker) -> None:
         order, inherited = self._chain(worker.rank)
         try:
             worker.start([*order, *self._arguments], inherited, self.paused)
@@ -139,18 +139,18 @@ class Crew:
 
     # What they say
 
-    def _read(self, worker: Worker) -> None:
+    def _read(self, worker: AnyWorker) -> None:
         data = os.read(worker.pipe, _PIPE_BYTES)
         if data:
             worker.hear(data)
         else:
             self._close(worker)
 
-    def _close(self, worker: Worker) -> None:
+    def _close(self, worker: AnyWorker) -> None:
         self._selector.unregister(worker.pipe)
         worker.close_pipe()
 
-    def _ended(self, worker: Worker, status: int) -> None:
+    def _ended(self, worker: AnyWorker, status: int) -> None:
         failed = worker.failed_for_good
         # A worker that was killed and comes back has lost nothing; one that gave up says so.
         if failed or status == FAILED or (status and worker.asked):
@@ -170,7 +170,7 @@ class Crew:
         else:
             self._fail(worker, _how(status))
 
-    def _fail(self, worker: Worker, how: str) -> None:
+    def _fail(self, worker: AnyWorker, how: str) -> None:
         wait_s = worker.fail(how)
         self._log.error('%s %s: started again in %.0f s', worker, how, wait_s)
 
@@ -215,7 +215,7 @@ class Crew:
                 self._kill(worker, to_ros)
         self.last |= {snapshot.route: snapshot for snapshot in self.snapshots()}
 
-    def _kill(self, worker: Worker, to_ros: Collection[str]) -> None:
+    def _kill(self, worker: AnyWorker, to_ros: Collection[str]) -> None:
         worker.kill()
         self.status = max(self.status, FAILED)
         self._log.error('%s did not end in time and was killed', worker)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from ros2_kafka_bridge.process.plan import Rank
-from ros2_kafka_bridge.protocol.worker import Order, PauseRoute, ResumeRoute
+from ros2_kafka_bridge.protocol.worker import PauseRoute, ResumeRoute, WorkerOrder
 from ros2_kafka_bridge.route.counters import Snapshot
 from ros2_kafka_bridge.threads.stop import Stop
 
@@ -100,7 +100,7 @@ class LocalWorker:
     def begin(self) -> None:
         """It has begun."""
 
-    def tell(self, order: Order) -> None:
+    def tell(self, order: WorkerOrder) -> None:
         """Let its bridge do it."""
         match order:
             case PauseRoute(route):

@@ -38,9 +38,9 @@ from ros2_kafka_bridge.protocol.worker import (
     Drain,
     End,
     Event,
-    Order,
     PauseRoute,
     ResumeRoute,
+    WorkerOrder,
 )
 from ros2_kafka_bridge.threads import unattended
 from ros2_kafka_bridge.threads.stop import SIGNALS
@@ -201,7 +201,7 @@ def _obey(bridge: 'Bridge', after: int | None) -> None:
         bridge.stop.ask()
 
 
-def _do(bridge: 'Bridge', order: Order) -> None:
+def _do(bridge: 'Bridge', order: WorkerOrder) -> None:
     match order:
         case Drain():
             bridge.stop.ask()

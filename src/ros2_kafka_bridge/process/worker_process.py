@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from ros2_kafka_bridge.process.child import start_child
 from ros2_kafka_bridge.process.plan import Share
 from ros2_kafka_bridge.protocol import worker as wire
-from ros2_kafka_bridge.protocol.worker import EVENTS, Begun, Drain, End, Ended, Loaded, Order
+from ros2_kafka_bridge.protocol.worker import EVENTS, Begun, Drain, End, Ended, Loaded, WorkerOrder
 from ros2_kafka_bridge.route.counters import Counters, Snapshot, State, from_line
 from ros2_kafka_bridge.threads.backoff import Backoff
 
@@ -175,7 +175,7 @@ class WorkerProcess:
 
     # What it is told
 
-    def tell(self, order: Order) -> None:
+    def tell(self, order: WorkerOrder) -> None:
         """Give it an order, if it runs; one that was not begun is begun by `start`."""
         if self.runs:
             self._untold += wire.to_line(order)

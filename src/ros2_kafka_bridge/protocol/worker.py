@@ -53,13 +53,13 @@ class Ended(msgspec.Struct, frozen=True, tag='ended'):
     routes: tuple[str, ...]
 
 
-Order = Drain | Begin | End | PauseRoute | ResumeRoute
+WorkerOrder = Drain | Begin | End | PauseRoute | ResumeRoute
 Event = Failed | Loaded | Begun | Ended
 
-ORDERS: Final = msgspec.json.Decoder(Order)
+ORDERS: Final = msgspec.json.Decoder(WorkerOrder)
 EVENTS: Final = msgspec.json.Decoder(Event)
 
 
-def to_line(said: Order | Event) -> bytes:
+def to_line(said: WorkerOrder | Event) -> bytes:
     """Write it as a line of JSON."""
     return msgspec.json.encode(said) + b'\n'

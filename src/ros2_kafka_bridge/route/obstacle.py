@@ -11,14 +11,14 @@ SHORTEST_NAP_S: Final = 0.0005
 LONGEST_NAP_S: Final = 0.02
 
 
-class Kind(Enum):
-    """What an obstacle depends on."""
+class Cause(Enum):
+    """What has to change before an obstacle goes."""
 
     PACE = auto()
-    """On the clock: what waits may go soon."""
+    """The clock: what waits may go soon."""
 
     HISTORY = auto()
-    """On a subscriber that does not take."""
+    """A subscriber that does not take."""
 
     OTHER = auto()
 
@@ -28,15 +28,15 @@ class Obstacle(NamedTuple):
 
     Args:
         reason: In words.
-        kind: What it depends on.
+        cause: What has to change.
     """
 
     reason: str
-    kind: Kind = Kind.OTHER
+    cause: Cause = Cause.OTHER
 
 
-PACED: Final = Obstacle('max_rate', Kind.PACE)
-HISTORY_FULL: Final = Obstacle('the history is full: a subscriber does not take', Kind.HISTORY)
+PACED: Final = Obstacle('max_rate', Cause.PACE)
+HISTORY_FULL: Final = Obstacle('the history is full: a subscriber does not take', Cause.HISTORY)
 WINDOW_FULL: Final = Obstacle('the window is full (max_in_flight_bytes)')
 
 

@@ -14,7 +14,7 @@ from ros2_kafka_bridge.spool.ledger import VERSION, Ledger, newest
 from ros2_kafka_bridge.spool.pages import Pages
 from ros2_kafka_bridge.spool.rows import is_whole
 
-Kind = Literal['missing', 'empty', 'spool', 'damaged', 'newer', 'other']
+FileKind = Literal['missing', 'empty', 'spool', 'damaged', 'newer', 'other']
 
 _HEADER_BYTES: Final = 100
 _LOOKED_AT_BYTES: Final = 256 * PAGE_BYTES
@@ -38,7 +38,7 @@ _CONSTANT: Final = (
 )
 
 
-def kind_of(path: Path) -> Kind:
+def kind_of(path: Path) -> FileKind:
     """What a file is, by its beginning.
 
     Raises:

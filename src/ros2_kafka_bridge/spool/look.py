@@ -87,7 +87,7 @@ def look(path: Path, messages: int = 0) -> SpoolContents:
         return SpoolContents(path, problem=str(error))
 
 
-def _refusal(path: Path, kind: health.Kind) -> str:
+def _refusal(path: Path, kind: health.FileKind) -> str:
     if kind == 'missing':
         return ''
     if kind == 'newer':
@@ -95,7 +95,7 @@ def _refusal(path: Path, kind: health.Kind) -> str:
     return 'is not a spool'
 
 
-def _look(path: Path, kind: health.Kind, messages: int) -> SpoolContents:
+def _look(path: Path, kind: health.FileKind, messages: int) -> SpoolContents:
     pid, copy = holder(lock_of(path)), copy_in(lock_of(path))
     problem = ''
     if not pid and health.has_broken_log(path):
@@ -111,7 +111,7 @@ def _look(path: Path, kind: health.Kind, messages: int) -> SpoolContents:
     return _contents_of_pages(path, pid, problem or _reason(kind), copy, messages)
 
 
-def _reason(kind: health.Kind) -> str:
+def _reason(kind: health.FileKind) -> str:
     if kind == 'empty':
         return 'the file is empty'
     return 'its header is not as it was written' if kind == 'damaged' else ''

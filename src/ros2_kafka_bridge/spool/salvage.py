@@ -73,7 +73,7 @@ def make_well(
     return _repair(path, problem, known, log) if problem else None
 
 
-def _problem(path: Path, kind: health.Kind, known: Ledger | None) -> str:
+def _problem(path: Path, kind: health.FileKind, known: Ledger | None) -> str:
     if kind in {'missing', 'empty'}:
         return f'the file is {kind}'
     if kind == 'damaged':

@@ -1,19 +1,18 @@
 """The trace of each message that goes from ROS to Kafka, and the spans of those sampled."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Final, Protocol
 
 from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing
 from ros2_kafka_bridge.errors import RecordError
 from ros2_kafka_bridge.route.counters import Outcome
+from ros2_kafka_bridge.route.labels import MakeHeaders
 from ros2_kafka_bridge.route.trace_context import TRACEPARENT, from_headers, traceparents
 from ros2_kafka_bridge.tracing.span import Attributes, EndSpan, Span, in_words, since_1970_ns
 
 _SAMPLED: Final = b'-01'
 _ERROR: Final = 'dead_letter.error'
-
-MakeHeaders = Callable[[Message], HeaderList]
 
 
 class TracedMessage(Protocol):

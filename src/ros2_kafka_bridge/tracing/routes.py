@@ -7,9 +7,9 @@ from typing import Any, Final, NamedTuple
 
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.logs.lines import RouteLog
+from ros2_kafka_bridge.route.labels import MakeHeaders
 from ros2_kafka_bridge.tracing.messages import (
     NO_MESSAGE_TRACES,
-    MakeHeaders,
     MessageTraces,
     SpansOfMessages,
     with_traceparent,

@@ -220,7 +220,7 @@ def test_a_plan_goes_through_a_file_in_memory_whoever_has_read_it_before() -> No
 
 
 @pytest.mark.parametrize('order', [Drain(), End(('a', 'ü')), PauseRoute('a "b"'), wire.Begin()])
-def test_an_order_is_one_line_and_comes_back_as_it_was(order: wire.Order) -> None:
+def test_an_order_is_one_line_and_comes_back_as_it_was(order: wire.WorkerOrder) -> None:
     line = wire.to_line(order)
     assert line.count(b'\n') == 1
     assert ORDERS.decode(line) == order

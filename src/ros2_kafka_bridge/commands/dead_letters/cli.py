@@ -28,11 +28,11 @@ class Target(enum.StrEnum):
     ROS = 'ros'
 
 
-File = Annotated[
+LettersFile = Annotated[
     Path,
     typer.Argument(help='Configuration (YAML): brokers and routes.', show_default=False),
 ]
-Route = Annotated[str, typer.Option(metavar='NAME', help='Letters of this route.')]
+RouteOption = Annotated[str, typer.Option(metavar='NAME', help='Letters of this route.')]
 Reason = Annotated[
     str,
     typer.Option(metavar='TEXT', help='Reasons that hold this text or regular expression.'),
@@ -42,14 +42,14 @@ Since = Annotated[
     typer.Option(metavar='TIME', help='Not older: 2026-01-31T08:00, or an age as 90s, 2h, 7d.'),
 ]
 Until = Annotated[str, typer.Option(metavar='TIME', help='Older than that.')]
-Partition = Annotated[
+PartitionOption = Annotated[
     int | None, typer.Option(min=0, metavar='N', help='Of the dead-letter topic.')
 ]
 Offset = Annotated[int | None, typer.Option(min=0, metavar='N', help='In that partition.')]
 Limit = Annotated[
     int | None, typer.Option(min=1, metavar='N', help='At most so many, the oldest first.')
 ]
-Topic = Annotated[
+TopicOption = Annotated[
     str,
     typer.Option(metavar='TOPIC', help='Dead-letter topic.  [default: those of the routes]'),
 ]
@@ -57,16 +57,16 @@ Topic = Annotated[
 
 @app.command('list')
 def list_(
-    file: File,
+    file: LettersFile,
     *,
-    route: Route = '',
+    route: RouteOption = '',
     reason: Reason = '',
     since: Since = '',
     until: Until = '',
-    partition: Partition = None,
+    partition: PartitionOption = None,
     offset: Offset = None,
     limit: Limit = None,
-    topic: Topic = '',
+    topic: TopicOption = '',
     as_json: AsJson = False,
 ) -> None:
     """A line for each letter, and how many there are of each route and reason.
@@ -82,7 +82,7 @@ def list_(
 
 @app.command()
 def show(
-    file: File,
+    file: LettersFile,
     letter: Annotated[
         str,
         typer.Argument(
@@ -90,14 +90,14 @@ def show(
         ),
     ] = '',
     *,
-    route: Route = '',
+    route: RouteOption = '',
     reason: Reason = '',
     since: Since = '',
     until: Until = '',
-    partition: Partition = None,
+    partition: PartitionOption = None,
     offset: Offset = None,
     limit: Limit = None,
-    topic: Topic = '',
+    topic: TopicOption = '',
     raw: Annotated[
         bool, typer.Option('--raw', help='The bytes of the value, nothing else.')
     ] = False,
@@ -118,19 +118,19 @@ def show(
 
 @app.command()
 def replay(
-    file: File,
+    file: LettersFile,
     *,
     to: Annotated[
         Target, typer.Option(help='The topic that they were on their way to or from, or ROS.')
     ] = Target.KAFKA,
-    route: Route = '',
+    route: RouteOption = '',
     reason: Reason = '',
     since: Since = '',
     until: Until = '',
-    partition: Partition = None,
+    partition: PartitionOption = None,
     offset: Offset = None,
     limit: Limit = None,
-    topic: Topic = '',
+    topic: TopicOption = '',
     every: Annotated[bool, typer.Option('--all', help='No filter is meant.')] = False,
     dry_run: Annotated[
         bool, typer.Option('--dry-run', help='Say what would be done, and do nothing.')

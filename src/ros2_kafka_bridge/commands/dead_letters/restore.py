@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple, TypeVar
 
+from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters.letter import Explanation, Letter
 from ros2_kafka_bridge.dead_letters.shown import escaped
@@ -20,7 +21,6 @@ _FORCE: Final = '--force sends it as it is'
 FetchOriginal = Callable[[str, int, int], Record | None]
 """Topic, partition, offset -> the record there, None where it is gone."""
 
-Route = KafkaToRosRoute | RosToKafkaRoute
 SomeRoute = TypeVar('SomeRoute', KafkaToRosRoute, RosToKafkaRoute)
 
 
@@ -37,7 +37,7 @@ class Again(NamedTuple):
     record: Outgoing
     partition: int | None
     cdr: bytes | None
-    route: Route | None
+    route: AnyRoute | None
 
 
 class Restorer:
