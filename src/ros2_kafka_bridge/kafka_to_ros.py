@@ -38,7 +38,7 @@ from ros2_kafka_bridge.route.obstacle import (
     Obstacle,
 )
 from ros2_kafka_bridge.route.pace import Pace, expires
-from ros2_kafka_bridge.route.place import Place
+from ros2_kafka_bridge.route.place import SENT
 from ros2_kafka_bridge.route.record_window import RecordEntry, RecordWindow
 from ros2_kafka_bridge.route.refused import letter_of_record, refused_record
 from ros2_kafka_bridge.route.settling import Settling
@@ -137,8 +137,8 @@ class KafkaToRos:
         else:
             self._wait(obstacle)
         self._settle()
-        if self._window.has_come_to_end and self._window.failure is not None:
-            raise self._window.failure
+        if (failure := self._window.failure_in_front) is not None:
+            raise failure
         self._tick(obstacle)
 
     def _rest(self) -> None:
@@ -214,19 +214,26 @@ class KafkaToRos:
             entry.outcome = Outcome.DROPPED
             return
         letter = letter_of_record(self._route, entry, record, headers, error)
-        entry.place = Place.SENT
+        entry.place = SENT
         self._dead_letters.add(letter, entry)
 
     # 2. entries -> ROS
 
     def _publish_pending(self) -> Obstacle | None:
         """Publish what waits; tells what stands in the way, None when nothing is left."""
-        pending, unconfirmed = self._window.pending, self._window.unconfirmed
-        if not pending:
+        if not self._window.pending:
             return self._no_room()
         if obstacle := self._settling.obstacle:
             return obstacle
-        publish, sent = self._sink.publish, Place.SENT
+        before = len(self._window.unconfirmed)
+        obstacle = self._publish_all()
+        if len(self._window.unconfirmed) > before:
+            self._blocked.move()
+        return obstacle or self._no_room()
+
+    def _publish_all(self) -> Obstacle | None:
+        pending, unconfirmed = self._window.pending, self._window.unconfirmed
+        publish, sent = self._sink.publish, SENT
         while pending:
             entry = pending[0]
             if self._ages and self._expired(entry.timestamp):
@@ -238,9 +245,8 @@ class KafkaToRos:
             else:
                 entry.place = sent
                 unconfirmed.append(entry)
-                self._blocked.move()
             pending.popleft()
-        return self._no_room()
+        return None
 
     def _no_room(self) -> Obstacle | None:
         """Tell what keeps the bridge from reading on, None if nothing does."""
@@ -411,7 +417,7 @@ class KafkaToRos:
 
     @contextmanager
     def _opened(self) -> Iterator[None]:
-        self._window.failure, self._drained_by_s = None, math.inf
+        self._drained_by_s = math.inf
         self._source.open(self)
         try:
             yield

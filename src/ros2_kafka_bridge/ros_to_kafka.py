@@ -31,7 +31,7 @@ from ros2_kafka_bridge.route.gathering import Gathering
 from ros2_kafka_bridge.route.labels import MakeHeaders, MakeKey
 from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.route.message_window import MessageEntry, MessageWindow
-from ros2_kafka_bridge.route.place import Place
+from ros2_kafka_bridge.route.place import ASIDE, PENDING, SENT
 from ros2_kafka_bridge.route.refused import Refused, letter_of_message, refused_message
 from ros2_kafka_bridge.route.telling import Telling
 from ros2_kafka_bridge.route.type_hash import CheckHeaders
@@ -247,13 +247,13 @@ class RosToKafka:
 
     def _put_in_line(self, entry: MessageEntry) -> None:
         if not self._window.may_go_on(entry):
-            entry.place = Place.ASIDE
+            entry.place = ASIDE
             return
         if entry.is_letter:
-            entry.place = Place.SENT
+            entry.place = SENT
             self._dead_letters.add(entry.record, entry)
         else:
-            entry.place = Place.PENDING
+            entry.place = PENDING
             self._window.pending.append(entry)
 
     def _refuse(
@@ -285,7 +285,7 @@ class RosToKafka:
         pending, produce = self._window.pending, self._sink.produce
         if self._alone is not None or not pending:
             return
-        now_s, sent, alone_up_to = time.monotonic(), Place.SENT, self._alone_up_to
+        now_s, sent, alone_up_to = time.monotonic(), SENT, self._alone_up_to
         while pending:
             entry = pending[0]
             alone = entry.number <= alone_up_to
@@ -364,13 +364,12 @@ class RosToKafka:
             else:
                 raise error
         again.sort(key=lambda entry: entry.number)
-        for entry in again:
-            entry.place = Place.PENDING
-        self._window.pending.extendleft(reversed(again))
+        self._window.wait_again(again)
 
     def _tick(self) -> None:
         if not self._telling.is_due(self._pause):
             return
+        self._drop_excess()
         full = self._room() <= 0 or len(self._window.pending) >= self._window.max_entries
         away = self._sink.away if self._window else ''
         reason = away or ('the window is full: Kafka takes too slowly' if full else '')

@@ -368,6 +368,27 @@ def test_on_error_drop_counts_and_goes_on() -> None:
     assert house.positions() == {0: 2}
 
 
+@pytest.mark.parametrize(
+    ('settings', 'value'), [({}, b'away'), ({'on_error': 'stop'}, b'bad')], ids=['away', 'stop']
+)
+@pytest.mark.parametrize('other', [0, 1])
+def test_a_route_goes_on_where_what_was_to_end_it_is_handed_over(
+    settings: dict[str, Any], value: bytes, other: int
+) -> None:
+    """Whoever reads that partition next finds out by itself."""
+    house = House(**settings)
+    house.sink.acknowledging = False
+    house.give(b'a', partition=other)
+    house.give(value, first=1)
+    house.steps(2)
+    house.source.lose(frozenset({0}))
+    house.sink.acknowledging = True
+    house.give(b'c', b'd')
+    house.steps()
+    assert house.sink.published == [b'cdr:a', b'cdr:c', b'cdr:d']
+    assert house.positions()[0] == 2
+
+
 def test_on_error_stop_ends_the_route_before_the_bad_record() -> None:
     house = House(on_error='stop')
     house.give(b'a')

@@ -367,6 +367,43 @@ def test_on_error_stop_delivers_all_before_the_bad_message_and_says_what_it_give
     assert house.count('taken') == 5
 
 
+def test_on_error_stop_sends_nothing_that_waits_behind_what_the_producer_refuses() -> None:
+    house = House(on_error='stop')
+    house.sink.limit_bytes = 5
+    house.give(b'a', b'much too large', b'c', b'd')
+    with pytest.raises(RouteError, match='2 messages behind it are given up'):
+        house.steps()
+    assert house.values() == [b'a']
+
+
+def test_on_error_stop_sends_nothing_again_that_was_sent_with_what_the_broker_refuses() -> None:
+    """What the producer has by then may arrive; what it cannot deliver is not sent again."""
+    house = House(on_error='stop')
+    for value in (b'a', b'large', b'c'):
+        house.sink.errors[value] = [RecordTooLargeError(1, None, 'of the topic')]
+    house.sink.errors[b'large'].append(RecordTooLargeError(1, None, 'of the topic'))
+    house.give(b'a', b'large', b'c', b'd')
+    with pytest.raises(RouteError, match='behind it are given up'):
+        house.steps(10)
+    assert house.values() == [b'd', b'a']
+
+
+@pytest.mark.parametrize('paused', [False, True])
+def test_guarantee_6_in_flight_is_never_told_above_twice_the_window_where_the_oldest_is_dropped(
+    paused: bool,  # noqa: FBT001 (a case)
+) -> None:
+    house = House(max_in_flight=10, when_full='drop_oldest')
+    house.sink.room, house.sink.answering = 10, False
+    told = []
+    for batch in range(5):
+        house.give(*[b'x'] * 500, first=1 + 500 * batch)
+        house.direction._step()
+        house.direction._telling._at_s = 0.0
+        house.direction._rest() if paused else house.direction._step()
+        told.append(house.direction.snapshot.in_flight)
+    assert max(told) <= 20
+
+
 def test_a_record_sent_alone_that_times_out_is_sent_again() -> None:
     house = House()
     house.sink.errors[b'a'] = [

@@ -125,6 +125,7 @@ class Beginnings:
         if committed <= high:
             return Beginning(committed)  # meanwhile, at the first start of the group
         self._say_not_there(partition, committed, low, high)
+        partition.rewind(low)  # committed soon: the log may grow past the offset of the group
         return Beginning(low)
 
     def _count(self, number: int, missing: range) -> None:

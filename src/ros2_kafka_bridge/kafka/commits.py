@@ -66,7 +66,7 @@ class Commits:
         Raises:
             KafkaException: That is not possible.
         """
-        self._client.commit(offsets=places(self._topic, offsets), asynchronous=True)
+        self._client.commit(offsets=topic_partitions(self._topic, offsets), asynchronous=True)
         self._is_at_work = True
 
     def now(self, timeout_s: float) -> bool:
@@ -114,7 +114,9 @@ class Commits:
 
         def commit() -> None:
             try:
-                self._client.commit(offsets=places(self._topic, offsets), asynchronous=False)
+                self._client.commit(
+                    offsets=topic_partitions(self._topic, offsets), asynchronous=False
+                )
             except KafkaException as error:
                 problems.append(error)
 
@@ -138,7 +140,7 @@ class Commits:
             return
         self._health.on_contact()
         good = [answer for answer in answers if answer.error is None and answer.offset >= 0]
-        self._partitions.commit({answer.partition: answer.offset for answer in good})
+        self._partitions.note_committed({answer.partition: answer.offset for answer in good})
 
     def close_client(self) -> None:
         """Close the client, once none of its commits is at work any more."""
@@ -151,7 +153,7 @@ class Commits:
         return self._partitions.news
 
 
-def places(topic: str, offsets: Mapping[int, int]) -> list[TopicPartition]:
+def topic_partitions(topic: str, offsets: Mapping[int, int]) -> list[TopicPartition]:
     """Offsets of a topic's partitions, as the client wants them."""
     return [TopicPartition(topic, number, offset) for number, offset in offsets.items()]
 

@@ -1,7 +1,7 @@
 """The records of one Kafka topic, read as a member of a group.
 
-The place in the group is `member`'s, what is committed `commits`', where partitions stand is in
-`partitions`: all three are asked here, and by nobody else.
+Its place in the group is the matter of `member`, what is committed that of `commits`; where
+partitions stand is in `partitions`.
 """
 
 import contextlib
@@ -153,10 +153,10 @@ class KafkaSource:
         first = self._member.poll(timeout_s)
         if first is None:
             return ()
-        batch = [first]
+        batch, partition = [first], self._partitions.get(first.partition())
         if limit > 1:
             batch += self._member.client.consume(limit - 1, 0.0)
-            if first.partition() not in self._partitions and first.error() is None:
+            if self._partitions.get(first.partition()) is not partition:
                 del batch[0]  # handed over meanwhile
         if self._partitions.are_cut_off or any(message.error() for message in batch):
             batch = self._records(batch)
@@ -184,7 +184,7 @@ class KafkaSource:
         number, offset = message.partition() or 0, message.offset()
         if error.code() == KafkaError._AUTO_OFFSET_RESET:  # noqa: SLF001 (its public name)
             if number in self._partitions:
-                self._place(self._partitions[number], offset)
+                self._set_beginning(self._partitions[number], offset)
         elif error.code() == KafkaError._PARTITION_EOF:  # noqa: SLF001
             self._health.on_contact()
             self._note_reached(message)
@@ -202,13 +202,13 @@ class KafkaSource:
                 self._member.client, self._partitions[number], message.offset() or 0
             )
 
-    def _place(self, partition: Partition, wanted: int | None) -> None:
+    def _set_beginning(self, partition: Partition, wanted: int | None) -> None:
         """Set where to read a partition whose stored offset is missing or out of range."""
         member = self._member
         with self._translating(partition):
             partition.end = None
             beginning = self._beginnings.find(member.client, member.commits, partition, wanted)
             if beginning.anew:
-                member.lose_one(partition.number)
+                member.forget_one(partition.number)
                 member.commits.begin({partition.number: beginning.offset})
             member.begin_at(partition.number, beginning.offset)

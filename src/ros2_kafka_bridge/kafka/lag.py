@@ -37,7 +37,7 @@ class Lag:
             self._look_for_ends(client)
         total = 0
         for partition in self._partitions:
-            _, end = client.get_watermark_offsets(self._place(partition), cached=True)
+            _, end = client.get_watermark_offsets(self._topic_partition(partition), cached=True)
             end = max(end, -1 if partition.told_end is None else partition.told_end)
             if end >= 0 and partition.next is not None:
                 total += max(0, end - partition.next)
@@ -49,15 +49,15 @@ class Lag:
             return
         self._ends_look_at_s = now_s + _ENDS_EVERY_S
         here = self._partitions
-        unread = [self._place(partition) for partition in here if partition.next is None]
+        unread = [self._topic_partition(partition) for partition in here if partition.next is None]
         with contextlib.suppress(KafkaException):  # the broker does not answer: the last ones hold
             if unread:
                 told = client.committed(unread, timeout=_LOOK_S)
-                here.commit({p.partition: p.offset for p in told if p.offset >= 0})
+                here.note_committed({p.partition: p.offset for p in told if p.offset >= 0})
             for partition in here:
                 _, partition.told_end = client.get_watermark_offsets(
-                    self._place(partition), timeout=_LOOK_S
+                    self._topic_partition(partition), timeout=_LOOK_S
                 )
 
-    def _place(self, partition: Partition) -> TopicPartition:
+    def _topic_partition(self, partition: Partition) -> TopicPartition:
         return TopicPartition(self._topic, partition.number)

@@ -21,7 +21,7 @@ from confluent_kafka import (
 from ros2_kafka_bridge.endpoints import Rebalance
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth
-from ros2_kafka_bridge.kafka.commits import Commits, places
+from ros2_kafka_bridge.kafka.commits import Commits, topic_partitions
 from ros2_kafka_bridge.kafka.partitions import Partitions
 from ros2_kafka_bridge.kafka.recorder import Recorder
 from ros2_kafka_bridge.kafka.statistics import read
@@ -196,7 +196,7 @@ class Member:
             first = None
         self._health.raise_failure()
         if self._is_shut_out or (first is None and self._health.has_lost_brokers):
-            self._begin_anew(self.client)
+            self._replace_client(self.client)
             return None
         if first is None:
             self._look_for_broker()
@@ -217,15 +217,15 @@ class Member:
 
     def begin_at(self, number: int, offset: int) -> None:
         """Read a partition from an offset on."""
-        self.client.incremental_unassign(self._places({number: OFFSET_INVALID}))
-        self.client.incremental_assign(self._places({number: offset}))
+        self.client.incremental_unassign(self._topic_partitions({number: OFFSET_INVALID}))
+        self.client.incremental_assign(self._topic_partitions({number: offset}))
         self._reads_some = True
 
-    def lose_one(self, number: int) -> None:
+    def forget_one(self, number: int) -> None:
         """Forget what is known of a partition that it keeps: its topic was made anew."""
         self._rebalance.lost(frozenset({number}))
         self._resume([number])
-        self._partitions.begin_anew(number)
+        self._partitions.reset(number)
 
     # What the group says
 
@@ -271,7 +271,7 @@ class Member:
             return
         try:
             told = self.client.committed(
-                self._places(dict.fromkeys(lost, OFFSET_INVALID)), timeout=_REQUEST_S
+                self._topic_partitions(dict.fromkeys(lost, OFFSET_INVALID)), timeout=_REQUEST_S
             )
             resumed = {
                 place.partition: position
@@ -281,7 +281,7 @@ class Member:
             }
             if resumed:
                 stored = dict.fromkeys(numbers, OFFSET_INVALID)
-                self.client.incremental_assign(self._places(stored | resumed))
+                self.client.incremental_assign(self._topic_partitions(stored | resumed))
                 self._partitions.advance(resumed)
                 self.commits.begin(resumed)
         except KafkaException as error:
@@ -290,7 +290,7 @@ class Member:
     def _resume(self, numbers: Iterable[int]) -> None:
         # librdkafka keeps a partition paused over its loss: it would come back and never be read.
         with contextlib.suppress(KafkaException):  # fatal for the client, and known
-            self.client.resume(self._places(dict.fromkeys(numbers, OFFSET_INVALID)))
+            self.client.resume(self._topic_partitions(dict.fromkeys(numbers, OFFSET_INVALID)))
 
     # Whether the client is of use
 
@@ -328,7 +328,7 @@ class Member:
             self._recorder.tell(self._log)
             raise
 
-    def _begin_anew(self, old: Consumer) -> None:
+    def _replace_client(self, old: Consumer) -> None:
         """Put another client in the place of one that is of no use any more.
 
         What it read and the route has confirmed is not read again, unless another bridge reads on.
@@ -354,8 +354,8 @@ class Member:
                 with contextlib.suppress(RuntimeError):  # no more threads: left behind
                     unattended.start('old consumer', commits.close_client)
 
-    def _places(self, offsets: Mapping[int, int]) -> list[TopicPartition]:
-        return places(self._topic, offsets)
+    def _topic_partitions(self, offsets: Mapping[int, int]) -> list[TopicPartition]:
+        return topic_partitions(self._topic, offsets)
 
     def _names(self, numbers: Iterable[int]) -> str:
         return f'{self._topic}[{", ".join(map(str, sorted(numbers)))}]'

@@ -1,7 +1,7 @@
 """Where the partitions of a topic stand: what was read, what has ended, what the group was told.
 
-The one place where a source keeps its offsets. Those who read, commit, measure the lag or look
-for a beginning ask here.
+A source keeps its offsets nowhere else: who reads, commits, joins, measures the lag or looks for a
+beginning asks here.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 
-class _HasPlace(Protocol):
+class _HasOffset(Protocol):
     """A record as far as it is looked at here."""
 
     def partition(self) -> int | None:
@@ -71,8 +71,14 @@ class Partition:
 
         What was given back has not: the end lies behind that, too.
         """
-        if self.end is not None and self.position is not None and self.position == self.read:
+        if self.end is None or self.position is None:
+            return
+        if self.read is None or self.read <= self.position:
             self.position = max(self.position, self.end)
+
+    def rewind(self, position: int) -> None:
+        """Begin again at `position`: the log has become shorter than it was."""
+        self.position, self.read, self.end, self.wanted = position, None, None, None
 
 
 class Partitions:
@@ -94,9 +100,13 @@ class Partitions:
     def __getitem__(self, number: int) -> Partition:
         return self._here[number]
 
+    def get(self, number: int | None) -> Partition | None:
+        """Where one stands; None where it is not here."""
+        return None if number is None else self._here.get(number)
+
     @property
     def are_lost(self) -> bool:
-        """Whether some were lost in which something had ended, and are not here again."""
+        """Whether some were lost of which something was read, and are not here again."""
         return bool(self._lost)
 
     @property
@@ -126,8 +136,8 @@ class Partitions:
         for number in numbers:
             self._here.setdefault(number, Partition(number))
 
-    def begin_anew(self, number: int) -> None:
-        """Forget what is known of one that stays: its topic was made anew."""
+    def reset(self, number: int) -> None:
+        """Forget what is known of one that stays."""
         self._here[number] = Partition(number)
 
     def forget(self, numbers: Iterable[int]) -> None:
@@ -153,14 +163,14 @@ class Partitions:
 
     # What is read, ends and is committed
 
-    def hand_out(self, records: Sequence[_HasPlace]) -> None:
+    def hand_out(self, records: Sequence[_HasOffset]) -> None:
         """Note records that go to the route now, in the order of reading."""
-        last = {record.partition() or 0: record.offset() or 0 for record in records}
-        for number, offset in last.items():
+        last = {record.partition() or 0: record for record in records}
+        for number, record in last.items():
             if (partition := self._here.get(number)) is not None:
                 if partition.position is None:
                     partition.position = _first(records, number)
-                partition.read = offset + 1
+                partition.read = (record.offset() or 0) + 1
 
     def advance(self, positions: Mapping[int, int]) -> None:
         """Note positions: all before them have ended."""
@@ -173,13 +183,13 @@ class Partitions:
         if (partition := self._here.get(number)) is not None:
             partition.reach_end(end)
 
-    def commit(self, offsets: Mapping[int, int]) -> None:
+    def note_committed(self, offsets: Mapping[int, int]) -> None:
         """Note what the group has got; an answer may come when another reads on already."""
         for number, offset in offsets.items():
             if (partition := self._here.get(number)) is not None:
                 partition.committed = offset
 
 
-def _first(records: Sequence[_HasPlace], number: int) -> int:
+def _first(records: Sequence[_HasOffset], number: int) -> int:
     """The offset of the first of them in a partition."""
     return next(record.offset() or 0 for record in records if (record.partition() or 0) == number)

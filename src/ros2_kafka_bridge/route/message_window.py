@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Sequence
 
 from ros2_kafka_bridge.endpoints import Message, Outgoing
-from ros2_kafka_bridge.route.place import Place
+from ros2_kafka_bridge.route.place import ASIDE, PENDING, REFUSED, SENT
 from ros2_kafka_bridge.route.refused import Refused
 
 _ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small messages count too
@@ -35,21 +35,21 @@ class MessageEntry:
         self.taken_bytes = len(cdr)
         self.taken_s = taken_s
         self.size_bytes = len(record.value or b'') + _ENTRY_BYTES
-        self.place = Place.ASIDE
+        self.place = ASIDE
         self.is_letter = False  # goes to the dead letters
-        self.is_on_disk = False  # too
+        self.is_on_disk = False  # as well
 
     @property
     def is_in_line(self) -> bool:
-        """Whether it goes to Kafka now; what does not has to be written to disk first."""
-        return self.place is Place.PENDING or self.place is Place.SENT
+        """Whether it is on its way to Kafka; a spool has to write the others first."""
+        return self.place is PENDING or self.place is SENT
 
 
 class MessageWindow:
     """The entries of a route, by number; those of `pending` wait for the producer to take them.
 
-    An entry that must end the route lets neither itself nor one behind it go on to Kafka; the
-    route ends once all before it have ended.
+    An entry that must end the route lets neither itself nor one behind it go on to Kafka, but for
+    what the producer has already. The route ends once all before it have ended.
 
     Args:
         max_entries: How many may be in flight.
@@ -124,9 +124,18 @@ class MessageWindow:
 
     def end_at(self, entry: MessageEntry, failure: Refused) -> None:
         """Let the route end at an entry, once all before it have ended."""
-        entry.place = Place.REFUSED
+        entry.place = REFUSED
         if entry.number < self.ends_at:
             self.ends_at, self.failure = entry.number, failure
+            pending = self.pending
+            while pending and pending[-1].number > entry.number:
+                pending.pop().place = ASIDE
+
+    def wait_again(self, entries: Sequence[MessageEntry]) -> None:
+        """Put back in front, in their order, what the producer could not deliver for now."""
+        for entry in entries:
+            entry.place = PENDING if self.may_go_on(entry) else ASIDE
+        self.pending.extendleft(e for e in reversed(entries) if e.place is PENDING)
 
     def may_go_on(self, entry: MessageEntry) -> bool:
         """Whether an entry comes before what ends the route."""

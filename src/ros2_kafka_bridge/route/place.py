@@ -1,10 +1,11 @@
 """Where the entry of a window is, in both directions."""
 
 from enum import Enum, auto
+from typing import Final
 
 
 class Place(Enum):
-    """Where an entry is that has not ended; it leaves its window once it has."""
+    """Where an entry is that has not ended."""
 
     ASIDE = auto()
     """It may not go on yet: behind what is on disk, or behind what ends the route."""
@@ -16,4 +17,11 @@ class Place(Enum):
     """The sink has it, or the dead letters have, and has not confirmed it."""
 
     REFUSED = auto()
-    """It ends the route, and goes nowhere."""
+    """It ends the route, and goes nowhere; to ROS, what is behind it does not either."""
+
+
+# A look into the class for each message costs ten times as much (Python 3.11).
+ASIDE: Final = Place.ASIDE
+PENDING: Final = Place.PENDING
+SENT: Final = Place.SENT
+REFUSED: Final = Place.REFUSED

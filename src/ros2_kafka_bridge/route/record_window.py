@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from ros2_kafka_bridge.endpoints import Record
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route.counters import Outcome
-from ros2_kafka_bridge.route.place import Place
+from ros2_kafka_bridge.route.place import ASIDE, PENDING, REFUSED, SENT
 
 _ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small records count too
 _PASSED = frozenset({Outcome.DROPPED, Outcome.SKIPPED})
@@ -38,7 +38,7 @@ class RecordEntry:
         self.taken_s = taken_s
         self.cdr = b''
         self.outcome: Outcome | None = None
-        self.place = Place.ASIDE
+        self.place = ASIDE
 
 
 class RecordWindow:
@@ -47,8 +47,8 @@ class RecordWindow:
     An entry waits in `pending` until the history takes it, then in `unconfirmed` until its readers
     have it. One that has ended leaves once all before it have: only then does its offset count.
     One that was passed over may leave sooner: what is before it in its partition counts for both.
-    An entry that must end the route lets neither itself nor one behind it go on to ROS; the route
-    ends once all before it have ended, and these are read again.
+    An entry that must end the route lets neither itself nor one behind it go on to ROS: they are
+    read again. The route ends once all before it have ended.
 
     Args:
         max_entries: How many may wait, where the oldest are dropped.
@@ -94,20 +94,20 @@ class RecordWindow:
 
     def wait(self, entry: RecordEntry) -> None:
         """Let an entry wait for the history to take it, behind all others."""
-        entry.place = Place.PENDING
+        entry.place = PENDING
         self.pending.append(entry)
 
     # The end of a route
 
     def end_at(self, entry: RecordEntry, failure: RouteError) -> None:
         """Let the route end at an entry, once all before it have ended."""
-        entry.place = Place.REFUSED
+        entry.place = REFUSED
         self.failure = failure
 
     @property
-    def has_come_to_end(self) -> bool:
-        """Whether all before what ends the route have ended."""
-        return bool(self.entries) and self.entries[0].place is Place.REFUSED
+    def failure_in_front(self) -> RouteError | None:
+        """What ends the route, once all before it have ended."""
+        return self.failure if self.entries and self.entries[0].place is REFUSED else None
 
     # What the readers have
 
@@ -130,7 +130,7 @@ class RecordWindow:
         self.unconfirmed.clear()
         self._confirmed = 0
         for entry in again:
-            entry.place = Place.PENDING
+            entry.place = PENDING
         self.pending.extendleft(reversed(again))
         return len(again)
 
@@ -198,7 +198,7 @@ class RecordWindow:
         holes: set[int] = set()
         found = []
         for entry in self.entries:
-            if entry.outcome is None and entry.place is not Place.SENT:
+            if entry.outcome is None and entry.place is not SENT:
                 holes.add(entry.partition)
             if entry.partition in holes:
                 found.append(entry)
@@ -211,6 +211,8 @@ class RecordWindow:
             self.size_bytes -= entry.size_bytes
         self.entries = deque(e for e in self.entries if e.outcome is not Outcome.RETURNED)
         self.pending = deque(e for e in self.pending if e.outcome is None)
+        if all(entry.place is not REFUSED for entry in self.entries):
+            self.failure = None  # whoever reads again what was to end the route meets it anew
 
     def holds_unconfirmed(self, partitions: frozenset[int]) -> bool:
         """Whether something of these partitions was published and has not ended."""

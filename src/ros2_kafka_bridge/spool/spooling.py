@@ -18,7 +18,7 @@ from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.logs.text import count as counted
 from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.message_window import MessageEntry, MessageWindow
-from ros2_kafka_bridge.route.place import Place
+from ros2_kafka_bridge.route.place import ASIDE, PENDING, REFUSED
 from ros2_kafka_bridge.spool.backlog import BATCH, Backlog
 from ros2_kafka_bridge.spool.rows import Row
 
@@ -239,9 +239,10 @@ class Spooling:
         """Let wait on disk what the producer has not got, if it is behind all that it has."""
         pending = self._window.pending
         entries = self._window.entries.values()
-        last = max((e.number for e in entries if e.place is not Place.PENDING), default=0)
+        last = max((e.number for e in entries if e.place is not PENDING), default=0)
+        last = max(last, self._backlog.last)  # what came from there is not written once more
         while pending and pending[-1].number > last:
-            pending.pop().place = Place.ASIDE
+            pending.pop().place = ASIDE
 
     def _only_in_memory(self) -> list[MessageEntry]:
         entries = self._window.ascending()
@@ -249,7 +250,7 @@ class Spooling:
         return [
             entry
             for entry in entries
-            if not entry.is_on_disk and entry.place is not Place.REFUSED and entry.number > first
+            if not entry.is_on_disk and entry.place is not REFUSED and entry.number > first
         ]
 
     # Window -> disk
@@ -330,10 +331,10 @@ class Spooling:
 
     def resume(self, entry: MessageEntry) -> None:
         """Take an entry that a failed run has left: behind what is on disk, or in line."""
-        if entry.place is Place.REFUSED:
+        if entry.place is REFUSED:
             return
         if self.active:
-            entry.place = Place.ASIDE
+            entry.place = ASIDE
             self._unwritten.append(entry)
         else:
             self._put_in_line(entry)

@@ -126,7 +126,7 @@ class MemoryRecordSource:
     def commit(self) -> None:
         """Remember how far all have come."""
         self.committed.update(self._partitions.news)
-        self._partitions.commit(self.committed)
+        self._partitions.note_committed(self.committed)
 
     def commit_now(self, timeout_s: float) -> bool:
         """Remember how far all have come."""

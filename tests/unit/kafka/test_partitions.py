@@ -72,7 +72,7 @@ def test_guarantee_1_a_position_is_never_behind_a_record_that_has_not_ended(
         elif event == 'settle' and in_flight:
             partitions.advance({0: in_flight.pop(0) + 1})
         elif event == 'commit':
-            partitions.commit(partitions.news)
+            partitions.note_committed(partitions.news)
             assert partitions.news == {}
         if in_flight:
             assert partitions.positions[0] <= in_flight[0]
@@ -80,11 +80,30 @@ def test_guarantee_1_a_position_is_never_behind_a_record_that_has_not_ended(
             assert partitions.positions.get(0, offset) == offset
 
 
+def test_a_log_that_became_shorter_is_read_from_its_beginning_and_the_group_is_told() -> None:
+    partitions = having(0)
+    partitions.hand_out(records(99))
+    partitions.advance({0: 100})
+    partitions.note_committed({0: 100})
+    partitions[0].rewind(3)
+    assert partitions.news == {0: 3}
+    partitions.hand_out(records(3))
+    partitions.reach_end(0, 9)
+    assert partitions.positions == {0: 3}
+
+
+def test_an_end_is_passed_where_nothing_was_read_since_a_loss() -> None:
+    partitions = having(0)
+    partitions.advance({0: 5})
+    partitions.reach_end(0, 7)
+    assert partitions.positions == {0: 7}
+
+
 def test_what_is_heard_of_partitions_that_others_have_counts_for_nothing() -> None:
     partitions = having(0)
     partitions.forget({0})
     partitions.advance({0: 3})
-    partitions.commit({0: 3})
+    partitions.note_committed({0: 3})
     partitions.reach_end(0, 4)
     partitions.hand_out(records(1))
     assert (partitions.positions, partitions.reached, len(partitions)) == ({}, {}, 0)
@@ -93,7 +112,7 @@ def test_what_is_heard_of_partitions_that_others_have_counts_for_nothing() -> No
 def test_a_loss_leaves_how_far_the_route_had_come_and_only_once() -> None:
     partitions = having(0, 1)
     partitions.hand_out(records(4))
-    partitions.commit({0: 4})
+    partitions.note_committed({0: 4})
     partitions.advance({0: 5})
     partitions.lose({0, 1})
     assert (len(partitions), partitions.are_lost) == (0, True)
@@ -145,9 +164,32 @@ def test_an_end_behind_records_of_the_same_batch_commits_none_of_them(
 def test_what_was_handed_over_in_the_middle_of_a_batch_is_not_given_to_the_route(
     source: Callable[..., KafkaSource],
 ) -> None:
-    reads = source(_Record(b'mine no more', 3, 2), _Record(b'mine', 7, 1))
+    reads = source(_Record(b'mine no more', 3, 0))
+
+    def handed_over(*_: object) -> list[object]:
+        reads._partitions.forget({0})
+        return [_Record(b'mine', 7, 1)]
+
+    reads._member.client.consume = handed_over  # type: ignore[method-assign, assignment]
     assert [record.value() for record in reads.poll(10, 0.0)] == [b'mine']
     assert reads._partitions.positions == {1: 7}
+
+
+def test_what_was_read_before_a_partition_was_lost_and_given_back_counts_for_nothing(
+    source: Callable[..., KafkaSource],
+) -> None:
+    """The client calls back in the middle of a read, behind the first that it has told."""
+    reads = source(told(KafkaError._PARTITION_EOF, 100))
+
+    def lost_and_back(*_: object) -> list[object]:
+        reads._partitions.lose({0})
+        reads._partitions.assign({0})
+        reads._partitions.advance({0: 50})
+        return []
+
+    reads._member.client.consume = lost_and_back  # type: ignore[method-assign, assignment]
+    assert reads.poll(10, 0.0) == []
+    assert reads._partitions.positions == {0: 50}
 
 
 def test_an_error_that_names_no_partition_of_its_own_is_heeded(

@@ -664,6 +664,26 @@ def test_a_route_that_fails_and_runs_again_sends_nothing_twice(house: Make) -> N
     assert h.numbers() == list(range(1, 21))
 
 
+def test_what_came_back_from_disk_keeps_its_place_where_kafka_goes_away_at_once(
+    house: Make,
+) -> None:
+    """All brokers restart: the client of the next run has a record, and learns of it only then."""
+    h = house(max_in_flight=10)
+    go_away(h)
+    h.give(*range(1, 7))
+    h.steps(6)
+    h.fail_and_run_again()
+    h.sink.away, h.sink.room = '', 1
+    h.steps(2)
+    assert (h.count('in_flight'), h.count('spooled')) == (6, 0)
+    h.sink.away = 'Kafka is away'
+    h.steps(2)
+    come_back(h)
+    h.give(*range(7, 12))
+    h.until_all_taken_are_confirmed()
+    assert h.numbers() == list(range(1, 12))
+
+
 def test_on_error_stop_keeps_what_was_behind_for_the_next_start(house: Make) -> None:
     h = house(on_error='stop')
     h.give(1)
