@@ -26,7 +26,7 @@ from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.subscription import RosSource, wait_for_type
-from ros2_kafka_bridge.ros.successor import Successor
+from ros2_kafka_bridge.ros.successor import RosSuccessor
 from ros2_kafka_bridge.ros.types import load_type
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.route.format import asks_registry, check_of, decode_of, encode_of
@@ -106,10 +106,10 @@ class Wiring:
             stack.push(made.pop_all())
         return direction
 
-    def successor(self, route: RosToKafkaRoute) -> Successor:
+    def successor(self, route: RosToKafkaRoute) -> RosSuccessor:
         """Make what knows whether another bridge of this name reads the ROS topic of a route."""
         topic, own = route.source.ros, self._abilities.own
-        return Successor(self._node, topic, self._config.name, own)
+        return RosSuccessor(self._node, topic, self._config.name, own)
 
     def claim_spool(self, direction: Direction) -> None:
         """Keep the spool of a route, if it has one, until its stack closes.

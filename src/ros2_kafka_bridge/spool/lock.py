@@ -21,7 +21,7 @@ def lock_of(path: Path) -> Path:
     return path.with_name(f'{path.name}.lock')
 
 
-class Lock:
+class FileLock:
     """An exclusive lock on the file beside a spool; the kernel lets go of it with the process."""
 
     def __init__(self, path: Path) -> None:

@@ -29,7 +29,7 @@ from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.spool import database, salvage
 from ros2_kafka_bridge.spool.database import DamagedError, translated
 from ros2_kafka_bridge.spool.ledger import Ledger
-from ros2_kafka_bridge.spool.lock import Lock, lock_of
+from ros2_kafka_bridge.spool.lock import FileLock, lock_of
 from ros2_kafka_bridge.spool.rows import Row, pack, unpack
 from ros2_kafka_bridge.spool.salvage import Damage
 
@@ -66,7 +66,7 @@ class Spool:
         self._path = path
         self._sync = sync
         self._log = log
-        self._lock = Lock(lock_of(path))
+        self._lock = FileLock(lock_of(path))
         self._is_claimed = False
         self._db: sqlite3.Connection | None = None
         self._is_open = False

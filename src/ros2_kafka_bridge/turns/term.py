@@ -24,7 +24,7 @@ _POLL_S: Final = 0.1
 _STEP_S: Final = 0.05
 
 
-class Lock(Protocol):
+class TurnLock(Protocol):
     """The exclusive right to run a route (`kafka.lock.GroupLock`)."""
 
     @property
@@ -44,7 +44,7 @@ class Lock(Protocol):
 
 
 class Successor(Protocol):
-    """Another bridge that is to read the ROS topic (`ros.successor.Successor`)."""
+    """Another bridge that is to read the ROS topic (`ros.successor.RosSuccessor`)."""
 
     def is_needed(self, *, may_read: bool) -> bool:
         """Whether what is published while nobody reads would be lost.
@@ -67,7 +67,7 @@ class Meanwhile(Stop):
         lock: Not held, at the beginning.
     """
 
-    def __init__(self, stop: Stop, lock: Lock) -> None:
+    def __init__(self, stop: Stop, lock: TurnLock) -> None:
         super().__init__()
         self._stop = stop
         self._lock = lock
@@ -104,7 +104,7 @@ class Term(Stop):
         successor: Who is to go on after a stop.
     """
 
-    def __init__(self, stop: Stop, lock: Lock, successor: Successor) -> None:
+    def __init__(self, stop: Stop, lock: TurnLock, successor: Successor) -> None:
         super().__init__()
         self._stop = stop
         self._lock = lock

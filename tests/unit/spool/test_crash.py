@@ -131,7 +131,7 @@ def test_what_was_delivered_from_a_full_disk_makes_room(small_disk: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    'call', ['lock.Lock.keep', 'database.remove'], ids=['not noted', 'not deleted']
+    'call', ['lock.FileLock.keep', 'database.remove'], ids=['not noted', 'not deleted']
 )
 def test_a_disk_that_refuses_also_a_new_file_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str

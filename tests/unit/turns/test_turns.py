@@ -20,7 +20,7 @@ from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.turns.term import Term
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.ros.successor import Successor
+    from ros2_kafka_bridge.ros.successor import RosSuccessor
     from ros2_kafka_bridge.wiring import Wiring
 
 
@@ -335,7 +335,7 @@ def test_a_route_without_traffic_is_given_away_for_its_last_failures_only(
     lock = MemoryLock('ours')
     lock.wanted = True
     lane = House(lock).lane
-    term = Term(lane.stop, cast('GroupLock', lock), cast('Successor', None))
+    term = Term(lane.stop, cast('GroupLock', lock), cast('RosSuccessor', None))
     lock.poll(0.0)
     lane.begin()
     lane.fail(RouteError('Kafka is away'), term)
