@@ -29,7 +29,7 @@ from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Part, Stop
 from ros2_kafka_bridge.tracing.routes import open_tracing
 from ros2_kafka_bridge.turns.lane import Lane
-from ros2_kafka_bridge.turns.term import OVERLAP_S, Meanwhile, Successor, Term
+from ros2_kafka_bridge.turns.term import OVERLAP_S, Standby, Successor, Term
 from ros2_kafka_bridge.wiring import Direction, Wiring, endpoints_of, group_lock_of
 
 _CLOSING_S = 10.0
@@ -216,6 +216,7 @@ class Bridge:
         """Run a route until a stop, again and again while it fails."""
         with ExitStack() as stack:
             while error := self._run_once(lane, wiring, stack, stop):
+                stop.listen()  # what has failed may be another bridge's concern by now
                 lane.fail(error, stop)
                 if lane.for_good:
                     tell(Failed())
@@ -284,6 +285,7 @@ class Bridge:
                 term = Term(lane.stop, lock, successor)
                 self._run_on(lane, wiring, tell, term)
                 lane.end_term()
+                term.listen()
                 if term.over and not lock.held:
                     lane.log.warning('hands over: another bridge runs this route')
 
@@ -318,7 +320,7 @@ class Bridge:
         try:
             if (direction := wiring.make_for_backlog(lane.route, lane.log)) is not None:
                 lane.use(direction)
-                direction.deliver_backlog(Meanwhile(lane.stop, lock))
+                direction.deliver_backlog(Standby(lane.stop, lock))
         except BridgeError as error:
             lane.leave_backlog(None if isinstance(error, SpoolInUseError) else error)
         else:

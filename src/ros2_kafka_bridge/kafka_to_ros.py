@@ -120,7 +120,7 @@ class KafkaToRos:
         """
         self._pause = pause or self._pause
         with self._opened():
-            while not stop.asked:
+            while not stop.look():
                 if self._pause.asked:
                     self._rest()
                 else:
@@ -384,6 +384,7 @@ class KafkaToRos:
         stays = True
         self._give_back(self._window.unpublished())
         while self._window and time.monotonic() < deadline_s and not stop.at_once:
+            stop.look()
             self._confirm()
             stays = stays and self._stay_draining()
             self._give_back(self._window.unpublished())

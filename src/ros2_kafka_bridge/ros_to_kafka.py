@@ -135,7 +135,7 @@ class RosToKafka:
         self._pause = pause or self._pause
         self._prepare()
         with self._opened():
-            while not stop.asked:
+            while not stop.look():
                 if self._pause.asked:
                     self._rest()
                 else:
@@ -153,7 +153,7 @@ class RosToKafka:
             RouteError: That is not possible now; it stays on disk.
         """
         with self._opened():
-            while not stop.asked and (self._window or self._spooling.waiting):
+            while not stop.look() and (self._window or self._spooling.waiting):
                 self._step()
             self._drain(stop)
 
@@ -397,6 +397,7 @@ class RosToKafka:
     def _drain(self, stop: Stop) -> None:
         began_s, deadline_s, empty = time.monotonic(), math.inf, False
         while time.monotonic() < deadline_s and not stop.at_once:
+            stop.look()
             if deadline_s == math.inf and (stop.is_end or self._spooling.takes):
                 deadline_s = time.monotonic() + self._route.drain_s
             if not self._spooling.takes:

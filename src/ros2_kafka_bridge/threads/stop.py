@@ -36,6 +36,20 @@ class Stop:
                 return
         self.ask()
 
+    def look(self) -> bool:
+        """Look for what nobody brings; whoever loops does so once in each round.
+
+        Nothing else acts: the properties tell what was seen last. A signal, or another thread,
+        asks this one; there is nothing to look for.
+
+        Returns:
+            Whether to drain.
+        """
+        return self.asked
+
+    def listen(self) -> None:
+        """Learn what `look` would, and leave all as it is: for who loops no more."""
+
     @property
     def asked(self) -> bool:
         """Whether to drain."""
@@ -52,11 +66,11 @@ class Stop:
         return self.asked
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait until a stop is asked for, at most `timeout_s`; tells whether it was."""
+        """Wait until a drain is asked for, at most `timeout_s`; tells whether it was."""
         deadline_s = time.monotonic() + timeout_s
-        while not self.asked and (left_s := deadline_s - time.monotonic()) > 0:
+        while not self.look() and (left_s := deadline_s - time.monotonic()) > 0:
             time.sleep(min(_STEP_S, left_s))
-        return self.asked
+        return self.look()  # the last one may have taken long
 
 
 class Part(Stop):

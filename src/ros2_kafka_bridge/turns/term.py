@@ -1,4 +1,4 @@
-"""The time for which this bridge, and no other, runs a route."""
+"""The time for which this bridge, and no other, runs a route; and that in which it stands by."""
 
 import time
 from typing import Final, Protocol
@@ -20,8 +20,7 @@ _LEAVING_S: Final = 7.5  # Kafka is asked who stands by, and the lock is left
 OVERLAP_S: Final = _LEAVING_S + _COMING_S + KNOWN_S
 """How long one that ends waits at most for the bridge that goes on."""
 
-_POLL_S: Final = 0.1
-_STEP_S: Final = 0.05
+_LOOK_S: Final = 0.1
 
 
 class TurnLock(Protocol):
@@ -59,7 +58,30 @@ class Successor(Protocol):
         ...
 
 
-class Meanwhile(Stop):
+class _Listener:
+    """Polls a lock at most every 0.1 s, however often it is called.
+
+    Whoever looks at a stop listens by it: a route needs no second thread for its lock.
+
+    Args:
+        lock: The lock.
+    """
+
+    def __init__(self, lock: TurnLock) -> None:
+        self._lock = lock
+        self._again_at_s = 0.0
+
+    def listen(self) -> bool:
+        """Poll the lock, unless that was done just now; tells whether it was polled."""
+        now_s = time.monotonic()
+        if now_s < self._again_at_s:
+            return False
+        self._again_at_s = now_s + _LOOK_S
+        self._lock.poll(0.0)
+        return True
+
+
+class Standby(Stop):
     """The stop of what a bridge does while another runs the route: the lock ends it, too.
 
     Args:
@@ -71,21 +93,25 @@ class Meanwhile(Stop):
         super().__init__()
         self._stop = stop
         self._lock = lock
-        self._look_at_s = 0.0
+        self._listener = _Listener(lock)
+
+    def look(self) -> bool:
+        """Learn whether the turn of this bridge has come; tells whether to drain."""
+        self.listen()
+        return self.asked
+
+    def listen(self) -> None:
+        """Learn whether the turn of this bridge has come."""
+        self._listener.listen()
 
     @property
     def asked(self) -> bool:
         """Whether to drain."""
-        now_s = time.monotonic()
-        if now_s >= self._look_at_s:
-            self._look_at_s = now_s + _POLL_S
-            self._lock.poll(0.0)
         return self._stop.asked or self._lock.held
 
     @property
     def at_once(self) -> bool:
         """Whether to give up what is still in flight."""
-        _ = self.asked  # a drain looks here only, and the lock has to be polled meanwhile
         return self._stop.at_once
 
 
@@ -95,8 +121,6 @@ class Term(Stop):
     When the bridge stops, the lock goes to another first. Then, and where Kafka has given it to
     another, the route runs on until that one reads, too: nothing is published to nobody. What
     both have taken is twice in Kafka.
-
-    The lock is polled by whoever looks: a route needs no second thread for it.
 
     Args:
         stop: That of the bridge.
@@ -108,38 +132,50 @@ class Term(Stop):
         super().__init__()
         self._stop = stop
         self._lock = lock
+        self._listener = _Listener(lock)
         self._successor = successor
-        self._poll_at_s = self._look_at_s = 0.0  # the lock, and for the successor
+        self._look_at_s = 0.0  # for the successor
         self._over = False
         self._drains = False
         self._left = False  # the lock is another's, because this bridge stops
         self._has_come = False  # the successor
         self._runs_on_until_s: float | None = None
 
+    def look(self) -> bool:
+        """Learn whether the lock is still held; at the end of the term, look for the successor.
+
+        That end may take a while (`OVERLAP_S`), and the first look at it as long as Kafka does to
+        tell who stands by, and to let this one leave.
+
+        Returns:
+            Whether to drain.
+        """
+        self.listen()
+        if not self._drains and (self._over or self._stop.asked):
+            self._drains = self._stop.at_once or not self._run_on()
+        return self._drains
+
+    def listen(self) -> None:
+        """Learn whether the lock is still held."""
+        if self._left or not self._listener.listen():
+            return
+        if self._over and self._lock.held and not self._drains:
+            self._over, self._has_come, self._runs_on_until_s = False, False, None
+        self._over = self._over or not self._lock.held
+
     @property
     def over(self) -> bool:
         """Whether the lock was lost; once a drain has begun for it, this term is over."""
-        now_s = time.monotonic()
-        if not self._left and now_s >= self._poll_at_s:
-            self._poll_at_s = now_s + _POLL_S
-            self._lock.poll(0.0)
-            if self._over and self._lock.held and not self._drains:
-                self._over, self._has_come, self._runs_on_until_s = False, False, None
-            self._over = self._over or not self._lock.held
         return self._over
 
     @property
     def asked(self) -> bool:
         """Whether to drain."""
-        if not self.over and not self._stop.asked:
-            return False
-        self._drains = self._drains or self._stop.at_once or not self._runs_on()
         return self._drains
 
     @property
     def at_once(self) -> bool:
         """Whether to give up what is still in flight."""
-        _ = self.over  # a drain looks here only, and has to be heard of meanwhile
         return self._stop.at_once
 
     @property
@@ -147,22 +183,15 @@ class Term(Stop):
         """Whether the bridge stops; where it only hands over, it can wait for what it holds."""
         return self._stop.asked
 
-    def wait(self, timeout_s: float) -> bool:
-        """Wait until a drain is asked for, at most `timeout_s`; tells whether it was."""
-        deadline_s = time.monotonic() + timeout_s
-        while not self.asked and (left_s := deadline_s - time.monotonic()) > 0:
-            time.sleep(min(_STEP_S, left_s))
-        return self.asked
-
-    def _runs_on(self) -> bool:
-        """Whether a bridge at its end still reads, because no other does yet."""
+    def _run_on(self) -> bool:
+        """Read on at the end, because no other bridge does yet; tells whether it is too early."""
         if self._runs_on_until_s is None:
             waits_s = self._leave()
             self._runs_on_until_s = time.monotonic() + waits_s
         now_s = time.monotonic()
         waits = (self._left or self._over) and not self._has_come
         if waits and now_s >= self._look_at_s:
-            self._look_at_s = now_s + _POLL_S
+            self._look_at_s = now_s + _LOOK_S
             if self._successor.has_come():
                 self._has_come = True
                 self._runs_on_until_s = now_s + KNOWN_S

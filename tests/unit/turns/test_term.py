@@ -3,7 +3,7 @@
 import pytest
 
 from ros2_kafka_bridge.threads.stop import Stop
-from ros2_kafka_bridge.turns.term import Term
+from ros2_kafka_bridge.turns.term import Standby, Term
 
 
 class MemoryLock:
@@ -31,7 +31,7 @@ class MemoryLock:
 
 
 class Clock:
-    """What `term` takes for the module `time`; it goes on only when it is told to."""
+    """What stops and terms take for the module `time`; it goes on only when it is told to."""
 
     def __init__(self) -> None:
         self.now_s = 1000.0
@@ -47,6 +47,7 @@ class Clock:
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
     monkeypatch.setattr('ros2_kafka_bridge.turns.term.time', clock)
+    monkeypatch.setattr('ros2_kafka_bridge.threads.stop.time', clock)
     return clock
 
 
@@ -69,8 +70,10 @@ class MemorySuccessor:
 def test_a_term_stops_with_the_bridge() -> None:
     stop = Stop()
     term = Term(stop, MemoryLock(), MemorySuccessor())
+    assert not term.look()
     assert (term.asked, term.at_once, term.over) == (False, False, False)
     stop.ask()
+    assert term.look()
     assert (term.asked, term.at_once, term.over) == (True, False, False)
     stop.ask()
     assert term.at_once
@@ -83,6 +86,7 @@ def test_a_term_is_over_once_its_lock_was_lost_also_if_it_comes_back() -> None:
     lock.lost = True
     assert term.wait(60)
     lock.held, lock.lost = True, False
+    assert term.look()
     assert (term.asked, term.over, term.at_once) == (True, True, False)
 
 
@@ -133,7 +137,7 @@ def test_a_stop_reads_on_for_its_successor_however_long_kafka_takes_to_tell(
     stop = Stop()
     term = Term(stop, lock, MemorySuccessor())
     stop.ask()
-    assert not term.asked
+    assert not term.look()
     left_s = clock.now_s
     assert term.wait(60)
     assert clock.now_s - left_s > 4.5
@@ -163,9 +167,9 @@ def test_a_second_stop_ends_a_term_that_is_over_and_runs_on(clock: Clock) -> Non
     lock.lost = True
     assert not term.wait(0.3)
     stop.ask()
-    assert not term.asked
+    assert not term.look()
     stop.ask()
-    assert term.asked
+    assert term.look()
     assert clock.now_s < 1001
 
 
@@ -180,7 +184,7 @@ def test_a_drain_listens_too(clock: Clock) -> None:
     lock = MemoryLock()
     term = Term(Stop(), lock, MemorySuccessor())
     for _ in range(300):
-        assert not term.at_once
+        assert not term.look()
         clock.sleep(0.001)
     assert 3 <= lock.polls <= 4, 'and the hot loop pays nothing for it'
 
@@ -189,7 +193,7 @@ def test_a_stop_runs_on_until_the_successor_reads_and_is_known(clock: Clock) -> 
     stop, lock, successor = Stop(), MemoryLock(wanted=True), MemorySuccessor()
     term = Term(stop, lock, successor)
     stop.ask()
-    assert not term.asked
+    assert not term.look()
     assert not lock.held, 'it goes to the successor first'
     assert not term.wait(0.3)
     successor.come = True
@@ -203,7 +207,7 @@ def test_a_stop_runs_on_until_the_successor_reads_and_is_known(clock: Clock) -> 
 def test_a_stop_waits_for_no_successor_where_none_is_there_or_needed(missing: str) -> None:
     stop, lock = Stop(), MemoryLock(wanted=missing != 'wanted')
     stop.ask()
-    assert Term(stop, lock, MemorySuccessor(needed=missing != 'needed')).asked
+    assert Term(stop, lock, MemorySuccessor(needed=missing != 'needed')).look()
     assert lock.held
 
 
@@ -218,7 +222,58 @@ def test_a_second_stop_waits_for_nobody() -> None:
     stop = Stop()
     term = Term(stop, MemoryLock(wanted=True), MemorySuccessor())
     stop.ask()
-    assert not term.asked
+    assert not term.look()
     stop.ask()
-    assert term.asked
+    assert term.look()
     assert term.at_once
+
+
+def test_a_question_does_not_act() -> None:
+    """Only who looks or listens polls the lock, leaves it, and asks for the successor."""
+    stop, lock, successor = Stop(), MemoryLock(wanted=True), MemorySuccessor()
+    stop.ask()
+    term, standby = Term(stop, lock, successor), Standby(stop, lock)
+    for _ in range(3):
+        assert (term.asked, term.at_once, term.is_end, term.over) == (False, False, True, False)
+        assert (standby.asked, standby.at_once, standby.is_end) == (True, False, True)
+    assert lock.polls == 0
+    assert not lock.left
+    assert successor.may_read is None
+
+
+def test_who_listens_learns_that_the_lock_was_lost_and_leaves_none(clock: Clock) -> None:
+    stop, lock = Stop(), MemoryLock(wanted=True)
+    term = Term(stop, lock, MemorySuccessor())
+    stop.ask()
+    term.listen()
+    assert not lock.left
+    assert not term.over
+    lock.lost = True
+    clock.sleep(0.2)
+    term.listen()
+    assert term.over
+    assert not term.asked
+
+
+def test_what_a_bridge_does_while_it_stands_by_ends_with_its_turn_or_the_bridge(
+    clock: Clock,
+) -> None:
+    stop, lock = Stop(), MemoryLock()
+    lock.held, lock.lost = False, True
+    standby = Standby(stop, lock)
+    for _ in range(300):
+        assert not standby.look()
+        clock.sleep(0.001)
+    assert 3 <= lock.polls <= 4, 'as often as in a term'
+    assert not standby.wait(1.0)
+    lock.lost = False
+    assert standby.wait(1.0)
+    assert standby.is_end
+    lock.lost = True
+    clock.sleep(0.2)
+    assert not standby.look()
+    stop.ask()
+    assert standby.look()
+    assert not standby.at_once
+    stop.ask()
+    assert standby.at_once
