@@ -29,7 +29,8 @@ from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Part, Stop
 from ros2_kafka_bridge.tracing.routes import open_tracing
 from ros2_kafka_bridge.turns.lane import Lane
-from ros2_kafka_bridge.turns.term import OVERLAP_S, Standby, Successor, Term
+from ros2_kafka_bridge.turns.standing_by import stand_by
+from ros2_kafka_bridge.turns.term import OVERLAP_S, Successor, Term
 from ros2_kafka_bridge.wiring import Direction, Wiring, endpoints_of, group_lock_of
 
 _CLOSING_S = 10.0
@@ -280,7 +281,7 @@ class Bridge:
         it would hold the publishers back.
         """
         with lock:
-            while not lane.final and self._stand_by(lane, lock, wiring):
+            while not lane.final and stand_by(lane, lock, wiring):
                 lane.log.info('takes over: this bridge runs the route')
                 term = Term(lane.stop, lock, successor)
                 self._run_on(lane, wiring, tell, term)
@@ -288,45 +289,6 @@ class Bridge:
                 term.listen()
                 if term.over and not lock.held:
                     lane.log.warning('hands over: another bridge runs this route')
-
-    def _stand_by(self, lane: Lane, lock: GroupLock, wiring: Wiring) -> bool:
-        """Wait until it is the turn of this bridge; False at a stop."""
-        while not lane.stop.asked:
-            lane.begin()
-            try:
-                lock.open()
-                while not lock.held and not lane.stop.asked:
-                    lane.wait_for_turn(lock)
-                    if lane.owes_backlog:
-                        self._deliver_backlog(lane, lock, wiring)
-            except BridgeError as error:
-                lane.fail_meanwhile(error)
-                lane.say_failure()
-                lock.close()
-                lane.stop.wait(lane.backoff.wait_s)
-            else:
-                lane.begin_term()
-                return lock.held and not lane.stop.asked
-        return False
-
-    def _deliver_backlog(self, lane: Lane, lock: GroupLock, wiring: Wiring) -> None:
-        """Deliver what this bridge had on disk when another took the route over from it.
-
-        It stands by meanwhile, also where that fails.
-        """
-        if wiring.is_spool_in_use(lane.route):
-            lane.leave_backlog(None)
-            return
-        try:
-            if (direction := wiring.make_for_backlog(lane.route, lane.log)) is not None:
-                lane.use(direction)
-                direction.deliver_backlog(Standby(lane.stop, lock))
-        except BridgeError as error:
-            lane.leave_backlog(None if isinstance(error, SpoolInUseError) else error)
-        else:
-            lane.leave_or_end_backlog()
-        finally:
-            lane.end_term()
 
     def _watch(self, tell: Tell) -> None:
         status = StatusLog(self.snapshots)
