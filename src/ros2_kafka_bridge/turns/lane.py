@@ -2,18 +2,18 @@
 
 import math
 import time
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, RouteError, SpoolInUseError
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.logs.lines import route_log, summed
 from ros2_kafka_bridge.logs.text import count
-from ros2_kafka_bridge.route.counters import Counters, Snapshot, State
-from ros2_kafka_bridge.route.measuring import Troubles
+from ros2_kafka_bridge.route.counters import Snapshot, State
 from ros2_kafka_bridge.threads.backoff import Backoff
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.turns.term import OVERLAP_S, Term
+from ros2_kafka_bridge.turns.totals import Totals
 from ros2_kafka_bridge.wiring import Direction, Route
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class Lane:
         self._confirmed = 0  # at that one
         self._draining = False
         # One attribute, so that others see both at one moment.
-        self._work = _Work(Counters(route.name).snapshot(0), None)
+        self._work = Totals.of(route.name)
 
     @property
     def runs(self) -> bool:
@@ -102,7 +102,7 @@ class Lane:
 
     def use(self, direction: Direction | None) -> None:
         """Note what runs the route from now on."""
-        self._work = _Work(_without_spooled(self._work.before), direction)
+        self._work = self._work.used(direction)
 
     def begin_term(self) -> None:
         """Forget what was waited for, and what kept this bridge from its turn."""
@@ -114,11 +114,8 @@ class Lane:
         self._failing_since_s = None
 
     def end_term(self) -> None:
-        """Forget what has run the route, but for what it has counted.
-
-        What it still held is held by nobody any more.
-        """
-        self._work = _Work(_given_up(self._total()), None)
+        """Forget what has run the route, but for what it has counted."""
+        self._work = self._work.given_up()
 
     def begin(self) -> None:
         """Note that a run begins."""
@@ -130,7 +127,7 @@ class Lane:
         now_s = time.monotonic()
         ran_s = now_s - self._began_s
         self.backoff = self.backoff.after(ran_s)
-        confirmed = self._total().confirmed
+        confirmed = self._work.now.confirmed
         was_well = confirmed > self._confirmed or ran_s > _WELL_S
         if self._failing_since_s is None or was_well:
             self._failing_since_s = now_s
@@ -138,19 +135,12 @@ class Lane:
         handed_over = isinstance(stop, Term) and stop.over and not self.stop.asked
         final = isinstance(error, ConfigError) or (isinstance(error, RouteError) and error.final)
         for_good = final and not handed_over
-        self._note(error)
+        self._work = self._work.troubled(error)
         self.for_good = for_good and not self.stop.asked
         self.failure = self._failed = str(error)
         self._about = error.about if isinstance(error, RouteError) else None
         self._in_use = error if isinstance(error, SpoolInUseError) else None
         self.final = self._draining or for_good
-
-    def _note(self, error: BridgeError) -> None:
-        troubles = Troubles()
-        troubles.note(error)
-        before, direction = self._work
-        measures = before.measures.plus(troubles.measures())
-        self._work = _Work(before._replace(measures=measures), direction)
 
     def fail_meanwhile(self, error: BridgeError) -> None:
         """Note what has failed while another bridge runs the route: that is always tried again."""
@@ -262,7 +252,7 @@ class Lane:
 
     def snapshot(self) -> Snapshot:
         """The counters of the route, at one moment of its own."""
-        total = self._total()
+        total = self._work.now
         if self.failure or self.waits or self.stop.asked or self.direction is None:
             total = total._replace(beat_s=0.0)
         if self.failure:
@@ -274,34 +264,3 @@ class Lane:
         if total.state is State.WAITING and self._failed and total.confirmed == self._confirmed:
             return total._replace(reason=f'{total.reason}; has failed before: {self._failed}')
         return total
-
-    def _total(self) -> Snapshot:
-        before, direction = self._work
-        return before if direction is None else _sum(before, direction.snapshot)
-
-
-class _Work(NamedTuple):
-    """What a route has counted in its former terms, and what counts now."""
-
-    before: Snapshot
-    direction: Direction | None
-
-
-_SUMMED = [name for name, kind in Snapshot.__annotations__.items() if kind is int]
-
-
-def _sum(before: Snapshot, now: Snapshot) -> Snapshot:
-    sums = {name: getattr(before, name) + getattr(now, name) for name in _SUMMED}
-    return now._replace(**sums, measures=before.measures.plus(now.measures))
-
-
-def _given_up(total: Snapshot) -> Snapshot:
-    """Count as given up what was in flight."""
-    return total._replace(
-        given_up=total.given_up + total.in_flight, in_flight=0, measures=total.measures.sums
-    )
-
-
-def _without_spooled(before: Snapshot) -> Snapshot:
-    """Leave out what waits on disk: the next to open the file counts it as taken again."""
-    return before._replace(taken=before.taken - before.spooled, spooled=0)

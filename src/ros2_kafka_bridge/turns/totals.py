@@ -1,0 +1,67 @@
+"""What a route has counted, over all the terms for which this bridge has run it."""
+
+from typing import NamedTuple, Self
+
+from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.route.counters import Counters, Snapshot
+from ros2_kafka_bridge.route.measuring import Troubles
+from ros2_kafka_bridge.wiring import Direction
+
+
+class Totals(NamedTuple):
+    """What a route has counted in its former terms, and what counts now.
+
+    Args:
+        before: The former terms together, with the failures of all.
+        direction: What runs the route now, or is to be run again.
+    """
+
+    before: Snapshot
+    direction: Direction | None = None
+
+    @classmethod
+    def of(cls, route: str) -> Self:
+        """Those of a route that has not run."""
+        return cls(Counters(route).snapshot(0))
+
+    @property
+    def now(self) -> Snapshot:
+        """All together."""
+        if self.direction is None:
+            return self.before
+        return _sum(self.before, self.direction.snapshot)
+
+    def used(self, direction: Direction | None) -> Self:
+        """What runs the route from now on is this."""
+        return self.__class__(_without_spooled(self.before), direction)
+
+    def given_up(self) -> Self:
+        """What has run the route is no more, and what it still held is held by nobody."""
+        return self.__class__(_given_up(self.now))
+
+    def troubled(self, error: BridgeError) -> Self:
+        """The route has failed."""
+        troubles = Troubles()
+        troubles.note(error)
+        measures = self.before.measures.plus(troubles.measures())
+        return self._replace(before=self.before._replace(measures=measures))
+
+
+_SUMMED = [name for name, kind in Snapshot.__annotations__.items() if kind is int]
+
+
+def _sum(before: Snapshot, now: Snapshot) -> Snapshot:
+    sums = {name: getattr(before, name) + getattr(now, name) for name in _SUMMED}
+    return now._replace(**sums, measures=before.measures.plus(now.measures))
+
+
+def _given_up(total: Snapshot) -> Snapshot:
+    """Count as given up what was in flight."""
+    return total._replace(
+        given_up=total.given_up + total.in_flight, in_flight=0, measures=total.measures.sums
+    )
+
+
+def _without_spooled(before: Snapshot) -> Snapshot:
+    """Leave out what waits on disk: the next to open the file counts it as taken again."""
+    return before._replace(taken=before.taken - before.spooled, spooled=0)
