@@ -222,7 +222,7 @@ class Bridge:
                 if lane.for_good:
                     tell(Failed())
                 lane.say_failure()
-                if lane.final or lane.is_given_away(stop):
+                if lane.final or lane.give_away(stop):
                     break
                 stop.wait(lane.again_s)
 
@@ -239,7 +239,7 @@ class Bridge:
                 return None
             if lane.lock is not None and not self._has_spool(lane, direction, wiring, stop):
                 return None
-            lane.failure = ''
+            lane.begin_run()
             direction.run(stop, lane.pause)
         except BridgeError as error:
             return error
@@ -260,7 +260,6 @@ class Bridge:
             except SpoolInUseError as in_use:
                 lane.wait_for_spool(in_use)
             else:
-                lane.has_spool()
                 return True
             if stop.wait(_SPOOL_LOOK_S):
                 return False

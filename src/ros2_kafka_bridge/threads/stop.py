@@ -65,6 +65,11 @@ class Stop:
         """Whether the route ends here: its drain has a limit then (`drain_s`)."""
         return self.asked
 
+    @property
+    def over(self) -> bool:
+        """Whether another goes on with the route: what fails here then is no end of it."""
+        return False
+
     def wait(self, timeout_s: float) -> bool:
         """Wait until a drain is asked for, at most `timeout_s`; tells whether it was."""
         deadline_s = time.monotonic() + timeout_s

@@ -21,7 +21,7 @@ def stand_by(lane: Lane, lock: GroupLock, wiring: Wiring) -> bool:
             lane.fail_meanwhile(error)
             lane.say_failure()
             lock.close()
-            lane.stop.wait(lane.backoff.wait_s)
+            lane.stop.wait(lane.again_s)
         else:
             lane.begin_term()
             return lock.held and not lane.stop.asked

@@ -339,11 +339,11 @@ def test_a_route_without_traffic_is_given_away_for_its_last_failures_only(
     lock.poll(0.0)
     lane.begin()
     lane.fail(RouteError('Kafka is away'), term)
-    assert not lane.is_given_away(term)
+    assert not lane.give_away(term)
     lane.begin()
     now_s += well_s
     lane.fail(RouteError('Kafka is away'), term)
-    assert lane.is_given_away(term) is given_away
+    assert lane.give_away(term) is given_away
 
 
 def test_a_route_that_fails_stays_where_no_other_bridge_stands_by(
@@ -391,6 +391,24 @@ def test_a_route_that_has_failed_for_good_leaves_it_to_another() -> None:
     assert house.lock.said == ['closed']
 
 
+def test_a_drain_that_gives_up_at_a_stop_ends_the_route_and_is_no_failure_for_good() -> None:
+    """The process ends with an error, and whoever restarts it may run the route again."""
+    house = House(MemoryLock('ours'))
+
+    def give_up(stop: Stop) -> None:
+        house.lane.stop.ask()
+        until_asked(stop)
+        raise RouteError('gave up 2 messages', final=True)
+
+    house.directions = [MemoryDirection(9, give_up, left=2)]
+    house.run()
+    assert house.lane.final
+    assert not house.lane.for_good
+    assert house.told == 0
+    assert (house.snapshot.state, house.snapshot.final) == (State.FAILED, False)
+    assert house.snapshot.reason == 'gave up 2 messages'
+
+
 def test_a_lock_that_cannot_be_had_is_a_failure_that_is_tried_again() -> None:
     lock = MemoryLock('ours')
     lock.problems = [RouteError('the topic is not there')]
@@ -430,7 +448,7 @@ def test_a_route_that_waits_says_why_it_has_failed_until_it_has_confirmed_someth
     house.lane.use(cast('Any', Told(counters.snapshot(0))))
     house.lane.fail(RouteError('topic not.there does not exist'), house.lane.stop)
     assert house.lane.snapshot().state is State.FAILED
-    house.lane.failure = ''
+    house.lane.begin_run()
     assert house.lane.snapshot().reason == (
         'the window is full; has failed before: topic not.there does not exist'
     )
@@ -460,7 +478,7 @@ def test_a_thread_that_waits_on_purpose_shows_no_beat() -> None:
     assert house.lane.snapshot().beat_s > 0
     house.lane.fail(RouteError('no such topic'), house.lane.stop)
     assert house.lane.snapshot().beat_s == 0
-    house.lane.failure = ''
+    house.lane.begin_run()
     assert house.lane.snapshot().beat_s > 0
     house.lane.stop.ask()
     assert house.lane.snapshot().beat_s == 0
