@@ -20,7 +20,7 @@ from ros2_kafka_bridge.errors import BridgeError, SpoolInUseError
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.logs.lines import RouteLog, route_log
 from ros2_kafka_bridge.logs.text import count
-from ros2_kafka_bridge.protocol.worker import Begun, Ended, Event, Failed, Loaded
+from ros2_kafka_bridge.protocol.worker import Begun, Event, Loaded, RouteFailed, RoutesEnded
 from ros2_kafka_bridge.ros.node import RosNode, middleware, open_node, worker_name
 from ros2_kafka_bridge.ros.probe import Abilities, limits, probe, probe_topic
 from ros2_kafka_bridge.route.counters import Snapshot
@@ -31,7 +31,7 @@ from ros2_kafka_bridge.tracing.routes import open_tracing
 from ros2_kafka_bridge.turns.lane import Lane
 from ros2_kafka_bridge.turns.standing_by import stand_by
 from ros2_kafka_bridge.turns.term import OVERLAP_S, Successor, Term
-from ros2_kafka_bridge.wiring import Direction, Wiring, endpoints_of, group_lock_of
+from ros2_kafka_bridge.wiring import Direction, Wiring, group_lock_of, histories_of
 
 _CLOSING_S = 10.0
 _AT_ONCE_S = 2.0
@@ -99,15 +99,15 @@ class Bridge:
         """
         probed = probe_topic()
         routes = [lane.route for lane in self._lanes]
-        endpoints = endpoints_of(routes, probed, self.config.ros.lease_s)
+        histories = histories_of(routes, probed, self.config.ros.lease_s)
         name = worker_name(self.config.name, self._worker)
         with (
-            open_node(name, self.config.ros.domain_id, endpoints) as node,
+            open_node(name, self.config.ros.domain_id, histories) as node,
             open_tracing(self.config, self._worker, self._log) as tracing,
         ):
             abilities = self._start(node, probed)
-            _give_back_memory()
-            wiring = Wiring(self.config, node, abilities, endpoints, tracing)
+            _trim_memory()
+            wiring = Wiring(self.config, node, abilities, histories, tracing)
             tell(Loaded())
             if waits and not self._wait_for_begin():
                 return 0
@@ -136,7 +136,7 @@ class Bridge:
     def end(self, routes: frozenset[str]) -> None:
         """Drain these routes and forget them; the others go on untouched.
 
-        `Ended` is told of each. Any thread may call.
+        `RoutesEnded` is told of each. Any thread may call.
         """
         self._ending.update(routes)
         for lane in self._lanes:
@@ -220,7 +220,7 @@ class Bridge:
                 stop.listen()  # what has failed may be another bridge's concern by now
                 lane.fail(error, stop)
                 if lane.for_good:
-                    tell(Failed())
+                    tell(RouteFailed())
                 lane.say_failure()
                 if lane.final or lane.give_away(stop):
                     break
@@ -313,7 +313,7 @@ class Bridge:
             lane.log.close()
             self._crashed = self._crashed or (lane.final and not lane.for_good)
             lane.log.info('stopped: %s', totals(lane.snapshot()))
-        tell(Ended(tuple(lane.route.name for lane in ended)))
+        tell(RoutesEnded(tuple(lane.route.name for lane in ended)))
 
     # Shutdown
 
@@ -364,7 +364,7 @@ def _of_worker(config: Config, worker: int) -> Config:
     return config.model_copy(update={'kafka': kafka})
 
 
-def _give_back_memory() -> None:
+def _trim_memory() -> None:
     """Give free memory back to the system, as far as the C library can (glibc's malloc_trim).
 
     Reading the configuration and joining the ROS graph leave some 10 MiB of holes behind.

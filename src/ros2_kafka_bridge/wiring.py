@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters, OutgoingLetter
 from ros2_kafka_bridge.endpoints import Matches, Message
@@ -46,12 +47,11 @@ _LEAST_KBYTES = 1024
 _LARGEST_LETTER_BYTES = 1_000_000_000  # the most that librdkafka takes
 _FRAME_BYTES = 10_000  # of key, headers and protocol around a message
 
-Route = KafkaToRosRoute | RosToKafkaRoute
 Direction = KafkaToRos | RosToKafka
 Log = logging.LoggerAdapter[logging.Logger]
 
 
-def endpoints_of(routes: list[Route], probed: str, lease_s: float | None) -> Histories:
+def histories_of(routes: list[AnyRoute], probed: str, lease_s: float | None) -> Histories:
     """List the ROS endpoints of the routes, with the lengths of their histories."""
     writers = {probed: SAMPLES}
     readers = {probed: SAMPLES}
@@ -65,7 +65,7 @@ def endpoints_of(routes: list[Route], probed: str, lease_s: float | None) -> His
     return Histories(writers, readers, lease_s)
 
 
-def group_lock_of(route: Route, config: Config, log: Log) -> GroupLock | None:
+def group_lock_of(route: AnyRoute, config: Config, log: Log) -> GroupLock | None:
     """Make the right to run a route alone; None where any bridge may run it beside others."""
     if not isinstance(route, RosToKafkaRoute) or not route.exclusive:
         return None
@@ -89,7 +89,7 @@ class Wiring:
         self._histories = histories
         self._tracing = tracing
 
-    def make(self, route: Route, log: Log, stop: Stop, stack: ExitStack) -> Direction | None:
+    def make(self, route: AnyRoute, log: Log, stop: Stop, stack: ExitStack) -> Direction | None:
         """Make what runs a route; None when a stop came while its type was waited for.
 
         Its ROS endpoint is open until the stack closes: a route that fails on the Kafka side
@@ -121,13 +121,13 @@ class Wiring:
         if isinstance(direction, RosToKafka):
             direction.claim_spool()
 
-    def is_spool_in_use(self, route: Route) -> bool:
+    def is_spool_in_use(self, route: AnyRoute) -> bool:
         """Whether a process has the spool of a route; not asked while this one has."""
         if isinstance(route, KafkaToRosRoute) or route.spool is None:
             return False
         return is_in_use(lock_of(self._spool_of(route)))
 
-    def make_for_backlog(self, route: Route, log: Log) -> RosToKafka | None:
+    def make_for_backlog(self, route: AnyRoute, log: Log) -> RosToKafka | None:
         """Make what delivers the spool of a route that another bridge runs; None without one.
 
         It takes nothing from ROS, where the other one reads.
@@ -292,7 +292,7 @@ class Wiring:
         }
         return own | producer_properties(users, client_id=self._config.name)
 
-    def _dead_letters(self, route: Route, log: Log) -> DeadLetters[Any]:
+    def _dead_letters(self, route: AnyRoute, log: Log) -> DeadLetters[Any]:
         topic = route.dead_letter_topic
         properties = producer_properties(self._config.kafka, client_id=self._config.name)
         # Each on its own, and refused by the broker alone: none is refused for the others' sizes.
@@ -336,7 +336,7 @@ def _encode_nothing(_cdr: bytes) -> bytes:
     raise AssertionError('nothing is taken')
 
 
-def _kbytes(route: Route) -> int:
+def _kbytes(route: AnyRoute) -> int:
     """Room of a producer's queue: for the window, and for one message of any size allowed."""
     largest_bytes = max(route.max_in_flight_bytes, route.max_message_bytes + _FRAME_BYTES)
     return max(_LEAST_KBYTES, largest_bytes // 1024 + 1)

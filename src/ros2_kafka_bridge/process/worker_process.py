@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Final
 from ros2_kafka_bridge.process.child import start_child
 from ros2_kafka_bridge.process.plan import Share
 from ros2_kafka_bridge.protocol import worker as wire
-from ros2_kafka_bridge.protocol.worker import EVENTS, Begun, Drain, End, Ended, Loaded, WorkerOrder
+from ros2_kafka_bridge.protocol.worker import (
+    EVENTS,
+    Begun,
+    Drain,
+    End,
+    Loaded,
+    RoutesEnded,
+    WorkerOrder,
+)
 from ros2_kafka_bridge.route.counters import Counters, Snapshot, State, from_line
 from ros2_kafka_bridge.threads.backoff import Backoff
 
@@ -164,7 +172,7 @@ class WorkerProcess:
                 self.loaded = True
             case Begun():
                 self.begun, self._begun_s = True, time.monotonic()
-            case Ended(routes):
+            case RoutesEnded(routes):
                 self.forget(routes)
 
     def forget(self, routes: Iterable[str]) -> None:

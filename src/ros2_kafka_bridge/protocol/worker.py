@@ -35,7 +35,7 @@ class ResumeRoute(msgspec.Struct, frozen=True, tag='resume'):
     route: str
 
 
-class Failed(msgspec.Struct, frozen=True, tag='failed'):
+class RouteFailed(msgspec.Struct, frozen=True, tag='failed'):
     """A route has failed for good: the snapshots say so."""
 
 
@@ -47,14 +47,14 @@ class Begun(msgspec.Struct, frozen=True, tag='begun'):
     """Every route has begun."""
 
 
-class Ended(msgspec.Struct, frozen=True, tag='ended'):
+class RoutesEnded(msgspec.Struct, frozen=True, tag='ended'):
     """These routes were drained, and are forgotten."""
 
     routes: tuple[str, ...]
 
 
 WorkerOrder = Drain | Begin | End | PauseRoute | ResumeRoute
-Event = Failed | Loaded | Begun | Ended
+Event = RouteFailed | Loaded | Begun | RoutesEnded
 
 ORDERS: Final = msgspec.json.Decoder(WorkerOrder)
 EVENTS: Final = msgspec.json.Decoder(Event)

@@ -4,6 +4,7 @@ import math
 import time
 from typing import TYPE_CHECKING, Final
 
+from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.errors import BridgeError, SpoolInUseError
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.logs.lines import route_log, summed
@@ -14,7 +15,7 @@ from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.turns.life import STANDS_BY, Ended, FailedForGood, Life, Owed, StandingBy
 from ros2_kafka_bridge.turns.term import OVERLAP_S
 from ros2_kafka_bridge.turns.totals import Totals
-from ros2_kafka_bridge.wiring import Direction, Route
+from ros2_kafka_bridge.wiring import Direction
 
 if TYPE_CHECKING:
     import threading
@@ -42,7 +43,7 @@ class Lane:
     """
 
     def __init__(
-        self, route: Route, stop: Stop, lock: GroupLock | None, pause: Pause | None = None
+        self, route: AnyRoute, stop: Stop, lock: GroupLock | None, pause: Pause | None = None
     ) -> None:
         self.route = route
         self.stop = stop

@@ -36,9 +36,9 @@ from ros2_kafka_bridge.protocol.worker import (
     Begun,
     Drain,
     End,
-    Ended,
     Loaded,
     PauseRoute,
+    RoutesEnded,
 )
 from ros2_kafka_bridge.route.counters import Counters, to_line
 from ros2_kafka_bridge.threads.stop import Part, Stop
@@ -226,7 +226,7 @@ def test_an_order_is_one_line_and_comes_back_as_it_was(order: wire.WorkerOrder) 
     assert ORDERS.decode(line) == order
 
 
-@pytest.mark.parametrize('event', [Loaded(), Begun(), Ended(('a',)), wire.Failed()])
+@pytest.mark.parametrize('event', [Loaded(), Begun(), RoutesEnded(('a',)), wire.RouteFailed()])
 def test_an_event_is_one_line_and_comes_back_as_it_was(event: wire.Event) -> None:
     assert EVENTS.decode(wire.to_line(event)) == event
 
@@ -239,7 +239,7 @@ def test_a_worker_says_in_between_what_has_happened() -> None:
     assert worker.begun
     assert worker.snapshots['a'].taken == 3
     worker.leaving = {'a'}
-    worker.hear(snapshots + wire.to_line(Ended(('a',))) + b'{"type":"unheard of"}\n')
+    worker.hear(snapshots + wire.to_line(RoutesEnded(('a',))) + b'{"type":"unheard of"}\n')
     assert list(worker.snapshots) == ['b']
     assert worker.leaving == set()
 

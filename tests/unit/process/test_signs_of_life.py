@@ -16,7 +16,7 @@ from ros2_kafka_bridge.process.sender import SnapshotSender
 from ros2_kafka_bridge.process.systemd import Systemd
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
 from ros2_kafka_bridge.protocol.limits import STUCK_S
-from ros2_kafka_bridge.protocol.worker import EVENTS, Ended
+from ros2_kafka_bridge.protocol.worker import EVENTS, RoutesEnded
 from ros2_kafka_bridge.route.counters import Counters, Snapshot, State, from_line, to_line
 
 # What a worker tells
@@ -32,14 +32,14 @@ def test_an_event_arrives_whole_however_full_the_pipe_of_the_snapshots_is() -> N
     os.set_blocking(its_end, False)
     data = b''
     for number in range(20):
-        sender.tell(Ended((str(number),)))
+        sender.tell(RoutesEnded((str(number),)))
         data += _all_of(pipe)
     while more := _more(sender, pipe):
         data += more
     *lines, rest = data.split(b'\n')
     events = [EVENTS.decode(line) for line in lines if line.startswith(b'{')]
     assert rest == b''
-    assert events[:20] == [Ended((str(number),)) for number in range(20)]
+    assert events[:20] == [RoutesEnded((str(number),)) for number in range(20)]
     for line in [line for line in lines if not line.startswith(b'{')]:
         assert len(from_line(line)) == len(routes)
     os.close(pipe)
