@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.process.crew import Crew
 from ros2_kafka_bridge.process.difference import Checked
-from ros2_kafka_bridge.process.plan import Plan, hold, share_out
+from ros2_kafka_bridge.process.plan import Plan, memory_file, share_out
 from ros2_kafka_bridge.process.reloading import check, did, hand_over, would
 from ros2_kafka_bridge.protocol.monitor import Answer, Configured, Do, Lifecycle, Reload, Request
 from ros2_kafka_bridge.threads.stop import Stop
@@ -70,7 +70,7 @@ class Operations:
         self.on_configured: Callable[[Configured], None] = lambda _: None
         self._crew = crew
         self._stop = stop
-        self._content = hold('configuration', plan.text.encode())
+        self._content = memory_file('configuration', plan.text.encode())
         self._log = logs.route_log()
         self._queue: deque[_Asked] = deque()
         self._running: tuple[_Asked, Steps] | None = None
@@ -200,7 +200,7 @@ class Operations:
         checked = yield from check(self.plan)
         if checked.plan is None:
             return _bad(checked)
-        self._adopt(checked.plan, hold('configuration', checked.plan.text.encode()))
+        self._adopt(checked.plan, memory_file('configuration', checked.plan.text.encode()))
         self.lifecycle = Lifecycle.INACTIVE
         return _done('configured: activate starts the routes')
 
@@ -259,9 +259,9 @@ class Operations:
         for line in found.all_lines:
             self._log.info('reload: %s', line)
         if self.lifecycle is not Lifecycle.ACTIVE:
-            self._adopt(plan, hold('configuration', plan.text.encode()))
+            self._adopt(plan, memory_file('configuration', plan.text.encode()))
             return _done(f'counts when the routes start: {would(found)}', found.all_lines)
-        content = hold('configuration', plan.text.encode())
+        content = memory_file('configuration', plan.text.encode())
         problem = 'given up'
         try:
             problem = yield from hand_over(self._crew, self.plan, plan, found, content)

@@ -135,7 +135,7 @@ def plan_of(
 
 def write_plan(plan: Plan) -> int:
     """Write it into a file in memory that other processes may inherit; returns its descriptor."""
-    return hold('plan', msgspec.json.encode(plan))
+    return memory_file('plan', msgspec.json.encode(plan))
 
 
 def read_plan(descriptor: int) -> Plan:
@@ -157,7 +157,7 @@ def held_plan(plan: Plan) -> Iterator[int]:
         os.close(descriptor)
 
 
-def hold(name: str, data: bytes) -> int:
+def memory_file(name: str, data: bytes) -> int:
     """Make a file in memory: secrets may stand in it."""
     descriptor = os.memfd_create(name)
     with open(descriptor, 'wb', closefd=False) as file:
