@@ -42,7 +42,6 @@ def test_a_client_that_is_given_up_says_how_it_was_assigned_and_what_it_made_of_
         eventually(lambda: bool(source.poll(10, 0.1)), 30)
         eventually(lambda: not source.poll(10, 0.1) and is_fetching(source), 30)
         assert 'the Kafka client' not in caplog.text
-        monkeypatch.setattr(Watchdog, 'is_due', lambda _: True)
         monkeypatch.setattr(Watchdog, 'look_whether_stuck', give_up)
         with pytest.raises(RouteError):
             source.poll(10, 0.1)

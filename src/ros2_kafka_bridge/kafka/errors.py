@@ -81,7 +81,7 @@ ERROR_CLASSES: Final[Mapping[int, type[BridgeError]]] = MappingProxyType(
 """What each error code means: bad record, wait, or route failed."""
 
 
-NO_ANSWER: Final = 'no broker answers'
+_NOBODY: Final = '_ALL_BROKERS_DOWN'
 _NO_CURE: Final = Cure('', '', '')
 _DISTRUST: Final = 'certificate verify failed'
 _STATE = re.compile(r' \(after \d+ms in state \w+\)')
@@ -89,21 +89,24 @@ _REPEATED = re.compile(r'(\{.*?\})\1+')
 
 
 class Problem(NamedTuple):
-    """An error in words, what to do about it, and what it means."""
+    """An error in words, what to do about it, and what it means.
+
+    Args:
+        text: What has happened.
+        cure: What to do about it; empty where nobody knows.
+        kind: What the bridge does about it.
+        names_cause: Whether it says why, and not only that nobody answers.
+    """
 
     text: str
     cure: str
     kind: type[BridgeError]
+    names_cause: bool
 
     @property
     def sentence(self) -> str:
         """Both in one."""
         return f'{self.text}; {self.cure}' if self.cure else self.text
-
-    @property
-    def names_cause(self) -> bool:
-        """Whether it says why, and not only that nobody answers."""
-        return bool(self.cure) and self.text != NO_ANSWER
 
 
 class Client(NamedTuple):
@@ -138,10 +141,11 @@ def explain(error: KafkaError, client: Client = UNKNOWN_CLIENT, reason: str = ''
     text = _words(error.str(), name, client, reason)
     found = next((cure for cure in CURES if _fits(cure, name, text)), _NO_CURE)
     cure = found.text.format(right=client.right)
+    names_cause = bool(cure) and name != _NOBODY
     if error.fatal():
-        return Problem(f'the Kafka client gave up: {text}', cure, RouteError)
+        return Problem(f'the Kafka client gave up: {text}', cure, RouteError, names_cause)
     kind = found.kind or ERROR_CLASSES.get(error.code(), RouteError)
-    return Problem(text, cure, kind)
+    return Problem(text, cure, kind, names_cause)
 
 
 def _fits(cure: Cure, name: str, text: str) -> bool:
@@ -149,8 +153,8 @@ def _fits(cure: Cure, name: str, text: str) -> bool:
 
 
 def _words(text: str, name: str, client: Client, reason: str) -> str:
-    if name == '_ALL_BROKERS_DOWN':
-        return NO_ANSWER  # librdkafka counts also those that it no longer needs
+    if name == _NOBODY:
+        return 'no broker answers'  # librdkafka counts also those that it no longer needs
     if _DISTRUST in text:
         address = address_in(text)
         who = f'{address.host}:{address.port}: ' if address else ''

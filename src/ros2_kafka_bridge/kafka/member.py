@@ -322,7 +322,7 @@ class Member:
         """Look at a client from which nothing comes; one that is given up says what it did."""
         try:
             self._watchdog.look_whether_outside(self._health.away)
-            if not self._is_paused and not self._health.away and self._watchdog.is_due():
+            if not self._is_paused and not self._health.away:
                 self._watchdog.look_whether_stuck(self.client, self._partitions.reached)
         except RouteError:
             self._recorder.tell(self._log)

@@ -89,16 +89,8 @@ class Watchdog:
                 'get back into its group: begins anew'
             )
 
-    def is_due(self) -> bool:
-        """Whether to look whether the client is stuck; where it is, not again for a while."""
-        now_s = time.monotonic()
-        if now_s < self._stuck_look_at_s:
-            return False
-        self._stuck_look_at_s = now_s + _STUCK_LOOK_S
-        return True
-
     def look_whether_stuck(self, client: Consumer, reached: Mapping[int, int]) -> None:
-        """Give up a client that does not read what its partitions hold.
+        """Give up a client that does not read what its partitions hold; looks every ten seconds.
 
         Seen with topics whose leader was not known yet when their reading began: librdkafka says
         nothing, and never asks for the records.
@@ -110,6 +102,10 @@ class Watchdog:
         Raises:
             RouteError: A partition holds more, as at the last look, and nothing was read since.
         """
+        now_s = time.monotonic()
+        if now_s < self._stuck_look_at_s:
+            return
+        self._stuck_look_at_s = now_s + _STUCK_LOOK_S
         ends = self._ends(client, reached)
         behind = {p: at for p, at in reached.items() if ends.get(p, at) > at}
         if any(self._behind.get(partition) == at for partition, at in behind.items()):

@@ -28,12 +28,8 @@ class Telling:
         self._at_s = 0.0
 
     def is_due(self, pause: Pause) -> bool:
-        """Whether it is time; where it is, the next time is a second later."""
-        now_s = time.monotonic()
-        if now_s < self._at_s and self._paused == pause.asked:
-            return False
-        self._at_s = now_s + SNAPSHOT_S
-        return True
+        """Whether it is time: a second after the last time, or once a pause begins or ends."""
+        return time.monotonic() >= self._at_s or self._paused != pause.asked
 
     def tell(self, obstacle: str, away: str, pause: Pause) -> None:
         """Note what the direction does.
@@ -43,6 +39,7 @@ class Telling:
             away: Why Kafka cannot be reached; empty where it can.
             pause: Of the route.
         """
+        self._at_s = time.monotonic() + SNAPSHOT_S
         self._paused = pause.asked
         letters = self._dead_letters
         self._counters.tell(letters.problem, obstacle, pause.reason if self._paused else '')

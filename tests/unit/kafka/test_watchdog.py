@@ -30,7 +30,15 @@ class Broker:
 
 
 def look(watch: Watchdog, broker: Any, reached: dict[int, int]) -> None:
+    watch._stuck_look_at_s = 0.0  # it is time again
     watch.look_whether_stuck(broker, reached)
+
+
+def test_the_broker_is_not_asked_each_time_that_nothing_comes() -> None:
+    broker, watch = Broker({0: 5}), Watchdog('t', fetch_s=0.5)
+    for _ in range(10):
+        watch.look_whether_stuck(broker, {0: 3})  # type: ignore[arg-type]
+    assert len(broker.asked) == 1
 
 
 def test_a_look_asks_once_for_all_partitions_and_outlasts_a_fetch() -> None:
