@@ -68,7 +68,7 @@ class Blocked:
 
     @property
     def is_long(self) -> bool:
-        """Whether that is worth telling."""
+        """Whether that is worth telling, and a reason to read nothing."""
         return self.for_s > SAID_AFTER_S
 
     def nap(self) -> None:

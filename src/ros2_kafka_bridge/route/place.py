@@ -8,7 +8,7 @@ class Place(Enum):
     """Where an entry is that has not ended."""
 
     ASIDE = auto()
-    """It may not go on yet: behind what is on disk, or behind what ends the route."""
+    """It is in no line yet: just taken, or behind what is on disk or what ends the route."""
 
     PENDING = auto()
     """It waits for the sink to take it."""

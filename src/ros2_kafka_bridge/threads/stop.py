@@ -37,10 +37,10 @@ class Stop:
         self.ask()
 
     def look(self) -> bool:
-        """Look for what nobody brings; whoever loops does so once in each round.
+        """Look for what nobody brings; who loops with any kind of stop does so in each round.
 
-        Nothing else acts: the properties tell what was seen last. A signal, or another thread,
-        asks this one; there is nothing to look for.
+        The properties never act: they tell what was seen last. A signal, or another thread, asks
+        this one; there is nothing to look for.
 
         Returns:
             Whether to drain.
@@ -48,7 +48,7 @@ class Stop:
         return self.asked
 
     def listen(self) -> None:
-        """Learn what `look` would, and leave all as it is: for who loops no more."""
+        """Learn whether another goes on, and bring nothing about by it: for who loops no more."""
 
     @property
     def asked(self) -> bool:

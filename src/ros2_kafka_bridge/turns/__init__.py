@@ -1,4 +1,6 @@
 """Who runs a route, and when: its lane in a running bridge, and the term that a lock gives it.
 
+How it fares is its life, what it has counted over all its terms its totals.
+
 No direction imports it: a term is a stop to them as any other.
 """

@@ -12,7 +12,15 @@ from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.route.counters import Snapshot, State
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Stop
-from ros2_kafka_bridge.turns.life import STANDS_BY, Ended, FailedForGood, Life, Owed, StandingBy
+from ros2_kafka_bridge.turns.life import (
+    STANDS_BY,
+    Ended,
+    FailedForGood,
+    Life,
+    Owed,
+    StandingBy,
+    waits_for_spool,
+)
 from ros2_kafka_bridge.turns.term import OVERLAP_S
 from ros2_kafka_bridge.turns.totals import Totals
 from ros2_kafka_bridge.wiring import Direction
@@ -140,7 +148,9 @@ class Lane:
             self._errors.error(text, again, kind=text, about=failure.about)
 
     def give_away(self, stop: Stop) -> bool:
-        """Leave a failed route to a bridge that stands by, where this one has tried for long.
+        """Leave a failed route to a bridge that stands by, where this one cannot run it.
+
+        It has tried for long by then, or twice in vain to get the spool.
 
         Returns:
             Whether it is another's now, by that or because the lock was lost.
@@ -154,7 +164,7 @@ class Lane:
         if self.stop.asked or (tried_s < _FAILING_S and holder is None):
             return False
         wanted = self.lock.is_wanted()
-        self._life = self._life.kept(wanted=wanted)
+        self._life = self._life.sought(wanted=wanted)
         if not wanted or (holder is not None and self._life.wait.in_vain < _SPOOL_WAITS):
             return False
         self._say_given_away(tried_s, holder)
@@ -204,7 +214,7 @@ class Lane:
         since_s = before.wait.since_s
         if since_s is None:
             since_s = now_s
-            self.log.info('%s', self.snapshot().reason)
+            self.log.info('%s', waits_for_spool(in_use.short))
         if now_s - since_s > OVERLAP_S + self.route.drain_s + _SPOOL_S:
             raise in_use
 

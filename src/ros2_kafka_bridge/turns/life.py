@@ -210,7 +210,7 @@ class Life(NamedTuple):
             case StandingBy(failure=None, owed=owed):
                 return Shown(State.WAITING, _stands_by(owed))
             case AwaitingSpool(holder=holder):
-                return Shown(State.WAITING, f'its turn has come, but {holder}')
+                return Shown(State.WAITING, waits_for_spool(holder))
             case FailedForGood(failure=failure):
                 return Shown(State.FAILED, failure.text, final=True)
             case StandingBy(failure=Failure(text)) | Failed(Failure(text)) | Ended(Failure(text)):
@@ -311,14 +311,23 @@ class Life(NamedTuple):
             wait = wait._replace(since_s=now_s)
         return self._replace(stage=AwaitingSpool(in_use.short, wait))
 
-    def kept(self, *, wanted: bool) -> Self:
-        """It has failed for long, and Kafka has told whether a bridge stands by."""
+    def sought(self, *, wanted: bool) -> Self:
+        """It was asked whether a bridge stands by to leave it to; one not told of is none."""
         if not isinstance(self.stage, Failed):
             return self
         failure, wait = self.stage.failure, self.stage.wait
         in_vain = wait.in_vain + int(failure.holder is not None) if wanted else 0
         stage = replace(self.stage, wait=wait._replace(in_vain=in_vain))
         return self._replace(stage=stage)
+
+
+def waits_for_spool(holder: str) -> str:
+    """What is said of a route whose spool another process has.
+
+    Args:
+        holder: Which one, in words.
+    """
+    return f'its turn has come, but {holder}'
 
 
 def _is_final(error: BridgeError) -> bool:

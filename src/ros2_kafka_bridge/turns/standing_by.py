@@ -15,7 +15,7 @@ def stand_by(lane: Lane, lock: GroupLock, wiring: Wiring) -> bool:
             lock.open()
             while not lock.held and not lane.stop.asked:
                 lane.wait_for_turn(lock)
-                if lane.owes_backlog:
+                if not lock.held and lane.owes_backlog:
                     _deliver_backlog(lane, lock, wiring)
         except BridgeError as error:
             lane.fail_meanwhile(error)

@@ -46,7 +46,7 @@ class Successor(Protocol):
     """Another bridge that is to read the ROS topic (`ros.successor.RosSuccessor`)."""
 
     def is_needed(self, *, may_read: bool) -> bool:
-        """Whether what is published while nobody reads would be lost.
+        """Whether what is published while nobody reads would be lost; notes who reads now.
 
         Args:
             may_read: Whether it may read already.
@@ -54,7 +54,7 @@ class Successor(Protocol):
         ...
 
     def has_come(self) -> bool:
-        """Whether it reads."""
+        """Whether one reads that was not noted then."""
         ...
 
 

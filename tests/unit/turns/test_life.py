@@ -236,11 +236,11 @@ def test_a_spool_is_waited_for_from_the_first_time_that_it_is_not_free() -> None
 def test_how_often_a_spool_was_waited_for_in_vain_is_counted_while_a_bridge_stands_by() -> None:
     life = Life()
     for times in (1, 2):
-        life = fail(life.without_spool(IN_USE, 1000.0), IN_USE).kept(wanted=True)
+        life = fail(life.without_spool(IN_USE, 1000.0), IN_USE).sought(wanted=True)
         assert life.wait == SpoolWait(None, times)
         assert life.failure == Failure.of(IN_USE)
-    assert fail(life).kept(wanted=True).wait.in_vain == 2, 'that was not the spool'
-    assert life.kept(wanted=False).wait.in_vain == 0
+    assert fail(life).sought(wanted=True).wait.in_vain == 2, 'that was not the spool'
+    assert life.sought(wanted=False).wait.in_vain == 0
     assert life.running().wait.in_vain == 0
     assert life.in_turn().wait.in_vain == 0
-    assert Life().kept(wanted=True) == Life()
+    assert Life().sought(wanted=True) == Life()
