@@ -136,10 +136,9 @@ class RosToKafka:
         self._prepare()
         with self._opened():
             while not stop.look():
-                if self._pause.asked:
-                    self._rest()
-                else:
-                    self._step()
+                taken = self._rest() if self._pause.asked else self._step()
+                if stop.overlaps and taken is not None:
+                    stop.note_taken({m.gid: m.source_time_ns for m in taken})
             self._drain(stop)
 
     def _prepare(self) -> None:
@@ -157,7 +156,9 @@ class RosToKafka:
                 self._step()
             self._drain(stop)
 
-    def _step(self) -> None:
+    def _step(self) -> Sequence[Message] | None:
+        """Go on by one take; returns what it has brought, None where there was no room for it."""
+        taken = None
         self._spooling.step(self._sink.away, self._dead_letters.problem)
         self._produce_pending()
         self._drop_excess()
@@ -165,11 +166,12 @@ class RosToKafka:
         if room > 0:
             taken = self._take(room, _BUSY_S if self._window else _IDLE_S)
             self._produce_pending()
-            self._gathering.send(taken)
+            self._gathering.send(len(taken))
             self._confirm(0.0)
         else:
             self._wait()
         self._tick()
+        return taken
 
     def _wait(self) -> None:
         """Take nothing for a moment, because there is no room."""
@@ -177,13 +179,14 @@ class RosToKafka:
         self._confirm(_FULL_S)
         self._meter.waited_s += time.monotonic() - since_s
 
-    def _rest(self) -> None:
+    def _rest(self) -> Sequence[Message]:
         """Take nothing: DDS holds the publishers back. What was taken goes on to Kafka."""
         self._spooling.step(self._sink.away, self._dead_letters.problem)
         self._produce_pending()
         self._source.look()
         self._confirm(_FULL_S)
         self._tick()
+        return ()
 
     # 1. ROS -> entries
 
@@ -215,7 +218,7 @@ class RosToKafka:
         """Whether what is too much in memory is dropped."""
         return self._route.when_full == 'drop_oldest' and not self._spooling.exists
 
-    def _take(self, limit: int, timeout_s: float) -> int:
+    def _take(self, limit: int, timeout_s: float) -> Sequence[Message]:
         messages = self._source.take(limit, timeout_s)
         taken_s = time.monotonic()
         self._meter.bytes_taken += sum([len(message.cdr) for message in messages])
@@ -223,7 +226,7 @@ class RosToKafka:
         for message in messages:
             self._accept(message, taken_s, queue)
         self._spooling.write()
-        return len(messages)
+        return messages
 
     def _accept(
         self, message: Message, taken_s: float, queue: Callable[[MessageEntry], None]

@@ -4,7 +4,7 @@ import os
 import signal
 import stat
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -64,6 +64,18 @@ class Stop:
     def is_end(self) -> bool:
         """Whether the route ends here: its drain has a limit then (`drain_s`)."""
         return self.asked
+
+    @property
+    def overlaps(self) -> bool:
+        """Whether it counts for this stop what is taken meanwhile."""
+        return False
+
+    def note_taken(self, newest: Mapping[bytes, int]) -> None:
+        """Note what a take has brought.
+
+        Args:
+            newest: Publisher -> when the newest of it was published, in ns since 1970.
+        """
 
     @property
     def over(self) -> bool:

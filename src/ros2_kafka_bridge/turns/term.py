@@ -1,23 +1,16 @@
 """The time for which this bridge, and no other, runs a route; and that in which it stands by."""
 
 import time
+from collections.abc import Mapping
 from typing import Final, Protocol
 
 from ros2_kafka_bridge.threads.stop import Stop
+from ros2_kafka_bridge.turns.overlap import MOST_AT_END_S, Overlap
 
 _COMING_S: Final = 5.0
-
-KNOWN_S: Final = 3.5
-"""How long DDS may take to make a process known that has just begun.
-
-Until then a publisher may not send to its readers. Of 58 readers that were made 0.7 s after their
-process had begun, seven were sent to 1.4 to 2.4 s later, the others within 0.4 s; all of 299 in a
-process that was known within 15 ms (Fast DDS, one machine).
-"""
-
 _LEAVING_S: Final = 7.5  # Kafka is asked who stands by, and the lock is left
 
-OVERLAP_S: Final = _LEAVING_S + _COMING_S + KNOWN_S
+OVERLAP_S: Final = _LEAVING_S + _COMING_S + MOST_AT_END_S
 """How long one that ends waits at most for the bridge that goes on."""
 
 _LOOK_S: Final = 0.1
@@ -138,8 +131,8 @@ class Term(Stop):
         self._over = False
         self._drains = False
         self._left = False  # the lock is another's, because this bridge stops
-        self._has_come = False  # the successor
-        self._runs_on_until_s: float | None = None
+        self._waits_until_s: float | None = None  # for the successor
+        self._overlap: Overlap | None = None  # with the successor
 
     def look(self) -> bool:
         """Learn whether the lock is still held; at the end of the term, look for the successor.
@@ -160,7 +153,7 @@ class Term(Stop):
         if self._left or not self._listener.listen():
             return
         if self._over and self._lock.held and not self._drains:
-            self._over, self._has_come, self._runs_on_until_s = False, False, None
+            self._over, self._waits_until_s, self._overlap = False, None, None
         self._over = self._over or not self._lock.held
 
     @property
@@ -183,22 +176,33 @@ class Term(Stop):
         """Whether the bridge stops; where it only hands over, it can wait for what it holds."""
         return self._stop.asked
 
+    def note_taken(self, newest: Mapping[bytes, int]) -> None:
+        """Note what a take has brought: what the successor may not have is waited for."""
+        if self._overlap is not None:
+            self._overlap.note(newest)
+
+    @property
+    def overlaps(self) -> bool:
+        """Whether the successor reads, too: it counts now what is taken meanwhile."""
+        return self._overlap is not None
+
     def _run_on(self) -> bool:
         """Read on at the end, because no other bridge does yet; tells whether it is too early."""
-        if self._runs_on_until_s is None:
+        if self._waits_until_s is None:
             waits_s = self._leave()
-            self._runs_on_until_s = time.monotonic() + waits_s
+            self._waits_until_s = time.monotonic() + waits_s
+        if self._overlap is not None:
+            return not self._overlap.is_over(is_end=self.is_end)
         now_s = time.monotonic()
-        waits = (self._left or self._over) and not self._has_come
-        if waits and now_s >= self._look_at_s:
+        if (self._left or self._over) and now_s >= self._look_at_s:
             self._look_at_s = now_s + _LOOK_S
             if self._successor.has_come():
-                self._has_come = True
-                self._runs_on_until_s = now_s + KNOWN_S
-        return time.monotonic() < self._runs_on_until_s
+                self._overlap = Overlap()
+                return True
+        return time.monotonic() < self._waits_until_s
 
     def _leave(self) -> float:
-        """Leave the lock to a bridge that stands by; returns for how long to run on for it."""
+        """Leave the lock to a bridge that stands by; returns for how long to wait for it."""
         if not self._successor.is_needed(may_read=self._over):
             return 0.0
         if self._over:

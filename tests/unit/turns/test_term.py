@@ -39,6 +39,9 @@ class Clock:
     def monotonic(self) -> float:
         return self.now_s
 
+    def time_ns(self) -> int:
+        return round(self.now_s * 1e9)
+
     def sleep(self, duration_s: float) -> None:
         self.now_s += duration_s
 
@@ -46,6 +49,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
+    monkeypatch.setattr('ros2_kafka_bridge.turns.overlap.time', clock)
     monkeypatch.setattr('ros2_kafka_bridge.turns.term.time', clock)
     monkeypatch.setattr('ros2_kafka_bridge.threads.stop.time', clock)
     return clock
@@ -104,7 +108,7 @@ def test_guarantee_8_a_term_that_is_over_runs_on_until_the_successor_reads_and_i
     successor.come = True
     assert not term.wait(3.0), 'not every publisher sends to it yet'
     assert lock.polls > polls + 10, 'a client that nobody polls is put out of its group'
-    assert term.wait(1.0)
+    assert term.wait(60)
 
 
 @pytest.mark.usefixtures('clock')

@@ -1,0 +1,108 @@
+"""While two bridges read, the one that goes takes what the other may not have."""
+
+from collections.abc import Mapping
+
+import pytest
+
+from ros2_kafka_bridge.turns.overlap import KNOWN_S, MOST_AT_END_S, Overlap
+
+BEGAN_S = 1000.0
+BEFORE, AFTER = BEGAN_S - 60, BEGAN_S + KNOWN_S
+
+
+class Clock:
+    """What the overlap takes for the module `time`."""
+
+    def __init__(self) -> None:
+        self.now_s = BEGAN_S
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def time_ns(self) -> int:
+        return round(self.now_s * 1e9)
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr('ros2_kafka_bridge.turns.overlap.time', clock)
+    return clock
+
+
+def lasts_s(
+    clock: Clock,
+    heard: Mapping[float, Mapping[bytes, float]],
+    *,
+    is_end: bool = True,
+    held_up: range = range(0),
+) -> float:
+    """How long an overlap lasts in which each publisher is heard at some moments, in seconds.
+
+    Args:
+        clock: The time.
+        heard: After how many seconds -> publisher -> when what was heard was published.
+        is_end: Whether the bridge stops.
+        held_up: Seconds in which nothing could be taken.
+    """
+    overlap = Overlap()
+    for tick in range(1000):
+        clock.now_s = BEGAN_S + tick / 10
+        if overlap.is_over(is_end=is_end):
+            return tick / 10
+        if tick // 10 not in held_up:
+            newest = heard.get(tick / 10, {})
+            overlap.note({gid: round(at_s * 1e9) for gid, at_s in newest.items()})
+    raise AssertionError('it has no end')
+
+
+def test_a_quiet_overlap_lasts_as_long_as_dds_may_take_to_make_the_other_known(
+    clock: Clock,
+) -> None:
+    assert lasts_s(clock, {}) == pytest.approx(KNOWN_S, abs=0.2)
+
+
+def test_an_overlap_of_a_publisher_that_goes_on_lasts_no_longer(clock: Clock) -> None:
+    heard = {tick / 10: {b'a': BEGAN_S + tick / 10} for tick in range(1000)}
+    assert lasts_s(clock, heard) == pytest.approx(KNOWN_S, abs=0.2)
+
+
+def test_guarantee_8_what_a_publisher_sends_again_late_is_waited_for(clock: Clock) -> None:
+    """Its heartbeat comes every 3 s; what was published before the other read comes by it."""
+    heard = {3.0: {b'a': BEFORE}, 6.0: {b'a': BEFORE}, 8.0: {b'a': AFTER}}
+    assert lasts_s(clock, heard) == pytest.approx(8.1, abs=0.2)
+
+
+def test_each_publisher_has_to_be_heard_with_something_newer(clock: Clock) -> None:
+    heard = {3.0: {b'a': BEFORE, b'b': BEFORE}, 5.0: {b'a': AFTER}, 6.0: {b'b': AFTER}}
+    assert lasts_s(clock, heard) == pytest.approx(6.1, abs=0.2)
+
+
+def test_a_publisher_that_falls_silent_is_waited_for_by_a_heartbeat(clock: Clock) -> None:
+    assert lasts_s(clock, {3.0: {b'a': BEFORE}}) == pytest.approx(3.0 + KNOWN_S, abs=0.2)
+
+
+def test_a_bridge_that_lives_waits_for_one_that_misses_heartbeats(clock: Clock) -> None:
+    heard = {8.0: {b'a': BEFORE}, 14.0: {b'a': AFTER}}
+    assert lasts_s(clock, heard, is_end=False) == pytest.approx(14.1, abs=0.2)
+
+
+def test_nothing_is_heard_while_nothing_can_be_taken(clock: Clock) -> None:
+    assert lasts_s(clock, {}, held_up=range(1, 5)) == pytest.approx(5.0 + KNOWN_S, abs=0.2)
+
+
+@pytest.mark.parametrize(('is_end', 'most_s'), [(True, MOST_AT_END_S), (False, 60.0)])
+def test_an_overlap_has_an_end_also_where_a_publisher_is_always_behind(
+    clock: Clock, *, is_end: bool, most_s: float
+) -> None:
+    heard = {tick / 10: {b'a': BEFORE} for tick in range(1000)}
+    assert lasts_s(clock, heard, is_end=is_end) == pytest.approx(most_s, abs=0.2)
+
+
+def test_an_overlap_of_which_nobody_is_told_lasts_as_long_as_a_quiet_one(clock: Clock) -> None:
+    """As of a route that has failed: it takes nothing."""
+    overlap = Overlap()
+    clock.now_s += KNOWN_S - 0.1
+    assert not overlap.is_over(is_end=True)
+    clock.now_s += 0.2
+    assert overlap.is_over(is_end=True)
