@@ -109,11 +109,13 @@ def test_a_lock_that_is_told_nothing_has_another_client_and_its_place_back(
     second = locks()
     wait(lambda: second.joined, first, second)
     client, name = first._consumer, first._properties['group.instance.id']
-    first.joined = False
 
     def is_replaced() -> bool:
         assert first.held, 'it holds on meanwhile'
-        return first._consumer is not client
+        if first._consumer is not client:
+            return True
+        first.joined = False  # in each round: that the second one has come may be told late
+        return False
 
     wait(is_replaced, first, second)
     wait(lambda: first.joined, first, second)
