@@ -98,8 +98,8 @@ class Member:
 
     @property
     def is_outside(self) -> bool:
-        """Whether it has lost partitions with its place in the group."""
-        return self._partitions.are_lost and self._watchdog.is_outside
+        """Whether it owes commits for partitions that it has lost with its place in the group."""
+        return self._partitions.owe_lost and self._watchdog.is_outside
 
     # To join, and to leave
 

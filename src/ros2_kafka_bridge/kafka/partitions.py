@@ -110,6 +110,11 @@ class Partitions:
         return bool(self._lost)
 
     @property
+    def owe_lost(self) -> bool:
+        """Whether of a lost one the group has not got how far it had come."""
+        return any(partition.position != partition.committed for partition in self._lost.values())
+
+    @property
     def are_cut_off(self) -> bool:
         """Whether records of some are missing, and nothing was read behind them yet."""
         return any(partition.wanted is not None for partition in self)

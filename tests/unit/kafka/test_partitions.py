@@ -115,12 +115,22 @@ def test_a_loss_leaves_how_far_the_route_had_come_and_only_once() -> None:
     partitions.note_committed({0: 4})
     partitions.advance({0: 5})
     partitions.lose({0, 1})
-    assert (len(partitions), partitions.are_lost) == (0, True)
+    assert (len(partitions), partitions.are_lost, partitions.owe_lost) == (0, True, True)
     partitions.assign({0, 1})
     lost = partitions.take_lost({0, 1})
     assert [(p.number, p.committed, p.position) for p in lost.values()] == [(0, 4, 5)]
     assert not partitions.are_lost
     assert partitions.positions == {}
+
+
+def test_what_was_lost_with_all_committed_is_owed_to_nobody() -> None:
+    """As where Kafka is away for longer than the session, at a stop: nothing is repeated."""
+    partitions = having(0, 1)
+    partitions.hand_out(records(4))
+    partitions.advance({0: 5})
+    partitions.note_committed({0: 5})
+    partitions.lose({0, 1})
+    assert (partitions.are_lost, partitions.owe_lost) == (True, False)
 
 
 def told(code: int, offset: int, partition: int = 0) -> MagicMock:
