@@ -146,25 +146,25 @@ def has_broken_log(path: Path) -> bool:
     return not known or sums != [first, second]
 
 
-def can_be_opened(path: Path, pid: int) -> bool:
+def can_be_opened(path: Path, *, is_live: bool) -> bool:
     """Whether SQLite can read a file without making one of its own."""
-    return pid > 0 or not _has_log(path) or _beside(path)[1].exists()
+    return is_live or not _has_log(path) or _beside(path)[1].exists()
 
 
 @contextlib.contextmanager
-def opened_to_read(path: Path, pid: int) -> Iterator[sqlite3.Connection]:
+def opened_to_read(path: Path, *, is_live: bool) -> Iterator[sqlite3.Connection]:
     """Open a file so that nothing is made and nothing repaired; somebody may be using it.
 
     Args:
         path: The file, for which `can_be_opened` is true.
-        pid: Process that has it open; 0 where none has.
+        is_live: Whether a process has it open.
 
     Raises:
         DamagedError: SQLite does not take it for one of its own.
         TransportError: The disk does not answer.
         RouteError: It may not be read.
     """
-    with _opened(path, 'mode=ro' if pid else _untouched(path)) as db:
+    with _opened(path, 'mode=ro' if is_live else _untouched(path)) as db:
         yield db
 
 

@@ -2,23 +2,33 @@
 
 import fcntl
 import os
-import stat
 import time
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.errors import RouteError, SpoolInUseError
 from ros2_kafka_bridge.spool.ledger import LEDGER_BYTES, Ledger, newest
 
 _PID_BYTES: Final = 16
 _PATIENCE_S: Final = 1.0  # a bridge that is just ending has it a moment longer
-_LOCK_WORDS: Final = 6
-_LOCKS: Final = Path('/proc/locks')
+_NAMESPACE: Final = Path('/proc/self/ns/pid')
 
 
 def lock_of(path: Path) -> Path:
     """The lock file of a spool."""
     return path.with_name(f'{path.name}.lock')
+
+
+class Holder(NamedTuple):
+    """Who has a spool open.
+
+    Args:
+        is_open: Whether a process has.
+        pid: Its number; 0 where none has, and where it is another's here, in another container.
+    """
+
+    is_open: bool
+    pid: int
 
 
 class FileLock:
@@ -50,7 +60,7 @@ class FileLock:
             ) from error
         try:
             self._wait(patience_s)
-            os.pwrite(self._file, str(os.getpid()).encode().ljust(_PID_BYTES), 0)
+            os.pwrite(self._file, _own_name(), 0)
         except OSError as error:
             self.release()
             raise RouteError(f'{self._path} cannot be locked: {error.strerror}') from error
@@ -89,8 +99,8 @@ class FileLock:
 def is_in_use(path: Path) -> bool:
     """Whether a process has a spool open, by its lock file.
 
-    The kernel knows, also where /proc/locks leaves out the processes of another container. Who
-    takes the lock at the same moment has patience.
+    The kernel knows, also of processes in another container. Who takes the lock at the same
+    moment has patience.
     """
     try:
         file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
@@ -116,30 +126,30 @@ def copy_in(path: Path) -> Ledger | None:
         return None
 
 
-def holder(path: Path) -> int:
-    """Process that has a spool open, by its lock file; 0 where none has. Changes nothing."""
+def holder(path: Path) -> Holder:
+    """Who has a spool open, by its lock file. Changes nothing."""
+    if not is_in_use(path):
+        return Holder(is_open=False, pid=0)
     try:
-        found = path.stat()
-        pid = _pid(path.read_bytes()[:_PID_BYTES])
+        return Holder(is_open=True, pid=_pid(path.read_bytes()[:_PID_BYTES]))
+    except OSError:
+        return Holder(is_open=True, pid=0)
+
+
+def _own_name() -> bytes:
+    """The number of this process, and of the container in which it is that."""
+    return (b'%d %x' % (os.getpid(), _namespace())).ljust(_PID_BYTES)
+
+
+def _namespace() -> int:
+    try:
+        return _NAMESPACE.stat().st_ino
     except OSError:
         return 0
-    if not stat.S_ISREG(found.st_mode):
+
+
+def _pid(name: bytes) -> int:
+    words = name.split(b'\0')[0].split()
+    if len(words) != 2 or not words[0].isdigit() or words[1] != b'%x' % _namespace():
         return 0
-    device = f'{os.major(found.st_dev):02x}:{os.minor(found.st_dev):02x}'
-    try:
-        lines = _LOCKS.read_text().splitlines()
-    except OSError:  # not told here: a process of that number is the best guess
-        return pid if pid and Path(f'/proc/{pid}').exists() else 0
-    for words in map(str.split, lines):
-        if len(words) < _LOCK_WORDS or words[1] != 'FLOCK':
-            continue
-        owner, (on, _, file) = int(words[4]), words[5].rpartition(':')
-        # A layered file system tells another device there than here.
-        if file == str(found.st_ino) and (on == device or owner == pid):
-            return owner or pid
-    return 0
-
-
-def _pid(data: bytes) -> int:
-    word = data.split(b'\0')[0].strip()
-    return int(word) if word.isdigit() else 0
+    return int(words[0])

@@ -11,7 +11,7 @@ from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.spool import database, health
 from ros2_kafka_bridge.spool.database import DamagedError
 from ros2_kafka_bridge.spool.ledger import Ledger
-from ros2_kafka_bridge.spool.lock import copy_in, holder, lock_of
+from ros2_kafka_bridge.spool.lock import Holder, copy_in, holder, lock_of
 from ros2_kafka_bridge.spool.pages import Pages
 from ros2_kafka_bridge.spool.rows import Row, Stored, unpack
 
@@ -32,7 +32,8 @@ class SpoolContents:
         kafka_topic: Where they go.
         dead_letters: How many of them are dead letters.
         version: Of the file.
-        pid: Process that has it open; 0 where none has.
+        is_open: Whether a process has it open.
+        pid: Its number; 0 where none has, and where it runs in another container.
         damage: What is wrong with it; empty if it is well.
         lost: How many messages cannot be read, as far as that is known.
         problem: Why nothing of it can be shown; empty if it can.
@@ -49,6 +50,7 @@ class SpoolContents:
     kafka_topic: str = ''
     dead_letters: int = 0
     version: int | None = None
+    is_open: bool = False
     pid: int = 0
     damage: str = ''
     lost: int = 0
@@ -96,19 +98,19 @@ def _refusal(path: Path, kind: health.FileKind) -> str:
 
 
 def _look(path: Path, kind: health.FileKind, messages: int) -> SpoolContents:
-    pid, copy = holder(lock_of(path)), copy_in(lock_of(path))
-    problem = ''
-    if not pid and health.has_broken_log(path):
+    copy = copy_in(lock_of(path))
+    held, problem = holder(lock_of(path)), ''
+    if not held.is_open and health.has_broken_log(path):
         problem = 'its log does not begin as it was written'
-    elif kind == 'spool' and health.can_be_opened(path, pid):
+    elif kind == 'spool' and health.can_be_opened(path, is_live=held.is_open):
         try:
-            with health.opened_to_read(path, pid) as db:
+            with health.opened_to_read(path, is_live=held.is_open) as db:
                 problem = health.problem_of(db, path, copy)
                 if not problem:
-                    return _contents_of(db, path, pid, messages)
+                    return _contents_of(db, path, held, messages)
         except DamagedError as error:
             problem = str(error)
-    return _contents_of_pages(path, pid, problem or _reason(kind), copy, messages)
+    return _contents_of_pages(path, held, problem or _reason(kind), copy, messages)
 
 
 def _reason(kind: health.FileKind) -> str:
@@ -117,7 +119,7 @@ def _reason(kind: health.FileKind) -> str:
     return 'its header is not as it was written' if kind == 'damaged' else ''
 
 
-def _contents_of(db: sqlite3.Connection, path: Path, pid: int, messages: int) -> SpoolContents:
+def _contents_of(db: sqlite3.Connection, path: Path, held: Holder, messages: int) -> SpoolContents:
     sums = _Sums._make(
         db.execute(
             'SELECT count(*), total(size), total(dead), min(taken_ns), max(taken_ns) FROM rows'
@@ -126,11 +128,11 @@ def _contents_of(db: sqlite3.Connection, path: Path, pid: int, messages: int) ->
     base = database.read_ledger(db).base
     shown = [unpack(stored, stored[0] - base) for stored in database.rows_after(db, -1, messages)]
     alive = database.first_alive(db) or next(database.rows_after(db, -1, 1), None)
-    return _made(path, pid, sums, [row for row in shown if row], alive)
+    return _made(path, held, sums, [row for row in shown if row], alive)
 
 
 def _contents_of_pages(
-    path: Path, pid: int, problem: str, copy: Ledger | None, messages: int
+    path: Path, held: Holder, problem: str, copy: Ledger | None, messages: int
 ) -> SpoolContents:
     """What SQLite cannot read, or not without making files of its own."""
     with Pages(path) as pages:
@@ -157,7 +159,7 @@ def _contents_of_pages(
     ordered = [found[number] for number in sorted(found)]
     shown = [unpack(stored, stored[0] - base) for stored in ordered[:messages]]
     alive = next((stored for stored in ordered if not stored[3]), next(iter(ordered), None))
-    contents = _made(path, pid, sums, [row for row in shown if row], alive)
+    contents = _made(path, held, sums, [row for row in shown if row], alive)
     return _with(contents, problem, lost)
 
 
@@ -166,7 +168,7 @@ def _with(contents: SpoolContents, problem: str, lost: int) -> SpoolContents:
 
 
 def _made(
-    path: Path, pid: int, sums: _Sums, rows: list[Row], alive: Stored | None
+    path: Path, held: Holder, sums: _Sums, rows: list[Row], alive: Stored | None
 ) -> SpoolContents:
     record = _record(alive)
     return SpoolContents(
@@ -180,7 +182,8 @@ def _made(
         kafka_topic=record.record.topic if record else '',
         dead_letters=int(sums.dead_letters),
         version=health.version_of(path),
-        pid=pid,
+        is_open=held.is_open,
+        pid=held.pid,
         rows=rows,
     )
 

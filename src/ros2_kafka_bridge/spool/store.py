@@ -38,6 +38,7 @@ __all__ = ['Damage', 'Row', 'Spool', 'file_of']
 _CHUNK: Final = 10_000  # rows deleted in one transaction: the log stays small
 _READ: Final = 10_000  # numbers read at once: the memory for them is bounded
 _LAST: Final = 2**63 - 1
+_LOOK_S: Final = 0.05  # who only looks whether it is free has the lock for less
 
 Result = TypeVar('Result')
 
@@ -84,7 +85,7 @@ class Spool:
             RouteError: It cannot be kept.
         """
         _make_directory(self._path.parent)
-        self._lock.take(0.0)
+        self._lock.take(_LOOK_S)
         self._is_claimed = True
 
     def let_go(self) -> None:

@@ -167,7 +167,7 @@ def _state(contents: SpoolContents) -> Iterator[str]:
         yield 'not there yet'
         return
     yield 'DAMAGED' if contents.damage else 'well'
-    yield f'open (pid {contents.pid})' if contents.pid else 'not open'
+    yield f'open (pid {contents.pid or "unknown"})' if contents.is_open else 'not open'
     if contents.dead_letters:
         yield counted(contents.dead_letters, 'dead letter')
     yield f'version {contents.version}'
