@@ -227,12 +227,24 @@ def read_ledger(db: sqlite3.Connection) -> Ledger:
     Raises:
         DamagedError: It is not readable.
     """
-    found = db.execute('SELECT first, second FROM ledger WHERE id = 1').fetchone()
-    copies = [copy for copy in found or () if isinstance(copy, bytes)]
-    ledger = newest(b''.join(copies)) if len(copies) == 2 and copies[0] == copies[1] else None
+    first, second = copies_of_ledger(db)
+    ledger = newest(first) if first == second else None
     if ledger is None:
         raise DamagedError('its ledger cannot be read')
     return ledger
+
+
+def copies_of_ledger(db: sqlite3.Connection) -> tuple[bytes, bytes]:
+    """The two copies of the ledger, as they are stored.
+
+    Raises:
+        DamagedError: They are not there.
+    """
+    found = db.execute('SELECT first, second FROM ledger WHERE id = 1').fetchone()
+    match found:
+        case (bytes(first), bytes(second)):
+            return first, second
+    raise DamagedError('its ledger is gone')
 
 
 def write_ledger(db: sqlite3.Connection, ledger: Ledger) -> None:

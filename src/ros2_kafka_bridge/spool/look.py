@@ -1,18 +1,21 @@
 """What is in a spool, seen without touching it: a bridge may be using it."""
 
-import itertools
+import contextlib
+import shutil
 import sqlite3
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final, NamedTuple
+from tempfile import TemporaryDirectory
+from typing import Final
 
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.spool import database, health
 from ros2_kafka_bridge.spool.database import DamagedError
+from ros2_kafka_bridge.spool.health import log_of
 from ros2_kafka_bridge.spool.ledger import Ledger
-from ros2_kafka_bridge.spool.lock import Holder, copy_in, holder, lock_of
-from ros2_kafka_bridge.spool.pages import Pages
+from ros2_kafka_bridge.spool.lock import copy_in, holder, is_in_use, lock_of
+from ros2_kafka_bridge.spool.rescue import rescue
 from ros2_kafka_bridge.spool.rows import Row, Stored, unpack
 
 _SOURCE: Final = 'ros.topic'
@@ -63,14 +66,6 @@ class SpoolContents:
         return self.version is not None
 
 
-class _Sums(NamedTuple):
-    messages: int
-    bytes: int
-    dead_letters: int
-    oldest_ns: int | None
-    newest_ns: int | None
-
-
 def look(path: Path, messages: int = 0) -> SpoolContents:
     """See what a spool holds, and whether it is well.
 
@@ -78,11 +73,14 @@ def look(path: Path, messages: int = 0) -> SpoolContents:
         path: Its file.
         messages: How many of its messages to show.
     """
+    known = copy_in(lock_of(path))
     try:
-        kind = health.kind_of(path)
+        kind = health.kind_of(path, known)
         if kind in {'missing', 'other', 'newer'}:
             return SpoolContents(path, problem=_refusal(path, kind))
-        return _look(path, kind, messages)
+        found = _look(path, known, messages)
+        began = found.damage and not found.is_open and is_in_use(lock_of(path))
+        return _look(path, known, messages) if began else found  # what is being written looks so
     except OSError as error:
         return SpoolContents(path, problem=f'cannot be read: {error.strerror}')
     except BridgeError as error:
@@ -97,94 +95,74 @@ def _refusal(path: Path, kind: health.FileKind) -> str:
     return 'is not a spool'
 
 
-def _look(path: Path, kind: health.FileKind, messages: int) -> SpoolContents:
-    copy = copy_in(lock_of(path))
-    held, problem = holder(lock_of(path)), ''
-    if not held.is_open and health.has_broken_log(path):
-        problem = 'its log does not begin as it was written'
-    elif kind == 'spool' and health.can_be_opened(path, is_live=held.is_open):
-        try:
-            with health.opened_to_read(path, is_live=held.is_open) as db:
-                problem = health.problem_of(db, path, copy)
-                if not problem:
-                    return _contents_of(db, path, held, messages)
-        except DamagedError as error:
-            problem = str(error)
-    return _contents_of_pages(path, held, problem or _reason(kind), copy, messages)
-
-
-def _reason(kind: health.FileKind) -> str:
-    if kind == 'empty':
-        return 'the file is empty'
-    return 'its header is not as it was written' if kind == 'damaged' else ''
-
-
-def _contents_of(db: sqlite3.Connection, path: Path, held: Holder, messages: int) -> SpoolContents:
-    sums = _Sums._make(
-        db.execute(
-            'SELECT count(*), total(size), total(dead), min(taken_ns), max(taken_ns) FROM rows'
-        ).fetchone()
-    )
-    base = database.read_ledger(db).base
-    shown = [unpack(stored, stored[0] - base) for stored in database.rows_after(db, -1, messages)]
-    alive = database.first_alive(db) or next(database.rows_after(db, -1, 1), None)
-    return _made(path, held, sums, [row for row in shown if row], alive)
-
-
-def _contents_of_pages(
-    path: Path, held: Holder, problem: str, copy: Ledger | None, messages: int
-) -> SpoolContents:
-    """What SQLite cannot read, or not without making files of its own."""
-    with Pages(path) as pages:
-        ledger = max(filter(None, (copy, pages.ledger())), default=None)
-        places = {
-            stored[0]: (stored[1], stored[2], stored[3])
-            for stored in pages.rows()
-            if ledger is None or ledger.holds(stored[0])
-        }
-        first = frozenset(itertools.islice(sorted(places), max(1, messages)))
-        found = {stored[0]: stored for stored in pages.rows() if stored[0] in first}
-    times = [taken_ns for taken_ns, _, _ in places.values()]
-    sums = _Sums(
-        len(places),
-        sum(size for _, size, _ in places.values()),
-        sum(dead for _, _, dead in places.values()),
-        min(times, default=None),
-        max(times, default=None),
-    )
-    lost = max(0, ledger.rows - len(places)) if ledger else 0
-    if lost and not problem:
-        problem = 'not all of it can be read'
-    base = ledger.base if ledger else 0
-    ordered = [found[number] for number in sorted(found)]
-    shown = [unpack(stored, stored[0] - base) for stored in ordered[:messages]]
-    alive = next((stored for stored in ordered if not stored[3]), next(iter(ordered), None))
-    contents = _made(path, held, sums, [row for row in shown if row], alive)
-    return _with(contents, problem, lost)
-
-
-def _with(contents: SpoolContents, problem: str, lost: int) -> SpoolContents:
-    return SpoolContents(**{**vars(contents), 'damage': problem, 'lost': lost})
-
-
-def _made(
-    path: Path, held: Holder, sums: _Sums, rows: list[Row], alive: Stored | None
-) -> SpoolContents:
-    record = _record(alive)
-    return SpoolContents(
-        path=path,
-        messages=sums.messages,
-        bytes=int(sums.bytes),
-        file_bytes=_size(path) + _size(path.with_name(f'{path.name}-wal')),
-        oldest_ns=sums.oldest_ns,
-        newest_ns=sums.newest_ns,
-        ros_topic=_ros_topic(record),
-        kafka_topic=record.record.topic if record else '',
-        dead_letters=int(sums.dead_letters),
+def _look(path: Path, known: Ledger | None, messages: int) -> SpoolContents:
+    held = holder(lock_of(path))
+    general = SpoolContents(
+        path,
+        file_bytes=health.size_of(path) + health.size_of(log_of(path)),
         version=health.version_of(path),
         is_open=held.is_open,
         pid=held.pid,
-        rows=rows,
+    )
+    with _untouched(path, is_live=held.is_open) as seen:
+        try:
+            with health.opened(seen, is_live=held.is_open) as db:
+                problem = health.problem_of(db, path, known)
+                if not problem:
+                    return _with_contents(general, db, messages)
+        except DamagedError as error:
+            problem = str(error)
+        try:
+            return _what_is_left(replace(general, damage=problem), seen, known, messages)
+        except BridgeError as error:
+            text = f'is damaged ({problem}), and what is left of it cannot be shown: {error}'
+            return replace(general, problem=text)
+
+
+def _what_is_left(
+    general: SpoolContents, path: Path, known: Ledger | None, messages: int
+) -> SpoolContents:
+    """What a bridge would make of a damaged spool."""
+    with TemporaryDirectory() as place:
+        whole = Path(place) / path.name
+        lost = rescue(path, known, whole).lost
+        with health.opened(whole) as db:
+            return replace(_with_contents(general, db, messages), lost=lost)
+
+
+@contextlib.contextmanager
+def _untouched(path: Path, *, is_live: bool) -> Iterator[Path]:
+    """The file, or a copy where SQLite would write beside it: the index of a log left alone."""
+    if is_live or not health.has_log(path):
+        yield path
+        return
+    with TemporaryDirectory() as place:
+        copy = Path(place) / path.name
+        for source, target in ((path, copy), (log_of(path), log_of(copy))):
+            try:
+                shutil.copyfile(source, target)
+            except OSError as error:
+                raise database.no_room(target, f'cannot take a copy of {source}', error) from error
+        yield copy
+
+
+def _with_contents(general: SpoolContents, db: sqlite3.Connection, messages: int) -> SpoolContents:
+    count, size_bytes, dead_letters, oldest_ns, newest_ns = db.execute(
+        'SELECT count(*), total(size), total(dead), min(taken_ns), max(taken_ns) FROM rows'
+    ).fetchone()
+    base = database.read_ledger(db).base
+    shown = [unpack(stored, stored[0] - base) for stored in database.rows_after(db, -1, messages)]
+    record = _record(database.first_alive(db) or next(database.rows_after(db, -1, 1), None))
+    return replace(
+        general,
+        messages=count,
+        bytes=int(size_bytes),
+        oldest_ns=oldest_ns,
+        newest_ns=newest_ns,
+        ros_topic=_ros_topic(record),
+        kafka_topic=record.record.topic if record else '',
+        dead_letters=int(dead_letters),
+        rows=[row for row in shown if row],
     )
 
 
@@ -197,13 +175,6 @@ def _ros_topic(row: Row | None) -> str:
         if name == _SOURCE and value is not None:
             return value if isinstance(value, str) else value.decode(errors='replace')
     return ''
-
-
-def _size(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except FileNotFoundError:
-        return 0
 
 
 def spools_in(directory: Path) -> Iterator[Path]:

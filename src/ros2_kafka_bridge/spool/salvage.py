@@ -5,22 +5,19 @@ gets the name `.new` when it is whole; only then the damaged file is put aside.
 """
 
 import contextlib
-import itertools
 import logging
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.logs.text import count as counted
 from ros2_kafka_bridge.spool import database, health
+from ros2_kafka_bridge.spool.health import has_log, log_of
 from ros2_kafka_bridge.spool.ledger import VERSION, Ledger
-from ros2_kafka_bridge.spool.pages import Pages
-from ros2_kafka_bridge.spool.rows import Stored
-
-_BATCH: Final = 500
+from ros2_kafka_bridge.spool.rescue import rescue
 
 
 class Damage(NamedTuple):
@@ -56,7 +53,7 @@ def make_well(
     """
     _finish(path)
     known = max(ledgers, default=None)
-    kind = health.kind_of(path)
+    kind = health.kind_of(path, known)
     if kind == 'newer':
         raise RouteError(
             f'the spool {path} is of version {health.version_of(path)}, this program reads '
@@ -66,30 +63,19 @@ def make_well(
         raise RouteError(
             f'{path} is not a spool: move it away, or set spool.path to another directory'
         )
-    if kind in {'missing', 'empty'} and not (known and known.rows) and not _log_size(path):
+    if kind in {'missing', 'empty'} and not (known and known.rows) and not has_log(path):
         _begin(path, known)
         return None
-    problem = _problem(path, kind, known)
+    problem = _problem(path, known)
     return _repair(path, problem, known, log) if problem else None
 
 
-def _problem(path: Path, kind: health.FileKind, known: Ledger | None) -> str:
-    if kind in {'missing', 'empty'}:
-        return f'the file is {kind}'
-    if kind == 'damaged':
-        return 'its header is not as it was written'
+def _problem(path: Path, known: Ledger | None) -> str:
     try:
-        with health.opened_to_look(path) as db:
+        with health.opened(path) as db:
             return health.problem_of(db, path, known)
     except database.DamagedError as error:
         return str(error)
-
-
-def _log_size(path: Path) -> int:
-    try:
-        return path.with_name(path.name + '-wal').stat().st_size
-    except FileNotFoundError:
-        return 0
 
 
 def _begin(path: Path, known: Ledger | None) -> None:
@@ -107,39 +93,26 @@ def _repair(
     log: logging.LoggerAdapter[logging.Logger],
 ) -> Damage:
     whole = path.with_name(f'{path.name}.salvage')
-    with Pages(path) as pages:
-        found = max(filter(None, (known, pages.ledger())), default=None)
-        batches = _batches(pages.rows(), found)
-        ledger = (found or Ledger())._replace(change=(found or Ledger()).change + 1)
-        try:
-            made = database.make(whole, ledger, batches)
-        except TransportError as error:
-            raise TransportError(
-                f'the spool {path} is damaged ({problem}) and cannot be repaired now, nothing '
-                f'of it was changed: {error}'
-            ) from error
-    lost = (found.rows if found else made.high - made.floor + 1) - made.rows
-    # The copy beside the file is at most one transaction behind, unless the machine went down.
-    certain = found is not None and known is not None and found.change <= known.change + 1
-    kept_as = _aside(path, whole) if path.exists() or _log_size(path) else None
+    try:
+        rows, lost, certain = rescue(path, known, whole)
+    except TransportError as error:
+        raise TransportError(
+            f'the spool {path} is damaged ({problem}) and cannot be repaired now, nothing '
+            f'of it was changed: {error}'
+        ) from error
+    kept_as = _aside(path, whole) if path.exists() or has_log(path) else None
     log.error(
         'the spool %s is damaged (%s): %s in it can be read, %s%s lost; %s',
         path,
         problem,
-        counted(made.rows, 'message'),
+        counted(rows, 'message'),
         '' if certain else 'at least ',
-        counted(max(0, lost), 'message'),
+        counted(lost, 'message'),
         f'the damaged file is kept as {kept_as}' if kept_as else 'nothing is left of it',
     )
     whole.rename(path.with_name(f'{path.name}.new'))
     _finish(path)
-    return Damage(max(0, lost), certain and lost >= 0, kept_as)
-
-
-def _batches(rows: Iterator[Stored], ledger: Ledger | None) -> Iterator[list[Stored]]:
-    right = rows if ledger is None else (row for row in rows if ledger.holds(row[0]))
-    while batch := list(itertools.islice(right, _BATCH)):
-        yield batch
+    return Damage(lost, certain, kept_as)
 
 
 def _finish(path: Path) -> None:
@@ -148,14 +121,14 @@ def _finish(path: Path) -> None:
     if not new.exists():
         return
     aside = _aside(path, new)
-    log = path.with_name(f'{path.name}-wal')
-    if _log_size(path):  # before the other: it would be taken for the log of the new file
-        log.rename(aside.with_name(f'{aside.name}-wal'))
+    log = log_of(path)
+    if has_log(path):  # before the other: it would be taken for the log of the new file
+        log.rename(log_of(aside))
     log.unlink(missing_ok=True)
     path.with_name(f'{path.name}-shm').unlink(missing_ok=True)
     with contextlib.suppress(FileNotFoundError, FileExistsError):
         os.link(path, aside)
-    for name in (aside, aside.with_name(f'{aside.name}-wal')):
+    for name in (aside, log_of(aside)):
         with contextlib.suppress(OSError):
             name.chmod(0o600)
     new.replace(path)

@@ -107,7 +107,7 @@ def test_it_touches_nothing_of_a_spool_whose_bridge_was_killed(
         (place / 'bridge.route.spool-shm').unlink(missing_ok=True)
 
 
-def test_a_damaged_log_is_said_and_read_all_the_same(
+def test_what_a_damaged_log_costs_is_said_and_it_is_left_as_it_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     source, place = tmp_path / 'source', tmp_path / 'killed'
@@ -120,8 +120,8 @@ def test_a_damaged_log_is_said_and_read_all_the_same(
     log.write_bytes(b'\0' + log.read_bytes()[1:])
     before = files(place)
     status, (seen,) = as_json(place, capsys)
-    assert (status, seen['messages'], seen['lost']) == (1, 100, 0)
-    assert seen['damage'] == 'its log does not begin as it was written'
+    assert (status, seen['messages'], seen['lost']) == (1, 0, 100)
+    assert seen['damage'] == 'its last transactions are missing'
     assert files(place) == before
 
 

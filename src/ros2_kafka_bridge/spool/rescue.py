@@ -1,0 +1,95 @@
+"""What can be read of a damaged spool, by SQLite's own means; nothing of it is changed."""
+
+import contextlib
+import itertools
+import sqlite3
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from ros2_kafka_bridge.spool import database, health
+from ros2_kafka_bridge.spool.database import DamagedError, translated
+from ros2_kafka_bridge.spool.ledger import Ledger, newest
+from ros2_kafka_bridge.spool.rows import Stored, is_whole
+
+_BATCH: Final = 500
+_FAILURES: Final = 10_000  # a second of looking for what is behind damage
+_LAST: Final = 2**63 - 1
+
+
+class Rescued(NamedTuple):
+    """What came of it.
+
+    Args:
+        rows: How many rows could be read.
+        lost: How many could not.
+        certain: Whether that number is exact.
+    """
+
+    rows: int
+    lost: int
+    certain: bool
+
+
+def rescue(path: Path, known: Ledger | None, target: Path) -> Rescued:
+    """Make a whole spool of what can be read.
+
+    Args:
+        path: The damaged one.
+        known: A copy of its ledger from elsewhere.
+        target: Where the whole one is made; it is on the disk when this returns.
+
+    Raises:
+        TransportError: There is no room for it, or the disk does not answer.
+        RouteError: It may not be read, or not be made.
+    """
+    found = max(filter(None, (known, _newest_ledger(path))), default=None)
+    ledger = found or Ledger()
+    right = _readable(path, found)
+    batches = iter(lambda: list(itertools.islice(right, _BATCH)), [])
+    made = database.make(target, ledger._replace(change=ledger.change + 1), batches)
+    lost = (ledger.rows if found else made.high - made.floor + 1) - made.rows
+    # The copy beside the file is at most one transaction behind, unless the machine went down.
+    certain = found is not None and known is not None and found.change <= known.change + 1
+    return Rescued(made.rows, max(0, lost), certain and lost >= 0)
+
+
+def _newest_ledger(path: Path) -> Ledger | None:
+    found = [health.beginning_of(path)] if path.exists() else []
+    with contextlib.suppress(DamagedError), health.opened(path) as db:
+        found += database.copies_of_ledger(db)
+    return max(filter(None, map(newest, found)), default=None)
+
+
+def _readable(path: Path, ledger: Ledger | None) -> Iterator[Stored]:
+    """The rows that are whole and must be there, in no order; one may come twice."""
+    first, last = (ledger.floor, ledger.high) if ledger else (0, _LAST)
+    # A damaged log hides pages of the file.
+    for with_log in (True, False) if health.has_log(path) else (True,):
+        with contextlib.suppress(DamagedError), health.opened(path, with_log=with_log) as db:
+            db.text_factory = bytes  # a damaged row may hold anything of any type
+            db.execute('PRAGMA writable_schema=ON')  # or SQLite refuses what was cut off
+            for stored in _whole_rows(db, path, first, last):
+                if ledger is None or ledger.holds(stored[0]):
+                    yield stored
+
+
+def _whole_rows(db: sqlite3.Connection, path: Path, first: int, last: int) -> Iterator[Stored]:
+    """The rows of a range; where SQLite meets damage, it is asked for both halves of the rest."""
+    ranges, failures = deque([(first, last)]), 0
+    while ranges and failures < _FAILURES:
+        first, last = ranges.popleft()
+        try:
+            with translated(path, 'cannot be read'):
+                # All above: a damaged number that is far too high would be taken for the end.
+                for stored in filter(is_whole, database.rows_after(db, first - 1, -1)):
+                    yield stored
+                    first = max(first, stored[0] + 1)
+                    if first > last:
+                        break
+        except DamagedError:
+            failures += 1
+            if first < last:
+                middle = (first + last) // 2
+                ranges += [(first, middle), (middle + 1, last)]
