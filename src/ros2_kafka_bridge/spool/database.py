@@ -283,6 +283,14 @@ def first_alive(db: sqlite3.Connection) -> Stored | None:
     return found
 
 
+def ends(db: sqlite3.Connection) -> tuple[int, int]:
+    """Numbers of the first and the last row; 0 where there is none."""
+    first, last = db.execute(
+        'SELECT (SELECT min(number) FROM rows), (SELECT max(number) FROM rows)'
+    ).fetchone()
+    return first or 0, last or 0
+
+
 def sum_of(db: sqlite3.Connection, first: int, last: int) -> tuple[int, int]:
     """How many rows are in a range of numbers, and what they are accounted for."""
     count, size_bytes = db.execute(

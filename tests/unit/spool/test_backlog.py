@@ -143,8 +143,8 @@ class House:
     def crash(self) -> None:
         """Leave everything as a SIGKILL would."""
         self.direction._spooling._backlog._is_open = False
-        self.spool._close_database()
-        self.spool._lock.release()
+        self.spool._file._close_database()
+        self.spool._file._lock.release()
 
     def drain(self, stop: Stop | None = None) -> None:
         stop = stop or Stop()
