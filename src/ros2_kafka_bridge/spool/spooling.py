@@ -7,58 +7,24 @@ What the disk does not take goes on without it, once nothing on disk is before i
 
 import logging
 import time
-from collections.abc import Callable, Iterable
-from enum import Enum
-from typing import Final, Protocol
+from collections.abc import Callable
+from typing import Final
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.endpoints import Message, source_time_ns
-from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.logs.text import count as counted
 from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.message_window import MessageEntry, MessageWindow
 from ros2_kafka_bridge.route.place import ASIDE, PENDING, REFUSED
 from ros2_kafka_bridge.spool.backlog import BATCH, Backlog
+from ros2_kafka_bridge.spool.doubt import Doubt, InKafka
 from ros2_kafka_bridge.spool.rows import Row
+
+__all__ = ['InKafka', 'Spooling']
 
 _S_PER_NS: Final = 1e-9
 _PATIENCE_S: Final = 1.0  # with a full window, before new messages go to disk
-
-
-class InKafka(Protocol):
-    """What is in Kafka already, from before a restart (`route.produced.Produced`)."""
-
-    def contains(self, message: Message) -> bool:
-        """Whether a message that a publisher may send again is there."""
-        ...
-
-    def add(self, numbers: Iterable[tuple[bytes, int]]) -> None:
-        """Count further messages, by publisher and number, as being there."""
-
-    def look_at_end(self) -> None:
-        """Read the end of the topic, for `holds`.
-
-        Raises:
-            TransportError: The broker is away.
-            RouteError: The topic may not be read.
-        """
-
-    def holds(self, gid: bytes, seq: int) -> bool:
-        """Whether a message is in the part of the topic that was read."""
-        ...
-
-    def holds_letter(self, gid: bytes, seq: int, made_ns: int) -> bool:
-        """Whether a message that is refused now was made a dead letter before."""
-        ...
-
-
-class _Doubt(Enum):
-    """Whether messages that an earlier life has left on disk may be in Kafka already."""
-
-    OPEN = 'some may be'
-    ASKED = 'the first one is on its way, to see whether Kafka answers'
-    NONE = 'those that are there are known, or there are none'
 
 
 class Spooling:
@@ -88,13 +54,11 @@ class Spooling:
         self._window = window
         self._put_in_line = put_in_line
         self._backlog = backlog
-        self._in_kafka = in_kafka
+        self._doubt = Doubt(in_kafka, counters, log)
         self._counters = counters
         self._log = log
         self._occasional = summed(log)
         self._unwritten: list[MessageEntry] = []  # to be on disk; those in line may end before
-        self._doubt = _Doubt.NONE
-        self._ended_before = 0  # how many had ended when the first of them was loaded
         self._full_since_s: float | None = None
         self.loaded_bytes = 0  # of values that an earlier life has left and that were loaded
         self._loaded_last = 0  # number of the last of them
@@ -150,11 +114,7 @@ class Spooling:
         found, lost = self._backlog.open()
         self._counters.taken += found
         self._lose(lost)
-        if found:
-            self._doubt = _Doubt.OPEN
-        if self._doubt is not _Doubt.NONE:
-            self._doubt = _Doubt.OPEN  # what was asked may have failed with the last run
-            self._in_kafka.add(self._backlog.numbers())
+        self._doubt.begin(self._backlog.numbers(), found=found)
         return self._backlog.last
 
     def close(self) -> None:
@@ -345,20 +305,18 @@ class Spooling:
         if not self.waiting:
             return
         room, room_bytes = self._room_in_line()
-        room = min(room, self._room_while_in_doubt())
+        room = min(room, self._doubt.room(BATCH))
         rows, lost = self._backlog.load(room, room_bytes, self._window.ends_at)
         self._lose(lost)
-        if rows and self._doubt is _Doubt.OPEN:
-            self._doubt = _Doubt.ASKED
-            self._ended_before = self._ended
+        if rows:
+            self._doubt.note_loaded()
         for row in rows:
             is_earlier = row.number <= self._backlog.last_of_earlier
             if is_earlier and row.number > self._loaded_last:
                 self._loaded_last = row.number
                 self.loaded_bytes += len(row.record.value or b'')
-            if is_earlier and self._in_kafka.holds(row.gid, row.seq):
+            if is_earlier and self._doubt.settles(row):
                 self._counters.end(Outcome.SKIPPED)
-                self._doubt = _Doubt.NONE  # the end of the topic is known already
                 continue
             entry = _entry_of(row)
             self._window.put_back(entry)
@@ -369,32 +327,6 @@ class Spooling:
         # What cannot be written, or waits behind a failure, must not keep out what is before it.
         in_line = [entry.size_bytes for entry in self._window.entries.values() if entry.is_in_line]
         return self._window.max_entries - len(in_line), self._window.max_bytes - sum(in_line)
-
-    def _room_while_in_doubt(self) -> int:
-        """How many rows of an earlier life may be loaded, before Kafka has said what it holds.
-
-        The first of them shows whether it answers: to ask it while it is away takes seconds.
-        """
-        if self._doubt is _Doubt.OPEN:
-            return 1
-        if self._doubt is _Doubt.ASKED:
-            if self._ended == self._ended_before:
-                return 0
-            self._look_at_end()
-        return BATCH
-
-    @property
-    def _ended(self) -> int:
-        return sum(self._counters.ended.values())
-
-    def _look_at_end(self) -> None:
-        self._doubt = _Doubt.NONE
-        try:
-            self._in_kafka.look_at_end()
-        except BridgeError as error:
-            self._log.warning(
-                '%s, so what was in flight at the end of the last run may come twice', error
-            )
 
     # What does not come back
 
