@@ -2,9 +2,7 @@
 
 import logging
 import os
-import re
 import shutil
-import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +10,7 @@ from typing import NamedTuple
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from spools import EVERYTHING, GID, make, numbers, opened, read_all, reopened, row, rows
+from spools import make, numbers, opened, read_all, reopened, row, rows
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.spool import database, salvage
@@ -301,48 +299,6 @@ def test_the_damaged_file_is_put_aside_and_the_loss_is_said(
     assert f'the damaged file is kept as {kept[0]}' in said
 
 
-def test_damage_while_it_is_open_is_repaired_on_the_way(place: Path) -> None:
-    with opened(place) as spool:
-        for first in range(1, 5001, 500):
-            spool.append(rows(first, first + 499, size=2000))
-        spool.release(11)
-        first_half = spool.read(0, 2000, EVERYTHING)
-        with sqlite3.connect(beside(place)) as other:
-            other.execute('PRAGMA wal_checkpoint(TRUNCATE)')
-        other.close()
-        content = bytearray(beside(place).read_bytes())
-        content[content.index(b'4000 4000 ')] ^= 255
-        with beside(place).open('r+b') as file:
-            file.write(content)
-        found = list(first_half)
-        while part := spool.read(found[-1].number, 500, EVERYTHING):
-            found += part
-        assert numbers(found) == [n for n in range(11, 5001) if n != 4000]
-        assert spool.take_lost() == 1
-        assert len(put_aside(place)) == 1
-        spool.append(rows(5001, 5010))
-        spool.release(5001)
-        assert numbers(read_all(spool)) == list(range(5001, 5011))
-
-
-def test_damage_is_repaired_also_while_the_numbers_are_told(
-    place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.spool.store._READ', 100)
-    with opened(place) as spool:
-        for first in range(1, 5001, 500):
-            spool.append(rows(first, first + 499))
-        told = spool.numbers()
-        found = [next(told) for _ in range(150)]
-        with sqlite3.connect(beside(place)) as other:
-            other.execute("UPDATE rows SET gid = 'no bytes' WHERE number = 4000")
-        other.close()
-        found += told
-        assert found == [(GID, n) for n in range(1, 5001) if n != 4000]
-        assert spool.count_after(3990) == 1009
-        assert spool.take_lost() == 1
-
-
 def test_rows_that_were_released_or_dropped_never_come_back(closed: Sample, place: Path) -> None:
     sample = closed.copy(place)
     with opened(place) as spool:
@@ -406,13 +362,3 @@ def test_a_damaged_file_of_an_unknown_version_is_not_taken_for_a_newer_one(
     content[63] = 77
     beside(place).write_bytes(content)
     assert sample.check() == 0
-
-
-def test_a_disk_that_keeps_damaging_it_fails_the_route(
-    place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with opened(place) as spool:
-        spool.append(rows(1, 10))
-        monkeypatch.setattr('ros2_kafka_bridge.spool.store.unpack', lambda *_: None)
-        with pytest.raises(RouteError, match=re.escape('damaged again as soon as it is repaired')):
-            spool.read(0, 10, EVERYTHING)

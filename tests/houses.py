@@ -1,0 +1,198 @@
+"""The direction ROS -> Kafka with a spool on disk, driven step by step with ends in memory."""
+
+import logging
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ros2_kafka_bridge.config.settings import RosToKafkaRoute
+from ros2_kafka_bridge.dead_letters.writer import DeadLetters
+from ros2_kafka_bridge.dedup import Numbers
+from ros2_kafka_bridge.endpoints import Message, Reports
+from ros2_kafka_bridge.errors import EncodeError, RouteError, TransportError
+from ros2_kafka_bridge.formats import guarded
+from ros2_kafka_bridge.ros_to_kafka import RosToKafka
+from ros2_kafka_bridge.route.message_window import MessageEntry
+from ros2_kafka_bridge.route.produced import Produced
+from ros2_kafka_bridge.route.type_hash import check_nothing
+from ros2_kafka_bridge.spool.backlog import Backlog
+from ros2_kafka_bridge.spool.store import Row, Spool, file_of
+from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSink
+from ros2_kafka_bridge.threads.stop import Stop
+
+LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
+
+
+def encode(cdr: bytes) -> bytes:
+    if cdr.startswith(b'bad'):
+        raise EncodeError('not what it should be')
+    return cdr
+
+
+class Moody(MemoryRecordSink[MessageEntry]):
+    """A sink whose broker refuses all that is in flight, so many times.
+
+    Never one of several: an idempotent producer does not deliver what is behind a failure.
+    """
+
+    refusals = 0
+
+    def poll(self, timeout_s: float) -> Reports[MessageEntry]:
+        if not self.refusals or not self.answering or not self._in_flight:
+            return super().poll(timeout_s)
+        self.refusals -= 1
+        refused, self._in_flight = self._in_flight, []
+        return Reports([], [(entry, TransportError('timed out')) for entry, _ in refused])
+
+
+class NoTail:
+    """The end of a topic that holds `found`, once it is read."""
+
+    topic = 'orders'
+    complete = True
+    since_ns = 0.0
+
+    def __init__(self) -> None:
+        self.records = 0
+        self.partitions = 0
+        self.numbers: dict[bytes, Numbers] = {}
+        self.found = Numbers()
+
+    def read(self, records: int, within_s: float) -> None:
+        del within_s
+        self.records, self.partitions = records, 1
+        self.numbers = {b'gid': self.found}
+
+
+class House:
+    """One life of a direction, with a spool in `place`."""
+
+    def __init__(self, place: Path, spool: dict[str, Any] | None = None, **more: Any) -> None:
+        self.source = MemoryMessageSource()
+        self.sink = Moody()
+        self.tail = NoTail()
+        self.letters: MemoryRecordSink[Any] = MemoryRecordSink()
+        self.clock = 0
+        route = RosToKafkaRoute.model_validate(
+            {
+                'name': 'orders',
+                'from': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
+                'to': {'kafka': 'orders'},
+                'format': 'text',
+                'spool': {'path': str(place), **(spool or {})},
+                **more,
+            }
+        )
+        self.sink.room = route.max_in_flight  # as that of the real producer
+        self.spool = Spool(file_of(place, 'test', route.name), sync=False, log=LOG)
+        self.direction = RosToKafka(
+            route,
+            self.source,
+            Produced(self.tail, NoTail(), LOG),
+            self.sink,
+            lambda: guarded(encode, route.max_message_bytes, EncodeError),
+            lambda _: b'key',
+            lambda message: [('ros.seq', b'%d' % message.seq)],
+            check_nothing,
+            DeadLetters('orders.dead', self.letters, lambda: None, LOG),
+            Backlog(self.spool, route.spool, LOG, drops=route.when_full == 'drop_oldest'),
+            LOG,
+        )
+        self.direction._prepare()
+        self._opened = self.direction._opened()
+        self._opened.__enter__()
+
+    def give(self, *numbers: int) -> None:
+        for number in numbers:
+            self.source.waiting.append(Message(b'%d' % number, b'gid', number, 0))
+
+    def steps(self, count: int = 4) -> None:
+        for _ in range(count):
+            self.direction._step()
+            self.check_balance()
+
+    def until_all_confirmed(self) -> None:
+        for _ in range(1000):
+            self.steps(1)
+            if not self.direction._window and not self.direction._spooling.waiting:
+                return
+        pytest.fail('it never ends')
+
+    def until_all_taken_are_confirmed(self) -> None:
+        for _ in range(1000):
+            self.steps(1)
+            if not self.source.waiting:
+                break
+        else:
+            pytest.fail('the robots are held back for ever')
+        self.until_all_confirmed()
+
+    def check_balance(self) -> None:
+        self.direction._take_snapshot()
+        snapshot = self.direction.snapshot
+        assert snapshot.balanced, snapshot
+        assert all(count >= 0 for count in snapshot if isinstance(count, int)), snapshot
+
+    def crash(self) -> None:
+        """Leave everything as a SIGKILL would."""
+        self.direction._spooling._backlog._is_open = False
+        self.spool._file._close_database()
+        self.spool._file._lock.release()
+
+    def drain(self, stop: Stop | None = None) -> None:
+        stop = stop or Stop()
+        stop.ask()
+        self.direction._drain(stop)
+        self.check_balance()
+        self._opened.__exit__(None, None, None)
+
+    def fail_and_run_again(self) -> None:
+        """Let the run end with an error, and begin the next."""
+        error = RouteError('no permission')
+        assert not self._opened.__exit__(RouteError, error, None)
+        self._opened = self.direction._opened()
+        self._opened.__enter__()
+
+    def numbers(self) -> list[int]:
+        return [int(record.value or b'0') for record in self.sink.records]
+
+    def count(self, name: str) -> int:
+        self.direction._take_snapshot()
+        return int(getattr(self.direction.snapshot, name))
+
+    def on_disk(self) -> list[int]:
+        return [row.number for row in self.spool.read(0, 1_000_000, 1 << 40)]
+
+
+def go_away(house: House) -> None:
+    house.sink.away, house.sink.answering = 'Kafka is away', False
+
+
+def come_back(house: House) -> None:
+    house.sink.away, house.sink.answering = '', True
+
+
+def refused(rows: Sequence[Row]) -> None:
+    del rows
+    raise TransportError('the disk is full')
+
+
+def fill(house: House) -> None:
+    """Let the disk take nothing from now on."""
+    house.spool.append = refused  # type: ignore[method-assign]
+
+
+def fill_while_away(house: House, *numbers: int) -> None:
+    """Let the disk fill up while Kafka is away, and the messages of those numbers come then."""
+    go_away(house)
+    house.give(0)
+    house.steps()
+    fill(house)
+    house.give(*numbers)
+    house.steps()
+
+
+Make = Callable[..., House]
+"""Makes a house with these settings of the spool, and these of the route."""
