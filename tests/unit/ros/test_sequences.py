@@ -5,7 +5,7 @@ import logging
 import pytest
 
 from ros2_kafka_bridge.endpoints import Offer
-from ros2_kafka_bridge.ros.subscription import Sequences
+from ros2_kafka_bridge.ros.sequences import Sequences
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 VOLATILE = Offer('reliable', 'volatile')
