@@ -10,13 +10,13 @@ size share one comparison. Names of fields never become source, only constants b
 """
 
 import difflib
-import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
-from ros2_kafka_bridge.errors import ConfigError, DecodeError
+from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.formats.generated import compiled
+from ros2_kafka_bridge.formats.walk_tools import TOOLS, Piece, by_order
 from ros2_kafka_bridge.message_types.layout import (
     PRIMITIVES,
     Array,
@@ -120,29 +120,6 @@ def _even(kind: Kind) -> _Even | None:
     return _Even(width, tuple(leaves)) if width else None
 
 
-class _Piece(NamedTuple):
-    """Primitives of one width side by side.
-
-    Args:
-        path: Of the field; `{0}`, `{1}` stand for the indices of the loops around it.
-        offset: Counted from `at`.
-        leaves: Names of the primitives in one item; None where the piece is no list.
-        times: How many primitives; 0 where only the value says it.
-    """
-
-    path: str
-    offset: int
-    width: int
-    leaves: tuple[str, ...] | None
-    times: int
-
-    def name(self, number: int) -> str:
-        if self.leaves is None:
-            return self.path
-        item, leaf = divmod(number, len(self.leaves))
-        return f'{self.path}[{item}]{self.leaves[leaf]}'
-
-
 @dataclass(slots=True)
 class _Code:
     """The source of one function, written field by field in the order of the bytes.
@@ -156,14 +133,14 @@ class _Code:
     done: bool = False
     lines: list[str] = field(default_factory=list)
     names: dict[str, Any] = field(default_factory=dict)
-    pieces: list[_Piece] = field(default_factory=list)
+    pieces: list[Piece] = field(default_factory=list)
     loops: int = 0
     ahead: int = 0
     modulus: int = 8
     rest: int = 0
 
     def compile(self, type_name: str) -> Callable[[bytes], Any]:
-        scope = {**_TOOLS, **self.names}
+        scope = {**TOOLS, **self.names}
         code = compiled('\n'.join([_HEAD, *self.lines]), type_name)
         exec(code, scope)  # noqa: S102 -- our own text, see above
         function: Callable[[bytes], Any] = scope['walk']
@@ -199,7 +176,7 @@ class _Code:
             self._bools(path, self.ahead - 1, 1)
         if path == self.target:
             self._compare()
-            read = self._name(_by_order(PRIMITIVES[kind.name]))
+            read = self._name(by_order(PRIMITIVES[kind.name]))
             self._line(f'return {read}[value[1]](value, {_after(self.ahead - width_of(kind))})[0]')
             self.done = True
 
@@ -253,7 +230,7 @@ class _Code:
             self._line('if n:')
             self._line(f'    at = {_aligned(0, 8)}')
         self._line(f'at += n * {bytes_each}')
-        piece = self._name(_Piece(path, 0, even.width, even.leaves, 0))
+        piece = self._name(Piece(path, 0, even.width, even.leaves, 0))
         self._line('if at > size:')
         start = f'at - n * {bytes_each}'
         self._line(f'    raise short(size, {start}, [{piece}], {self._indices()}, n)')
@@ -290,7 +267,7 @@ class _Code:
         self, path: str, width: int, leaves: tuple[str, ...] | None = None, count: int = 1
     ) -> None:
         self._align(width)
-        self.pieces.append(_Piece(path, self.ahead, width, leaves, count))
+        self.pieces.append(Piece(path, self.ahead, width, leaves, count))
         self.ahead += width * count
         self.rest = (self.rest + width * count) % self.modulus
 
@@ -355,11 +332,6 @@ def _aligned(offset: int, width: int) -> str:
     return f'{_after(offset + width - 1)} & -{width}'
 
 
-def _by_order(code: str) -> tuple[Callable[..., tuple[Any, ...]], ...]:
-    """Readers of one primitive, by the second byte of the header."""
-    return struct.Struct('>' + code).unpack_from, struct.Struct('<' + code).unpack_from
-
-
 _HEAD: Final = """
 def walk(value):
     size = len(value)
@@ -368,94 +340,3 @@ def walk(value):
     u32 = u32_by_order[value[1]]
     at = 4
 """
-
-
-def _bad_header(value: bytes) -> DecodeError:
-    found = value[:4].hex(' ') or 'nothing'
-    return DecodeError(f'encapsulation header: needs 00 00 or 00 01 and 2 bytes, found {found}')
-
-
-def _short(
-    size: int, at: int, pieces: tuple[_Piece, ...], indices: tuple[int, ...], items: int = 0
-) -> DecodeError:
-    """The first of the primitives that reaches behind the end of the value."""
-    for piece in pieces:
-        start = at + piece.offset
-        count = piece.times or items * len(piece.leaves or ())
-        if start + piece.width * count > size:
-            number = max(0, size - start) // piece.width
-            path = piece.name(number).format(*indices)
-            offset = start + number * piece.width
-            noun = 'byte' if piece.width == 1 else 'bytes'
-            return DecodeError(
-                f'{path}: needs {piece.width} {noun} at {offset}, the value has {size}'
-            )
-    raise AssertionError(pieces)
-
-
-def _too_many(n: int, left: int, at: int, path: str, indices: tuple[int, ...]) -> DecodeError:
-    where = path.format(*indices)
-    return DecodeError(f'{where}: needs {n} items at {at}, the value has {left} bytes there')
-
-
-def _over_bound(
-    found: int, bound: int, unit: str, at: int, path: str, indices: tuple[int, ...]
-) -> DecodeError:
-    where = path.format(*indices)
-    return DecodeError(f'{where}: at most {bound} {unit}, found {found} at {at}')
-
-
-def _not_bool(
-    value: bytes, at: int, count: int, path: str, indices: tuple[int, ...]
-) -> DecodeError:
-    number = next(i for i in range(count) if value[at + i] > 1)
-    where = path.format(*indices)
-    found = value[at + number]
-    return DecodeError(f'{where}: needs a bool (0 or 1) at {at + number}, found {found}')
-
-
-def _narrow(value: bytes, at: int, stop: int, path: str, indices: tuple[int, ...]) -> str:
-    """The text of a string whose bytes, NUL included, lie from `at` to `stop`."""
-    where = path.format(*indices)
-    if stop > len(value):
-        raise DecodeError(f'{where}: needs {stop - at} bytes at {at}, the value has {len(value)}')
-    if stop == at:
-        raise DecodeError(f'{where}: needs a length of at least 1 at {at - 4}, found 0')
-    if value[stop - 1]:
-        raise DecodeError(f'{where}: needs a NUL at {stop - 1}, found {value[stop - 1]:#04x}')
-    inner = value.find(0, at, stop - 1)
-    if inner >= 0:
-        raise DecodeError(f'{where}: has a NUL inside, at {inner}')
-    try:
-        return value[at : stop - 1].decode()
-    except UnicodeDecodeError as error:
-        bad = at + error.start
-        raise DecodeError(f'{where}: is not UTF-8 at {bad}: {value[bad]:#04x}') from None
-
-
-def _wide(value: bytes, at: int, stop: int, path: str, indices: tuple[int, ...]) -> str:
-    """The text of a wstring: UTF-16, each unit in 4 bytes, without a NUL behind."""
-    where = path.format(*indices)
-    if stop > len(value):
-        raise DecodeError(f'{where}: needs {stop - at} bytes at {at}, the value has {len(value)}')
-    order = 'be' if value[1] == 0 else 'le'
-    try:
-        units = value[at:stop].decode(f'utf-32-{order}', 'surrogatepass')
-        if max(units, default='') > '\uffff':
-            raise DecodeError(f'{where}: has a unit of more than 16 bits behind {at}')
-        return units.encode('utf-16-le', 'surrogatepass').decode('utf-16-le')
-    except UnicodeDecodeError:
-        raise DecodeError(f'{where}: is not UTF-16 in units of 4 bytes at {at}') from None
-
-
-_TOOLS: Final[dict[str, Any]] = {
-    'BOOLS': b'\x00\x01',
-    'bad_header': _bad_header,
-    'narrow': _narrow,
-    'not_bool': _not_bool,
-    'over_bound': _over_bound,
-    'short': _short,
-    'too_many': _too_many,
-    'u32_by_order': _by_order('I'),
-    'wide': _wide,
-}
