@@ -119,11 +119,12 @@ def run(
     """
     from warehouse import run as all_of_it  # noqa: PLC0415 (--help must be quick)
     from warehouse.nodes import MODULES  # noqa: PLC0415
+    from warehouse.run_options import Options  # noqa: PLC0415
 
     for name in without or ():
         if name not in MODULES:
             _fail(f'--without {name}: there is no such module, but {", ".join(MODULES)}')
-    options = all_of_it.Options(
+    options = Options(
         site, robots, step_s, bootstrap_servers, domain, orders_per_minute, host, port, seed,
         logs, profiles, failure_profile, failures_per_hour, tuple(without or ()),
         tuple(allow_host or ()), tuple(fail or ()),

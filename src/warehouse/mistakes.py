@@ -8,7 +8,7 @@ from warehouse.domain.profile_files import ProfileError
 from warehouse.domain.site import SiteError
 from warehouse.domain.validator import TraceError
 from warehouse.kafka import AwayError
-from warehouse.run import StartError
+from warehouse.run_options import StartError
 from warehouse.send import RequestError
 
 __all__ = ['MISTAKES']

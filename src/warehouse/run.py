@@ -1,100 +1,37 @@
 """`warehouse run`: broker, bridge, modules and page, each a process, until Ctrl-C."""
 
-import fcntl
 import os
 import shutil
 import signal
-import socket
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from math import inf
 from pathlib import Path
 from random import Random
-from typing import Final, NamedTuple
-
-import msgspec
+from typing import Final
 
 from ros2_kafka_bridge.testing.embedded_broker import EmbeddedBroker
 from warehouse.children import Child, Program
-from warehouse.domain.execution_profiles import read_execution_profiles
-from warehouse.domain.faults import read_fault
-from warehouse.domain.robot_failure_profile import read_failure_profile
-from warehouse.domain.site import Site, check_robot_types, choose_site, site_yaml
+from warehouse.domain.site import Site, site_yaml
 from warehouse.kafka import AwayError, ask_for_topics, create_topics
 from warehouse.nodes import MODULES
+from warehouse.ros_domain import claim_domain, domain_of
+from warehouse.run_options import Options, check, site_of
 from warehouse.topics import TOPICS
 
-__all__ = [
-    'Options',
-    'StartError',
-    'check',
-    'claim_domain',
-    'missing_of',
-    'programs_of',
-    'run',
-    'site_of',
-    'write_site',
-]
+__all__ = ['missing_of', 'programs_of', 'run', 'write_site']
 
-_DATA: Final = Path(__file__).parent / 'data'
-_BRIDGE: Final = _DATA / 'bridge.yaml'
+_BRIDGE: Final = Path(__file__).parent / 'data' / 'bridge.yaml'
 _LOOK_S: Final = 0.1
 _START_S: Final = 120.0
 _TELL_S: Final = 10.0
 _END_S: Final = 30.0
 _FAILED: Final = 1
 _CANNOT_START: Final = 2
-# Not that of TMPDIR, which may be another one for each user: all warehouses look at one place.
-_LOCKS: Final = Path('/tmp')  # noqa: S108 (a name that others know is what it is for)
-_PID_BYTES: Final = 16
-
-
-class StartError(Exception):
-    """What this machine has no room for: says what is in the way, and what to do."""
-
-
-class Options(NamedTuple):
-    """What the user asks for.
-
-    Attributes:
-        site: The site file; None for the site of the package, or one made for `robots`.
-        robots: How many robots a site is made for.
-        step_s: Seconds of a step, if not those of the site.
-        bootstrap_servers: Of a real Kafka; None for the embedded broker.
-        domain: ROS domain; None for that of the environment.
-        orders_per_minute: Random orders that are sent.
-        host: Where the page listens.
-        port: Of the page; 0 for no page.
-        seed: Of the made site, the random orders and the robots' random faults.
-        logs: Where the logs go, and stay; None for a place that goes with the warehouse.
-        profiles: The file of the execution profiles.
-        failure_profile: The file of the robot failure profile.
-        failures_per_hour: Faults that the robots show by chance, all together.
-        without: Modules that are not started, because the user runs nodes of their own.
-        allow_hosts: Names under which browsers reach the page, beside that of `host`.
-        faults: Those that robots show for sure, each as `ROBOT:CODE@STEP`.
-    """
-
-    site: Path | None = None
-    robots: int | None = None
-    step_s: float | None = None
-    bootstrap_servers: str | None = None
-    domain: int | None = None
-    orders_per_minute: float = 0.0
-    host: str = '127.0.0.1'
-    port: int = 8080
-    seed: int = 0
-    logs: Path | None = None
-    profiles: Path = _DATA / 'execution_profiles.yaml'
-    failure_profile: Path = _DATA / 'robot_failure_profile.yaml'
-    failures_per_hour: float = 0.0
-    without: tuple[str, ...] = ()
-    allow_hosts: tuple[str, ...] = ()
-    faults: tuple[str, ...] = ()
 
 
 def run(options: Options) -> int:
@@ -113,7 +50,7 @@ def run(options: Options) -> int:
         signal.signal(number, lambda *_: stop.set())
     site = site_of(options)
     with ExitStack() as stack:
-        stack.enter_context(claim_domain(_domain(options)))
+        stack.enter_context(claim_domain(domain_of(options)))
         check(options, site)
         place = stack.enter_context(_place(options.logs))
         site_file = write_site(site, place)
@@ -129,102 +66,6 @@ def run(options: Options) -> int:
         _set_environ(options, servers)
         warehouse = _Warehouse(programs_of(options, site_file, servers), place, stop)
         return warehouse.run(options, site, servers)
-
-
-def site_of(options: Options) -> Site:
-    """The site that is asked for.
-
-    Raises:
-        SiteError: The site cannot be.
-    """
-    site = choose_site(options.site, options.robots, options.seed)
-    if options.step_s is not None:
-        site = msgspec.structs.replace(site, step_s=options.step_s)
-    return site
-
-
-def check(options: Options, site: Site) -> None:
-    """Find what cannot go well before anything is started.
-
-    Raises:
-        FaultError: A fault cannot be.
-        SiteError: A robot is of a type that nobody knows.
-        ProfileError: A profile cannot be read.
-        StartError: The page cannot listen there.
-    """
-    for text in options.faults:
-        read_fault(text, site.robots)
-    if 'execution_profiles' not in options.without:
-        types = read_execution_profiles(options.profiles).robot_types
-        check_robot_types(site, list(types), options.site)
-    if 'robot_failure_profile' not in options.without:
-        read_failure_profile(options.failure_profile)
-    if options.port:
-        _check_address(options.host, options.port)
-
-
-def _check_address(host: str, port: int) -> None:
-    try:
-        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        with socket.socket(family, socket.SOCK_STREAM) as tried:
-            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the page does
-            tried.bind((host, port))
-            tried.listen()
-    except socket.gaierror as error:
-        raise StartError(
-            f'--host {host}: {error.strerror}: name an address of this machine'
-        ) from None
-    except OSError as error:
-        raise StartError(
-            f'the page cannot listen on {host}, port {port}: {error.strerror}: '
-            'choose another --port (0: no page) or --host'
-        ) from None
-
-
-def _domain(options: Options) -> int:
-    if options.domain is not None:
-        return options.domain
-    text = os.environ.get('ROS_DOMAIN_ID') or '0'
-    if not text.isdecimal():
-        raise StartError(f'ROS_DOMAIN_ID is {text!r}: a number is needed, or --domain')
-    return int(text)
-
-
-@contextmanager
-def claim_domain(domain: int) -> Iterator[None]:
-    """Keep other warehouses of this machine out of a ROS domain meanwhile.
-
-    Two in one domain hear each other's orders and states, and send each other's robots about. The
-    lock ends with this process, however that ends: what it starts does not inherit it.
-
-    Raises:
-        StartError: Another warehouse is there.
-    """
-    lock = _open_for_all(_LOCKS / f'warehouse-ros-domain-{domain}.lock')
-    try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            pid = os.pread(lock, _PID_BYTES, 0).decode(errors='replace').strip() or 'unknown'
-            raise StartError(
-                f'another warehouse (process {pid}) is in ROS domain {domain}: choose another '
-                'with --domain, or end that one'
-            ) from None
-        os.pwrite(lock, str(os.getpid()).encode().ljust(_PID_BYTES), 0)
-        yield
-    finally:
-        os.close(lock)
-
-
-def _open_for_all(path: Path) -> int:
-    """Open a file that every user of this machine may lock; make it if it is not there."""
-    flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
-    with suppress(FileNotFoundError):
-        # Without O_CREAT: in /tmp the kernel refuses that for the file of another user.
-        return os.open(path, flags)
-    lock = os.open(path, flags | os.O_CREAT, 0o666)
-    os.fchmod(lock, 0o666)  # whatever the umask
-    return lock
 
 
 def write_site(site: Site, place: Path) -> Path:

@@ -19,7 +19,8 @@ from warehouse.domain.site import DEFAULT_SITE, make_site, read_site
 from warehouse.messages import Line, OperatorCommand, OrderRequest
 from warehouse.nodes import MODULES
 from warehouse.page.failures import FAILURES
-from warehouse.run import Options, programs_of, site_of, write_site
+from warehouse.run import programs_of, write_site
+from warehouse.run_options import Options, site_of
 from warehouse.send import RequestError, read_requests
 from warehouse.topics import BRIDGE, KAFKA, TOPICS
 

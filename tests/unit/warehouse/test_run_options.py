@@ -9,25 +9,18 @@ from pathlib import Path
 
 import pytest
 
-from warehouse import run as all_of_it
+from warehouse import ros_domain
 from warehouse.domain.profile_files import ProfileError
 from warehouse.domain.site import SiteError, make_site
-from warehouse.run import (
-    Options,
-    StartError,
-    check,
-    claim_domain,
-    missing_of,
-    programs_of,
-    site_of,
-    write_site,
-)
+from warehouse.ros_domain import claim_domain
+from warehouse.run import missing_of, programs_of, write_site
+from warehouse.run_options import Options, StartError, check, site_of
 
 CLAIM = """
 import pathlib, subprocess, sys
-from warehouse import run
-run._LOCKS = pathlib.Path(sys.argv[1])
-with run.claim_domain(7):
+from warehouse import ros_domain
+ros_domain._LOCKS = pathlib.Path(sys.argv[1])
+with ros_domain.claim_domain(7):
     left = subprocess.Popen(['sleep', '60'], close_fds=False)
     print(left.pid, flush=True)
     sys.stdin.read()
@@ -38,7 +31,7 @@ with run.claim_domain(7):
 
 @pytest.fixture(autouse=True)
 def _locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(all_of_it, '_LOCKS', tmp_path)
+    monkeypatch.setattr(ros_domain, '_LOCKS', tmp_path)
 
 
 @pytest.fixture
