@@ -156,9 +156,10 @@ def module(
     if name not in MODULES:
         _fail(f'no module {name}: there are {", ".join(MODULES)}')
 
-    from warehouse.nodes import node  # noqa: PLC0415 (imports ROS)
+    from warehouse.nodes import process  # noqa: PLC0415 (imports ROS)
+    from warehouse.nodes.node import Settings  # noqa: PLC0415
 
-    settings = node.Settings(
+    settings = Settings(
         site or DEFAULT_SITE,
         profiles,
         failure_profile,
@@ -168,7 +169,7 @@ def module(
         alive,
         tuple(fail or ()),
     )
-    raise typer.Exit(node.run(name, import_module(f'warehouse.nodes.{name}'), settings))
+    raise typer.Exit(process.run(name, import_module(f'warehouse.nodes.{name}'), settings))
 
 
 @app.command()

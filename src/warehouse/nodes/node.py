@@ -4,27 +4,18 @@ A module does its work when something has come, never by a clock of its own: wha
 taken together, and of a latched topic only the newest counts.
 """
 
-import faulthandler
 import logging
-import os
-import signal
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
-import rclpy
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
 from warehouse.codec import MessageError, decode, encode
@@ -32,21 +23,17 @@ from warehouse.domain.site import Site, read_site
 from warehouse.messages import Message
 from warehouse.topics import TOPICS, Topic
 
-__all__ = ['Gate', 'Module', 'Newest', 'Queue', 'Settings', 'Speaker', 'qos_of', 'run']
+__all__ = ['Gate', 'Module', 'Newest', 'Queue', 'Settings', 'Speaker', 'qos_of']
 
 M = TypeVar('M', bound=Message)
 
-_DDS: Final = Path(__file__).parent.parent / 'data' / 'fastdds.xml'
-_DDS_VARIABLES: Final = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
 # With a depth of 1 a writer of Fast DDS 3.2 has fallen silent for good, to all its readers, after
 # some of these had been killed and started again (tried: 6 of 9 runs; with 10 in none of 4).
 _KEPT: Final = 10
 _MOST_WAITING: Final = 1000
-_ALIVE_S: Final = 2.0
 _FULL_S: Final = 0.02
 _COMPLAIN_S: Final = 5.0
 _SETTLE_S: Final = 0.7
-_LET_GO_S: Final = 5.0
 
 
 class Settings(NamedTuple):
@@ -312,70 +299,6 @@ class Module:
             self._work_if_ready()
 
         self._settling = self.each_s(_SETTLE_S, settled)
-
-
-def run(name: str, code: ModuleType, settings: Settings) -> int:
-    """Run a module until SIGTERM or SIGINT; returns the exit status.
-
-    Args:
-        name: Of the module.
-        code: Its file: `start(module)` puts it together.
-        settings: What it is started with.
-
-    Raises:
-        SiteError: The site cannot be.
-    """
-    logging.basicConfig(
-        level=logging.INFO, format=f'%(asctime)s %(levelname)-7s {name}: %(message)s'
-    )
-    faulthandler.enable()  # whoever ends a module that hangs, by SIGABRT, sees where it hung
-    if not any(os.environ.get(variable) for variable in _DDS_VARIABLES):
-        os.environ[_DDS_VARIABLES[0]] = str(_DDS)
-    # Whoever started this process may have SIGINT ignored, as a shell does in the background.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.ALL)
-    try:
-        with _node(name) as node:
-            _spin(Module(name, node, settings, logging.getLogger(name)), code)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
-    except rclpy_implementation.RCLError:
-        if rclpy.ok():
-            raise
-        return 0  # a signal came while ROS was at work
-    finally:
-        rclpy.try_shutdown()
-    return 0
-
-
-@contextmanager
-def _node(name: str) -> Iterator[Node]:
-    node = rclpy.create_node(
-        name,
-        use_global_arguments=False,
-        enable_rosout=False,
-        start_parameter_services=False,
-        parameter_overrides=[Parameter('start_type_description_service', value=False)],
-    )
-    try:
-        yield node
-    finally:
-        node.destroy_node()
-
-
-def _spin(module: Module, code: ModuleType) -> None:
-    executor = SingleThreadedExecutor()
-    try:
-        code.start(module)
-        if module.settings.alive is not None:
-            module.each_s(_ALIVE_S, module.settings.alive.touch)
-        executor.add_node(module.node)
-        module.log.info('is up')
-        executor.spin()
-    finally:
-        # Seldom the middleware does not let go: then the log shows where, and the process ends.
-        faulthandler.dump_traceback_later(_LET_GO_S, exit=True)
-        module.end()
 
 
 def qos_of(topic: Topic, depth: int = 1) -> QoSProfile:
