@@ -1,19 +1,13 @@
-"""The newest of everything that Kafka says of the warehouse, in sections for browsers.
+"""The newest of everything that Kafka says of the warehouse, in sections for browsers."""
 
-A section has a version, which grows when it changes: a browser that says what it has seen is
-given the sections that are newer, each whole. So it may miss any number of them.
-"""
-
-import logging
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import msgspec
 
 from warehouse.codec import MessageError, decode
 from warehouse.domain.kpis import Kpis, KpiView
-from warehouse.domain.orders import shortened
 from warehouse.domain.site import Site
 from warehouse.messages import (
     Assignment,
@@ -22,7 +16,6 @@ from warehouse.messages import (
     FailureEvent,
     FleetReport,
     FleetState,
-    Line,
     Message,
     OpenOrders,
     OperatorCommand,
@@ -36,6 +29,7 @@ from warehouse.messages import (
     ValidatorReport,
     Violation,
 )
+from warehouse.page.bounds import SHOWN_LINES, keep, short_event, short_request, within
 from warehouse.page.intake import Intake
 from warehouse.page.rows import (
     OrderRow,
@@ -45,10 +39,9 @@ from warehouse.page.rows import (
     order_row,
     robot_row,
 )
+from warehouse.page.sections import Sections
 
 __all__ = ['SNAPSHOTS', 'STREAMS', 'View']
-
-_LOG: Final = logging.getLogger(__name__)
 
 SNAPSHOTS: Final = (
     'warehouse.open-orders',
@@ -75,9 +68,6 @@ _WINDOW_STEPS = 1200  # that the use of the robots looks back
 _SHOWN_OPEN = 300
 _SHOWN_VIOLATIONS = 20
 _SHOWN_ENDED_BYTES = 256 * 1024  # each browser gets them again with each change
-_SHOWN_LINES = 100
-_SHOWN_SENTENCE = 500
-_SHOWN_NUMBER = 10**9
 
 
 class _Take(NamedTuple):
@@ -101,9 +91,6 @@ class View:
 
     def __init__(self, site: Site) -> None:
         self._site = site
-        self._versions: dict[str, int] = {}
-        self._encoded: dict[str, tuple[int, bytes]] = {}
-        self._version = 0
         self._fleet = FleetState(step=-1)
         self._moved: frozenset[str] = frozenset()
         self._report = FleetReport(step=-1)
@@ -128,7 +115,6 @@ class View:
         self._now_s = 0.0
         self._heard_s: dict[str, float] = {}
         self._unreadable = 0
-        self._unmade: set[str] = set()
         self._kafka_away = ''
         self._rate = 0.0
         self._takes = {
@@ -144,15 +130,17 @@ class View:
             'warehouse.order-events': _Take(OrderEvent, self._take_event),
             'warehouse.failures': _Take(FailureEvent, self._take_failure),
         }
-        self._makes: dict[str, Callable[[], Any]] = {
-            'floor': self._floor_section,
-            'plans': self._plans_section,
-            'orders': self._orders_section,
-            'failures': self._failures_section,
-            'kpis': self._kpis_section,
-            'validator': self._validator_section,
-            'health': self._health_section,
-        }
+        self._sections = Sections(
+            {
+                'floor': self._floor_section,
+                'plans': self._plans_section,
+                'orders': self._orders_section,
+                'failures': self._failures_section,
+                'kpis': self._kpis_section,
+                'validator': self._validator_section,
+                'health': self._health_section,
+            }
+        )
 
     def take(self, topic: str, value: bytes | None, now_s: float, made_s: float) -> None:
         """Take a record; what cannot be read is counted.
@@ -181,18 +169,12 @@ class View:
         minute the page sends.
         """
         self._now_s, self._kafka_away, self._rate = now_s, kafka_away, rate
-        self._change('health')
-        self._change('kpis')
+        self._sections.change('health')
+        self._sections.change('kpis')
 
     def newer(self, seen: dict[str, int]) -> bytes:
-        """The sections that changed since, as one JSON object, b'' for none; `seen` is updated."""
-        parts = []
-        for name, version in self._versions.items():
-            if seen.get(name, -1) < version:
-                seen[name] = version
-                if section := self._section(name, version):
-                    parts.append(b'"%s":%s' % (name.encode(), section))
-        return b'{%s}' % b','.join(parts) if parts else b''
+        """The sections that changed since; see `Sections.newer`."""
+        return self._sections.newer(seen)
 
     @property
     def robots(self) -> frozenset[str]:
@@ -200,26 +182,6 @@ class View:
         known = {state.serial_number for state in self._fleet.states}
         known.update(report.serial_number for report in self._report.robots)
         return frozenset(known.union(self._site.robots))
-
-    def _section(self, name: str, version: int) -> bytes:
-        kept, encoded = self._encoded.get(name, (-1, b''))
-        if kept == version:
-            return encoded
-        try:
-            encoded = msgspec.json.encode(self._makes[name]())
-            self._unmade.discard(name)
-        except Exception:  # noqa: BLE001 (whatever anybody has put into Kafka)
-            # A browser keeps what it has; the other sections go on.
-            encoded = b''
-            if name not in self._unmade:
-                self._unmade.add(name)
-                _LOG.exception('cannot show the section %s', name)
-        self._encoded[name] = (version, encoded)
-        return encoded
-
-    def _change(self, section: str) -> None:
-        self._version += 1
-        self._versions[section] = self._version
 
     # What comes in
 
@@ -233,52 +195,52 @@ class View:
             )
         self._fleet = fleet
         self._kpis.take_state(fleet)
-        self._change('floor')
+        self._sections.change('floor')
 
     def _take_report(self, report: FleetReport) -> None:
         self._report = report
         self._kpis.take_report(report)
-        self._change('floor')
+        self._sections.change('floor')
 
     def _take_open(self, orders: OpenOrders) -> None:
         self._open = orders
         for order in orders.orders:
-            _keep(self._orders, order.order_id, order, _KEPT_REQUESTS)
-        self._change('orders')
+            keep(self._orders, order.order_id, order, _KEPT_REQUESTS)
+        self._sections.change('orders')
 
     def _take_tasks(self, tasks: Tasks) -> None:
         self._tasks = {task.task_id: task for task in tasks.tasks}
-        self._change('orders')
+        self._sections.change('orders')
 
     def _take_assignments(self, assignments: Assignments) -> None:
         self._kpis.take_assignments(assignments)
         self._assignments = {a.serial_number: a for a in assignments.assignments}
-        self._change('floor')
+        self._sections.change('floor')
 
     def _take_plans(self, plans: Plans) -> None:
         self._plans = plans
         self._kpis.take_plans(plans)
-        self._change('plans')
+        self._sections.change('plans')
 
     def _take_validator(self, report: ValidatorReport) -> None:
         self._validator = report
-        self._change('validator')
+        self._sections.change('validator')
 
     def _take_request(self, request: OrderRequest) -> None:
-        request = _short_request(request)
+        request = short_request(request)
         self._intake.take_request(request, self._heard_s['warehouse.orders'], self._read_s)
-        _keep(self._requests, request.order_id, request, _KEPT_REQUESTS)
+        keep(self._requests, request.order_id, request, _KEPT_REQUESTS)
 
     def _take_command(self, command: OperatorCommand) -> None:
         """Remember what people have seen, and put where no robot may have found it yet."""
         if command.command == 'acknowledge':
             self._acknowledge()
         elif command.command == 'blockCell' and self._is_on_map(command.cell):
-            _keep(self._placed, command.cell, None, _KEPT_PLACED)
-            self._change('floor')
+            keep(self._placed, command.cell, None, _KEPT_PLACED)
+            self._sections.change('floor')
         elif command.command == 'unblockCell' and command.cell is not None:
             self._placed.pop(command.cell, None)
-            self._change('floor')
+            self._sections.change('floor')
 
     def _acknowledge(self) -> None:
         """Remember by name: the list is cut at its length, and a validator may begin anew."""
@@ -286,7 +248,7 @@ class View:
         is_old = self._heard_s['warehouse.commands'] < (self._begun_s or 0.0)
         if self._validator is not None and not is_old:
             self._acknowledged = frozenset(map(_violation_name, self._validator.violations))
-            self._change('validator')
+            self._sections.change('validator')
 
     def _is_on_map(self, cell: Cell | None) -> bool:
         if cell is None:
@@ -295,19 +257,19 @@ class View:
         return 0 <= row < len(self._site.rows) and 0 <= column < len(self._site.rows[row])
 
     def _take_event(self, event: OrderEvent) -> None:
-        event = _short_event(event)
+        event = short_event(event)
         self._kpis.take_event(event)
         self._intake.take_event(event, self._read_s)
         if event.line_id:
             lines = self._lines.get(event.order_id, {})
-            if len(lines) < _SHOWN_LINES:
+            if len(lines) < SHOWN_LINES:
                 lines[event.line_id] = event
-            _keep(self._lines, event.order_id, lines, _KEPT_REQUESTS)
+            keep(self._lines, event.order_id, lines, _KEPT_REQUESTS)
         elif event.is_end(was_received=self._was_received(event.order_id)):
             self._take_end(event)
         elif event.status is OrderStatus.RECEIVED:
-            _keep(self._received, event.order_id, event.time_s, _KEPT_REQUESTS)
-        self._change('orders')
+            keep(self._received, event.order_id, event.time_s, _KEPT_REQUESTS)
+        self._sections.change('orders')
 
     def _was_received(self, name: str) -> bool:
         ended = self._ended.get(name)
@@ -319,7 +281,7 @@ class View:
         order, request = self._orders.get(name), self._requests.get(name)
         lines, received_s = self._lines.get(name, {}), self._received.get(name)
         row = ended_row(end, order, request, lines, received_s)
-        _keep(self._ended, name, _Ended(row, msgspec.Raw(msgspec.json.encode(row))), _KEPT_ENDS)
+        keep(self._ended, name, _Ended(row, msgspec.Raw(msgspec.json.encode(row))), _KEPT_ENDS)
 
     def _take_failure(self, event: FailureEvent) -> None:
         self._kpis.take_failure(event)
@@ -327,8 +289,8 @@ class View:
         if len(events) < _KEPT_EVENTS_OF_ONE or event.event == 'FailureResolved':
             events[event.event, event.time_s, event.response] = event
         if event.failure_id not in self._failures:
-            _keep(self._failures, event.failure_id, events, _KEPT_FAILURES)
-        self._change('failures')
+            keep(self._failures, event.failure_id, events, _KEPT_FAILURES)
+        self._sections.change('failures')
 
     # What goes out
 
@@ -368,7 +330,7 @@ class View:
             'openCount': len(self._open.orders),
             # The end may be read before the last snapshot from when it was open.
             'ended': list(
-                _within(
+                within(
                     _SHOWN_ENDED_BYTES,
                     (
                         end.encoded
@@ -417,48 +379,3 @@ _ViolationName = tuple[int, str, str]
 
 def _violation_name(violation: Violation) -> _ViolationName:
     return violation.step, violation.rule, violation.description
-
-
-def _short_request(request: OrderRequest) -> OrderRequest:
-    """What anybody may send to Kafka is kept and shown no longer than the desk takes it."""
-    lines = (
-        Line(shortened(line.line_id), shortened(line.product), _small(line.quantity))
-        for line in request.lines[:_SHOWN_LINES]
-    )
-    return msgspec.structs.replace(
-        request,
-        order_id=shortened(request.order_id),
-        station=shortened(request.station),
-        lines=tuple(lines),
-        priority=_small(request.priority),
-    )
-
-
-def _small(number: int) -> int:
-    return max(-_SHOWN_NUMBER, min(number, _SHOWN_NUMBER))
-
-
-def _short_event(event: OrderEvent) -> OrderEvent:
-    return msgspec.structs.replace(
-        event,
-        order_id=shortened(event.order_id),
-        line_id=shortened(event.line_id),
-        reason=shortened(event.reason, _SHOWN_SENTENCE),
-        robot=shortened(event.robot),
-    )
-
-
-def _within(most_bytes: int, rows: Iterable[msgspec.Raw]) -> Iterator[msgspec.Raw]:
-    """The first rows, as many as fit."""
-    for row in rows:
-        most_bytes -= len(memoryview(row))
-        if most_bytes < 0:
-            return
-        yield row
-
-
-def _keep(kept: OrderedDict[Any, Any], key: Any, value: Any, most: int) -> None:
-    kept[key] = value
-    kept.move_to_end(key)
-    while len(kept) > most:
-        kept.popitem(last=False)

@@ -266,7 +266,7 @@ def test_a_section_that_cannot_be_shown_does_not_keep_the_others_back() -> None:
     put(view, 'warehouse.plans', Plans(1))
     with contextlib.suppress(ValueError):  # the feed leaves such a record out
         put(view, 'warehouse.robots', FleetState(1, (bad,)))
-    view._change('floor')
+    view._sections.change('floor')
     assert look(view, seen).keys() == {'plans'}
     put(view, 'warehouse.robots', FleetState(2, (robot(1),)))
     assert look(view, seen).keys() == {'floor'}
