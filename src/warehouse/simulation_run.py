@@ -13,8 +13,10 @@ from rich.table import Table
 from warehouse.domain.execution_profiles import read_execution_profiles
 from warehouse.domain.faults import FaultPlan, read_fault
 from warehouse.domain.kpis import KpiView
+from warehouse.domain.order_plan import OrderPlan
 from warehouse.domain.robot_failure_profile import read_failure_profile
-from warehouse.domain.simulation import OrderPlan, Result, Simulation
+from warehouse.domain.simulation import Simulation
+from warehouse.domain.simulation_result import Result
 from warehouse.domain.site import check_robot_types, choose_site
 
 __all__ = ['Wish', 'run', 'world']

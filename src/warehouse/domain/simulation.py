@@ -5,26 +5,26 @@ monitor judges the newest state, the task organizer and the orders follow, costs
 the next step of the plan are made. The same seed gives the same run, byte by byte.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from random import Random
-from typing import Any, Final, NamedTuple
-
-import msgspec
+from typing import Any, Final
 
 from warehouse.domain.cost_estimator import CostEstimator
 from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.faults import FaultPlan
-from warehouse.domain.kpis import Kpis, KpiView
+from warehouse.domain.kpis import Kpis
 from warehouse.domain.monitor import Monitor
+from warehouse.domain.order_plan import OrderPlan
 from warehouse.domain.orders import OrderDesk
 from warehouse.domain.path_planner import PathPlanner
-from warehouse.domain.random_orders import random_order
 from warehouse.domain.repairs import Repairs
 from warehouse.domain.robot_failure_profile import RobotFailureProfile
 from warehouse.domain.robots import Fleet
+from warehouse.domain.simulation_result import Ends, Result
 from warehouse.domain.site import Site
 from warehouse.domain.task_allocator import TaskAllocator
 from warehouse.domain.task_organizer import TaskOrganizer
+from warehouse.domain.trace_line import trace_line
 from warehouse.domain.validator import Validator
 from warehouse.messages import (
     Assignments,
@@ -36,14 +36,11 @@ from warehouse.messages import (
     OperatorCommand,
     OrderEvent,
     OrderRequest,
-    OrderStatus,
     RobotReport,
-    RobotState,
     Tasks,
-    Violation,
 )
 
-__all__ = ['MODULES', 'OrderPlan', 'Result', 'Simulation']
+__all__ = ['MODULES', 'Simulation']
 
 MODULES: Final = (
     'orders',
@@ -57,47 +54,6 @@ MODULES: Final = (
 )
 
 LOOK_AGAIN_STEPS: Final = 8  # costs and assignments are made anew, though nothing has changed
-
-_ENCODER: Final = msgspec.json.Encoder()
-
-
-class OrderPlan(NamedTuple):
-    """Which orders come.
-
-    Attributes:
-        per_hour: By chance, so many on average.
-        most: No more than these; 0: as many as come.
-        fixed: (time in seconds, order) of those that come for sure, in order of time.
-    """
-
-    per_hour: float = 0.0
-    most: int = 0
-    fixed: tuple[tuple[float, OrderRequest], ...] = ()
-
-
-class Result(NamedTuple):
-    """What became of a simulation.
-
-    Attributes:
-        ended: How each order ended: its id, and the status.
-        lost: Orders that were sent, and have neither ended nor are open.
-        doubled: Orders and lines that ended more than once.
-    """
-
-    steps: int
-    now_s: float
-    sent: int
-    ended: dict[str, OrderStatus]
-    open: tuple[str, ...]
-    lost: tuple[str, ...]
-    doubled: tuple[str, ...]
-    violations: tuple[Violation, ...]
-    kpis: KpiView
-
-    @property
-    def is_right(self) -> bool:
-        """Whether no rule was broken and no order lost or doubled."""
-        return not (self.violations or self.lost or self.doubled)
 
 
 class Simulation:
@@ -154,12 +110,11 @@ class Simulation:
         self.requests: list[OrderRequest] = []
         self.events: list[OrderEvent] = []
         self.failures: list[FailureEvent] = []
-        self._plan = orders
-        self._random = Random(seed)  # noqa: S311 - chance that can be repeated, no secret
+        # Chance that can be repeated is no secret.
+        self._due = orders.requests(site, profiles, Random(seed))  # noqa: S311
+        self._next = next(self._due, None)
         self._delays = Random(seed + 1)  # noqa: S311
         self._lateness = lateness
-        self._due = self._requests()
-        self._next: tuple[float, OrderRequest] | None = next(self._due, None)
         self._inbox: list[OrderRequest] = []
         self._states: dict[str, list[FleetState]] = {
             'monitor': [],
@@ -171,7 +126,7 @@ class Simulation:
         self._looked_step = 0
         self._new_events = 0
         self._new_failures = 0
-        self._ends = _Ends()
+        self._ends = Ends()
 
     # Running
 
@@ -275,18 +230,12 @@ class Simulation:
 
     def line(self) -> bytes:
         """What happened in the last step, as JSON: where the robots are, and the events."""
-        line: dict[str, object] = {
-            'step': self.state.step,
-            'robots': [_trace(robot) for robot in self.state.states],
-        }
-        gone = [one.serial_number for one in self.report.robots if _is_gone(one)]
-        if gone:
-            line['removed'] = gone
-        if len(self.events) > self._new_events:
-            line['events'] = self.events[self._new_events :]
-        if len(self.failures) > self._new_failures:
-            line['failures'] = self.failures[self._new_failures :]
-        return _ENCODER.encode(line)
+        return trace_line(
+            self.state,
+            self.report,
+            self.events[self._new_events :],
+            self.failures[self._new_failures :],
+        )
 
     # The turns of the modules
 
@@ -294,16 +243,6 @@ class Simulation:
         if not self._lateness:
             return frozenset()
         return frozenset(name for name in MODULES if self._delays.random() < self._lateness)
-
-    def _requests(self) -> Iterator[tuple[float, OrderRequest]]:
-        """All orders that will come, in order of time."""
-        yield from self._plan.fixed
-        now_s, number = 0.0, 0
-        while self._plan.per_hour and not 0 < self._plan.most <= number:
-            number += 1
-            now_s += self._random.expovariate(self._plan.per_hour / 3600)
-            order_id = f'order-{number:05d}'
-            yield now_s, random_order(self.site, self._random, order_id, now_s, self.profiles)
 
     def _take_requests(self) -> None:
         while self._next is not None and self._next[0] <= self.now_s:
@@ -409,33 +348,6 @@ class Simulation:
         self.kpis.take_state(self.state)
 
 
-class _Ends:
-    """How orders and lines ended; the same event again is a repeat, another one too many."""
-
-    def __init__(self) -> None:
-        self.ended: dict[str, OrderStatus] = {}
-        self.doubled: list[str] = []
-        self._received: set[str] = set()
-        self._events: dict[tuple[str, str], tuple[int, OrderStatus]] = {}
-
-    def take(self, event: OrderEvent) -> None:
-        if event.status is OrderStatus.RECEIVED:
-            self._received.add(event.order_id)
-        if not event.is_end(was_received=event.order_id in self._received):
-            return
-        end = (event.order_update_id, event.status)
-        known = self._events.setdefault((event.order_id, event.line_id), end)
-        if known != end:
-            self.doubled.append(f'{event.order_id}/{event.line_id}'.rstrip('/'))
-        elif not event.line_id:
-            self.ended[event.order_id] = event.status
-
-
-def _is_gone(robot: RobotReport) -> bool:
-    """Whether it was carried off the floor."""
-    return not robot.commissioned and not robot.obstacle
-
-
 def _what_counts(report: FleetReport) -> tuple[object, ...]:
     """What of a report makes another allocation: not where the robots are."""
     return (
@@ -456,16 +368,3 @@ def _state_of(robot: RobotReport) -> tuple[object, ...]:
         robot.obstacle,
         robot.state.power_supply.charging,
     )
-
-
-def _trace(robot: RobotState) -> dict[str, object]:
-    x, y = robot.cell
-    trace: dict[str, object] = {
-        'id': robot.serial_number,
-        'x': x,
-        'y': y,
-        'load': robot.loads[0].load_id if robot.loads else None,
-    }
-    if robot.driving:
-        trace['to'] = robot.cells[-1]
-    return trace

@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 
 from warehouse.domain.execution_profiles import read_execution_profiles
 from warehouse.domain.faults import CODES, FaultPlan
+from warehouse.domain.order_plan import OrderPlan
 from warehouse.domain.robot_failure_profile import read_failure_profile
-from warehouse.domain.simulation import MODULES, OrderPlan, Result, Simulation
+from warehouse.domain.simulation import MODULES, Simulation
+from warehouse.domain.simulation_result import Result
 from warehouse.domain.site import make_site
 from warehouse.messages import FailureEvent, OrderStatus, RobotState
 

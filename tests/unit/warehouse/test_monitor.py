@@ -8,8 +8,9 @@ import pytest
 from warehouse.codec import decode, encode
 from warehouse.domain.execution_profiles import read_execution_profiles
 from warehouse.domain.monitor import Monitor
+from warehouse.domain.order_plan import OrderPlan
 from warehouse.domain.robot_failure_profile import read_failure_profile
-from warehouse.domain.simulation import OrderPlan, Simulation
+from warehouse.domain.simulation import Simulation
 from warehouse.domain.site import RobotPlace, Site, read_site
 from warehouse.messages import (
     ActionState,

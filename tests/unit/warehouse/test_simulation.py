@@ -14,9 +14,11 @@ from typer.testing import CliRunner
 
 from warehouse.domain.execution_profiles import ExecutionProfiles, read_execution_profiles
 from warehouse.domain.faults import FaultPlan
+from warehouse.domain.order_plan import OrderPlan
 from warehouse.domain.random_orders import random_order
 from warehouse.domain.robot_failure_profile import RobotFailureProfile, read_failure_profile
-from warehouse.domain.simulation import MODULES, OrderPlan, Result, Simulation
+from warehouse.domain.simulation import MODULES, Simulation
+from warehouse.domain.simulation_result import Result
 from warehouse.domain.site import Site, make_site, read_site
 from warehouse.domain.validator import validate_trace
 from warehouse.messages import FleetState, Line, OrderRequest, OrderStatus, node_id
