@@ -5,21 +5,28 @@ in `OpenOrders`; what has become of it the Task Organizer says in `Tasks`, and t
 """
 
 from collections.abc import Iterable
-from datetime import UTC
 from typing import Final
 
 from msgspec.structs import replace
 
+from warehouse.domain.order_progress import (
+    RANKS,
+    Etas,
+    advanced,
+    end_of,
+    is_blocked,
+    status_of,
+    summary,
+)
+from warehouse.domain.order_requests import answer, changed, new_order, too_late, unusable, wrong
 from warehouse.domain.site import Site
 from warehouse.messages import (
     ORDER_ENDS,
     Assignments,
-    Line,
     LineStatus,
     OpenOrders,
     Order,
     OrderEvent,
-    OrderLine,
     OrderRequest,
     OrderStatus,
     Task,
@@ -27,42 +34,11 @@ from warehouse.messages import (
     TaskStatus,
 )
 
-__all__ = ['BLOCKED_TIMES', 'MAX_OPEN', 'OrderDesk', 'event_name', 'shortened']
+__all__ = ['BLOCKED_TIMES', 'MAX_OPEN', 'OrderDesk', 'event_name']
 
 _ENDED_KEPT: Final = 100_000  # ended and refused orders whose repeats are still known as such
-_MOST_LINES: Final = 100
 MAX_OPEN: Final = 200  # orders at a time
 BLOCKED_TIMES: Final = 5  # as many orders as usual, at most, while some wait for a person
-_ETA_NEWS_S: Final = 5.0  # a smaller change of an ETA is no news
-_PRIORITIES: Final = range(10)
-_UPDATES: Final = range(2**32)  # uint32 in VDA 5050
-_QUANTITIES: Final = range(1, 10_001)
-_ID_LENGTH: Final = 200
-_REASON_LENGTH: Final = 500
-
-_LINE_ENDS: Final = {
-    TaskStatus.DELIVERED: LineStatus.DELIVERED,
-    TaskStatus.FAILED: LineStatus.FAILED,
-    TaskStatus.CANCELLED: LineStatus.CANCELLED,
-}
-_RANKS: Final = {
-    status: rank
-    for rank, status in enumerate(
-        (
-            OrderStatus.RECEIVED,
-            OrderStatus.PLANNED,
-            OrderStatus.ASSIGNED,
-            OrderStatus.PICKING,
-            OrderStatus.CARRYING,
-        )
-    )
-}
-_ORDER_STATUS: Final = {
-    TaskStatus.OPEN: OrderStatus.PLANNED,
-    TaskStatus.ASSIGNED: OrderStatus.ASSIGNED,
-    TaskStatus.PICKING: OrderStatus.PICKING,
-    TaskStatus.CARRIED: OrderStatus.CARRYING,
-}
 
 
 def event_name(event: OrderEvent) -> tuple[str, int, str, OrderStatus]:
@@ -112,7 +88,7 @@ class OrderDesk:
         self._tasks: Tasks | None = None
         self._assignments: Assignments | None = None
         self._seen_tasks: dict[str, dict[str, Task]] = {}
-        self._etas: dict[str, float] = {}
+        self._etas = Etas()
 
     @property
     def is_full(self) -> bool:
@@ -137,8 +113,8 @@ class OrderDesk:
         A new order and each change of it is RECEIVED, or REJECTED with the reason. That a change
         was rejected leaves the order as it was.
         """
-        if reason := _unusable(request):  # nothing is kept of it: it may be megabytes
-            return (_event(request, OrderStatus.REJECTED, now_s, reason),)
+        if reason := unusable(request):  # nothing is kept of it: it may be megabytes
+            return (answer(request, OrderStatus.REJECTED, now_s, reason),)
         record = self._records.setdefault(request.order_id, _Record())
         content = hash(request)
         if content in record.seen:
@@ -150,20 +126,20 @@ class OrderDesk:
                 record.update, record.status = request.order_update_id, OrderStatus.CANCELLED
             if record.order is None:
                 self._retire(request.order_id)
-            return (_event(request, OrderStatus.REJECTED, now_s, reason),)
+            return (answer(request, OrderStatus.REJECTED, now_s, reason),)
         record.update = request.order_update_id
         if record.order is None:
-            record.order = self._new(request, now_s)
+            record.order = new_order(request, now_s)
             record.status, record.rank = OrderStatus.RECEIVED, 0
             self._open[request.order_id] = record
             self._over.pop(request.order_id, None)
         elif request.cancel:
             record.order = replace(record.order, order_update_id=record.update, cancelled=True)
         else:
-            record.order = _changed(record.order, self._new(request, now_s))
+            record.order = changed(record.order, new_order(request, now_s))
         self._snapshot = None
         reason = 'to be cancelled' if request.cancel else ''
-        return (_event(request, OrderStatus.RECEIVED, now_s, reason),)
+        return (answer(request, OrderStatus.RECEIVED, now_s, reason),)
 
     def _refusal(self, record: _Record, request: OrderRequest) -> str:
         update = request.order_update_id
@@ -179,47 +155,11 @@ class OrderDesk:
                 return 'ORDER_UPDATE_FOLLOWING_CANCEL: the order is to be cancelled'
         if request.cancel:
             return '' if record.order else 'NO_ORDER_TO_CANCEL: no such order was received'
-        wrong = self._wrong(request) or _too_late(record, request)
-        return f'VALIDATION_FAILURE: {wrong}' if wrong else ''
-
-    def _wrong(self, request: OrderRequest) -> str:
-        """What is wrong with an order, or ''."""
-        if request.station not in self._site.stations:
-            known = ', '.join(self._site.stations)
-            return f'no station is called {request.station!r}; there are {known}'
-        if not 0 < len(request.lines) <= _MOST_LINES:
-            return f'an order needs at least one line, and has at most {_MOST_LINES}'
-        if request.priority not in _PRIORITIES:
-            return f'priority is {request.priority}; it goes from 0 to 9'
-        line_ids = [line.line_id for line in request.lines]
-        if len(set(line_ids)) < len(line_ids):
-            return 'two lines have the same lineId'
-        return next((wrong for line in request.lines if (wrong := self._wrong_line(line))), '')
-
-    def _wrong_line(self, line: Line) -> str:
-        if not 0 < len(line.line_id) <= _ID_LENGTH or '/' in line.line_id:
-            return f"lineId must have 1 to {_ID_LENGTH} characters and no '/'"
-        if line.product not in self._site.products:
-            return f'line {line.line_id}: no product is called {line.product!r}'
-        if line.quantity not in _QUANTITIES:
-            return f'line {line.line_id}: quantity must be from 1 to {_QUANTITIES[-1]}'
-        return ''
-
-    def _new(self, request: OrderRequest, now_s: float) -> Order:
-        due = request.due_time
-        if due is not None and due.tzinfo is None:
-            due = due.replace(tzinfo=UTC)
-        return Order(
-            order_id=request.order_id,
-            order_update_id=request.order_update_id,
-            station=request.station,
-            lines=tuple(
-                OrderLine(line.line_id, line.product, line.quantity) for line in request.lines
-            ),
-            released_s=now_s,
-            priority=request.priority,
-            due_s=None if due is None else due.timestamp(),
-        )
+        bad = wrong(request, self._site)
+        if record.order is not None:
+            is_picking = record.rank >= RANKS[OrderStatus.PICKING]
+            bad = bad or too_late(record.order, request, is_picking=is_picking)
+        return f'VALIDATION_FAILURE: {bad}' if bad else ''
 
     # What becomes of the orders.
 
@@ -229,7 +169,7 @@ class OrderDesk:
         """What has happened to the orders, by the newest snapshots of tasks and assignments."""
         if tasks is self._tasks and assignments is self._assignments:
             return ()
-        touched = self._note_tasks(tasks) | self._note_etas(assignments)
+        touched = self._note_tasks(tasks) | self._etas.note(assignments)
         self._tasks, self._assignments = tasks, assignments
         events: list[OrderEvent] = []
         for order_id in sorted(touched):
@@ -249,50 +189,17 @@ class OrderDesk:
             del self._seen_tasks[order_id]
         return touched
 
-    def _note_etas(self, assignments: Assignments | None) -> set[str]:
-        """The orders whose tasks are expected at another time now."""
-        if assignments is None or assignments is self._assignments:
-            return set()
-        touched = set()
-        etas: dict[str, float] = {}
-        for assignment in assignments.assignments:
-            for task_id, eta_s in zip(assignment.tasks, assignment.eta_s, strict=False):
-                before = self._etas.get(task_id)
-                if before is None or abs(before - eta_s) >= _ETA_NEWS_S:
-                    touched.add(task_id.rpartition('/')[0])
-                    before = eta_s
-                etas[task_id] = before
-        touched.update(name.rpartition('/')[0] for name in self._etas.keys() - etas.keys())
-        self._etas = etas
-        return touched
-
     def _advance(self, record: _Record, now_s: float) -> list[OrderEvent]:
         assert record.order is not None
         before = record.order
         tasks = self._seen_tasks.get(before.order_id, {})
-        events: list[OrderEvent] = []
-        lines = []
-        for line in before.lines:
-            task = tasks.get(f'{before.order_id}/{line.line_id}')
-            line_now = line if task is None else _line_now(line, task)
-            if task is not None and line_now.status is not line.status:
-                status = OrderStatus(line_now.status.value)
-                events.append(
-                    OrderEvent(
-                        before.order_id,
-                        before.order_update_id,
-                        status,
-                        now_s,
-                        line.line_id,
-                        task.reason,
-                        task.robot,
-                    )
-                )
-            lines.append(line_now)
-        order = replace(before, lines=tuple(lines))
-        self._note_blocked(order, tasks)
-        status = _end(order) or _status(order, tasks.values())
-        order = replace(order, status=status, eta_s=self._eta_s(order))
+        order, events = advanced(before, tasks, now_s)
+        if is_blocked(order, tasks):
+            self._blocked.add(order.order_id)
+        else:
+            self._blocked.discard(order.order_id)
+        status = end_of(order) or status_of(order, tasks.values())
+        order = replace(order, status=status, eta_s=self._etas.of(order))
         if order != before:
             record.order = order
             self._snapshot = None
@@ -300,28 +207,17 @@ class OrderDesk:
             events += self._report(record, order, now_s)
         return events
 
-    def _note_blocked(self, order: Order, tasks: dict[str, Task]) -> None:
-        waiting = [
-            tasks.get(f'{order.order_id}/{line.line_id}')
-            for line in order.lines
-            if line.status is LineStatus.OPEN
-        ]
-        if all(task is not None and task.status is TaskStatus.BLOCKED for task in waiting):
-            self._blocked.add(order.order_id)
-        else:
-            self._blocked.discard(order.order_id)
-
     def _report(self, record: _Record, order: Order, now_s: float) -> list[OrderEvent]:
         """The event of a new status, unless an order only goes back to wait for its next line."""
         before, record.status = record.status, order.status
-        rank = _RANKS.get(order.status, record.rank)
-        is_news = order.status not in _RANKS or rank > record.rank or before not in _RANKS
+        rank = RANKS.get(order.status, record.rank)
+        is_news = order.status not in RANKS or rank > record.rank or before not in RANKS
         record.rank = max(rank, record.rank)
         if not is_news:
             return []
         reason, late_s = '', None
         if order.status in ORDER_ENDS:
-            reason = _summary(order)
+            reason = summary(order)
             late_s = None if order.due_s is None else now_s - order.due_s
             self._close(record)
         elif order.status is OrderStatus.BLOCKED:
@@ -357,16 +253,6 @@ class OrderDesk:
         if len(self._over) > _ENDED_KEPT:
             oldest = next(iter(self._over))
             del self._over[oldest], self._records[oldest]
-
-    def _eta_s(self, order: Order) -> float | None:
-        """When the last of its lines should be delivered; None if that is open for one."""
-        etas = [
-            self._etas.get(f'{order.order_id}/{line.line_id}')
-            for line in order.lines
-            if line.status is LineStatus.OPEN
-        ]
-        known = [eta_s for eta_s in etas if eta_s is not None]
-        return max(known) if known and len(known) == len(etas) else None
 
     # After a restart.
 
@@ -418,7 +304,7 @@ class OrderDesk:
 
     def _know(self, request: OrderRequest) -> None:
         """Notes a request of an order that is over, nobody knows how."""
-        if _unusable(request):
+        if unusable(request):
             return
         record = self._records.setdefault(request.order_id, _Record())
         record.seen.add(hash(request))
@@ -435,7 +321,7 @@ class OrderDesk:
         record = self._records.setdefault(order.order_id, _Record())
         record.order, record.update = order, order.order_update_id
         record.status = OrderStatus.RECEIVED if order.status in ORDER_ENDS else order.status
-        record.rank = _RANKS.get(order.status, 0)
+        record.rank = RANKS.get(order.status, 0)
         self._open[order.order_id] = record
         self._over.pop(order.order_id, None)
         self._snapshot = None
@@ -478,119 +364,4 @@ class OrderDesk:
             record.status = event.status
             self._close(record)
         else:
-            record.rank = max(record.rank, _RANKS.get(event.status, record.rank))
-
-
-def _event(
-    request: OrderRequest, status: OrderStatus, now_s: float, reason: str = ''
-) -> OrderEvent:
-    return OrderEvent(
-        shortened(request.order_id),
-        request.order_update_id,
-        status,
-        now_s,
-        reason=shortened(reason, _REASON_LENGTH),
-    )
-
-
-def shortened(text: str, length: int = _ID_LENGTH) -> str:
-    """A text of a customer as it is repeated to everybody who looks on."""
-    return text if len(text) <= length else f'{text[: length - 1]}…'
-
-
-def _unusable(request: OrderRequest) -> str:
-    """Why a request does not even name an order, or ''."""
-    if not 0 < len(request.order_id) <= _ID_LENGTH:
-        return f'VALIDATION_FAILURE: orderId must have 1 to {_ID_LENGTH} characters'
-    if request.order_update_id not in _UPDATES:
-        return f'VALIDATION_FAILURE: orderUpdateId goes from 0 to {_UPDATES[-1]}'
-    return ''
-
-
-def _too_late(record: _Record, request: OrderRequest) -> str:
-    """Why an order can no longer be changed so, or ''.
-
-    It must follow from what was asked and said alone, or a desk that remembers would answer
-    otherwise than before.
-    """
-    order = record.order
-    if order is None:
-        return ''
-    is_picked = record.rank >= _RANKS[OrderStatus.PICKING] or any(
-        line.status is LineStatus.DELIVERED for line in order.lines
-    )
-    if is_picked and request.station != order.station:
-        return f'the station is still {order.station!r}: loads are on their way there'
-    withdrawn = {line.line_id for line in order.lines if line.withdrawn}
-    again = next((line.line_id for line in request.lines if line.line_id in withdrawn), None)
-    if again is not None:
-        return f'line {again} was withdrawn by an earlier update: give it another lineId'
-    return ''
-
-
-def _changed(order: Order, wanted: Order) -> Order:
-    """The order with a later update: lines that have ended stay, others are as wanted now.
-
-    A line that is no longer wanted is withdrawn; if its load is on its way already, it comes.
-    """
-    new = {line.line_id: line for line in wanted.lines}
-    lines = [
-        line if line.status is not LineStatus.OPEN else _changed_line(line, new.get(line.line_id))
-        for line in order.lines
-    ]
-    known = {line.line_id for line in order.lines}
-    lines += [line for line in wanted.lines if line.line_id not in known]
-    return replace(wanted, lines=tuple(lines), released_s=order.released_s, status=order.status)
-
-
-def _changed_line(line: OrderLine, wanted: OrderLine | None) -> OrderLine:
-    if wanted is None:
-        return replace(line, withdrawn=True)
-    return replace(line, product=wanted.product, quantity=wanted.quantity, withdrawn=False)
-
-
-def _line_now(line: OrderLine, task: Task) -> OrderLine:
-    if line.status is not LineStatus.OPEN:
-        return line
-    status = _LINE_ENDS.get(task.status, LineStatus.OPEN)
-    line = replace(line, place=task.pickup if task.stranded else None, attempt=task.attempt)
-    if task.carried or status is LineStatus.DELIVERED:
-        # A change that came too late: this is what has been picked.
-        return replace(line, product=task.product, quantity=task.quantity, status=status)
-    return line if status is LineStatus.OPEN else replace(line, status=status)
-
-
-def _end(order: Order) -> OrderStatus | None:
-    """How an order has ended, or None."""
-    ends = {line.status for line in order.lines}
-    if LineStatus.OPEN in ends:
-        return None
-    if ends == {LineStatus.CANCELLED}:
-        return OrderStatus.CANCELLED
-    if LineStatus.DELIVERED not in ends:
-        return OrderStatus.FAILED
-    wanted = [line.status for line in order.lines if not line.withdrawn]
-    if all(status is LineStatus.DELIVERED for status in wanted):
-        return OrderStatus.DELIVERED
-    return OrderStatus.PARTIAL
-
-
-def _status(order: Order, tasks: Iterable[Task]) -> OrderStatus:
-    """Where an order stands that has not ended: as far as its farthest line."""
-    states = {task.status for task in tasks} & {*_ORDER_STATUS, TaskStatus.BLOCKED}
-    if not states:
-        return order.status
-    moving = [_ORDER_STATUS[status] for status in states if status is not TaskStatus.BLOCKED]
-    if TaskStatus.BLOCKED in states and set(moving) <= {OrderStatus.PLANNED}:
-        return OrderStatus.BLOCKED
-    return max(moving, key=_RANKS.__getitem__)
-
-
-def _summary(order: Order) -> str:
-    count = len(order.lines)
-    parts = [
-        f'{number} of {count} lines {status.value.lower()}'
-        for status in (LineStatus.DELIVERED, LineStatus.CANCELLED, LineStatus.FAILED)
-        if 0 < (number := sum(line.status is status for line in order.lines)) < count
-    ]
-    return ', '.join(parts)
+            record.rank = max(record.rank, RANKS.get(event.status, record.rank))

@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import msgspec
 
 from warehouse.codec import MessageError, decode
-from warehouse.domain.orders import OrderDesk, shortened
+from warehouse.domain.order_requests import shortened
+from warehouse.domain.orders import OrderDesk
 from warehouse.messages import (
     ORDER_ENDS,
     Assignments,

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from warehouse.domain.orders import shortened
+from warehouse.domain.order_requests import shortened
 from warehouse.messages import Line, OrderEvent, OrderRequest
 
 __all__ = ['SHOWN_LINES', 'keep', 'short_event', 'short_request', 'within']

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warehouse.codec import encode
-from warehouse.domain.orders import shortened
+from warehouse.domain.order_requests import shortened
 from warehouse.domain.site import Site
 from warehouse.messages import (
     ErrorLevel,
