@@ -6,7 +6,7 @@ from warehouse.domain.faults import FaultError
 from warehouse.domain.maps import MapError
 from warehouse.domain.profile_files import ProfileError
 from warehouse.domain.site import SiteError
-from warehouse.domain.validator import TraceError
+from warehouse.domain.trace_check import TraceError
 from warehouse.kafka import AwayError
 from warehouse.run_options import StartError
 from warehouse.send import RequestError

@@ -34,7 +34,7 @@ def validate(
     """
     from warehouse.domain.maps import MapError, read_map, read_tasks  # noqa: PLC0415 (--help)
     from warehouse.domain.site import DEFAULT_SITE, SiteError, read_site  # noqa: PLC0415
-    from warehouse.domain.validator import TraceError, validate_trace  # noqa: PLC0415
+    from warehouse.domain.trace_check import TraceError, validate_trace  # noqa: PLC0415
 
     if task_file is not None and map_file is None:
         _fail('--tasks needs --map: the tasks name the endpoints of that map')

@@ -8,7 +8,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from warehouse.benchmark.runner import Outcome, Throughput
-from warehouse.domain.validator import validate_trace
+from warehouse.domain.trace_check import validate_trace
 from warehouse.messages import Violation
 
 __all__ = [

@@ -20,7 +20,7 @@ from warehouse.domain.robot_failure_profile import RobotFailureProfile, read_fai
 from warehouse.domain.simulation import MODULES, Simulation
 from warehouse.domain.simulation_result import Result
 from warehouse.domain.site import Site, make_site, read_site
-from warehouse.domain.validator import validate_trace
+from warehouse.domain.trace_check import validate_trace
 from warehouse.messages import FleetState, Line, OrderRequest, OrderStatus, node_id
 from warehouse.simulate import simulate
 from warehouse.validate import validate

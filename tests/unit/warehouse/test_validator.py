@@ -10,10 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from warehouse.domain.claims import GRACE, QUIET
 from warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
 from warehouse.domain.rules import Frame, Job, Limits, Referee, Rules, Seen
 from warehouse.domain.site import Product, RobotPlace, Site
-from warehouse.domain.validator import GRACE, QUIET, TraceError, Validator, validate_trace
+from warehouse.domain.trace_check import TraceError, validate_trace
+from warehouse.domain.validator import Validator
 from warehouse.messages import (
     ActionState,
     ActionStatus,

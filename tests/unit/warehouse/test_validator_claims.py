@@ -6,8 +6,9 @@ import pytest
 from floors import PACKING, PROFILES, TEA, site, state, task
 from msgspec.structs import replace
 
+from warehouse.domain.claims import FORMER, GRACE, QUIET
 from warehouse.domain.robots import Fleet
-from warehouse.domain.validator import FORMER, GRACE, QUIET, Validator
+from warehouse.domain.validator import Validator
 from warehouse.messages import (
     ActionState,
     ActionStatus,
