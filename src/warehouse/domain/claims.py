@@ -7,7 +7,7 @@ stand for some steps.
 from collections.abc import Callable, Iterable
 from typing import Final, NamedTuple
 
-from warehouse.domain.rules import Referee
+from warehouse.domain.referee_loads import Loads
 from warehouse.domain.site import Site
 from warehouse.messages import (
     LineStatus,
@@ -120,14 +120,14 @@ class Claims:
 
     Args:
         site: With its stations and products.
-        referee: Knows which loads were seen to be delivered.
+        loads: Which of them were seen to be delivered.
         say: Is told what is wrong.
     """
 
-    def __init__(self, site: Site, referee: Referee, say: Callable[[Violation], None]) -> None:
+    def __init__(self, site: Site, loads: Loads, say: Callable[[Violation], None]) -> None:
         self.checked = 0
         self._site = site
-        self._referee = referee
+        self._loads = loads
         self._say = say
         self._step = -1
         self._deliveries: dict[str, int] = {}  # by task: when one that is claimed has to be seen
@@ -151,11 +151,11 @@ class Claims:
         }
         if self._lines is None:
             for task_id in lines:
-                self._referee.take_as_delivered(task_id)
+                self._loads.take_as_delivered(task_id)
         else:
             for task_id in lines - self._lines:
                 # Orders do not say which step they reflect: the frame may be on its way.
-                if self._referee.was_delivered(task_id) is False:
+                if self._loads.was_delivered(task_id) is False:
                     self._deliveries[task_id] = self.checked + GRACE
         self._lines = lines
 
@@ -198,7 +198,7 @@ class Claims:
         else:
             ends_now = told.task.status not in _ENDS and task.status in _GIVEN_UP
             told.take(task, self.checked, self._told_at)
-            dropped = self._referee.dropped_step(task.task_id)
+            dropped = self._loads.dropped_step(task.task_id)
             # Whoever follows a robot up to that step has heard it say so.
             if ends_now and dropped is not None and dropped <= step:
                 self._accuse(told, 'claimed', f'is said to be {task.status}, and was delivered')
@@ -210,7 +210,7 @@ class Claims:
         elif (
             before.status is not TaskStatus.DELIVERED
             # Once it was seen, it counts: a floor that starts again from an older state undoes it.
-            and not self._referee.was_delivered(task.task_id)
+            and not self._loads.was_delivered(task.task_id)
         ):
             self._deliveries[task.task_id] = self.checked + GRACE
 
@@ -255,7 +255,7 @@ class Claims:
     def _judge_deliveries(self, due: Iterable[str]) -> None:
         for task_id in tuple(due):
             del self._deliveries[task_id]
-            if self._referee.was_delivered(task_id) is False:
+            if self._loads.was_delivered(task_id) is False:
                 text = f'{task_id} is said to be delivered, and is not'
                 self._say(Violation(self._step, 'claimed', text))
 

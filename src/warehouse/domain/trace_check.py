@@ -6,7 +6,8 @@ from typing import Final
 import msgspec
 from msgspec.structs import replace
 
-from warehouse.domain.rules import Frame, Job, Referee, Rules, Seen
+from warehouse.domain.referee import Referee
+from warehouse.domain.rules import Frame, Job, Rules, Seen
 from warehouse.messages import (
     Cell,
     Violation,
@@ -74,7 +75,7 @@ def validate_trace(
         for number, (release, pickup, delivery) in enumerate(tasks or ())
     }
     for job in jobs.values():
-        referee.know(job)
+        referee.loads.know(job)
     found: list[Violation] = []
     stood: dict[str, Cell] = {}
     step = -1
@@ -92,7 +93,7 @@ def validate_trace(
         found += _judge_crashed(line, crashed, stood)
         for seen in frame.robots:
             if seen.faulty and seen.loads and seen.loads[0] in jobs:
-                referee.know(jobs[seen.loads[0]]._replace(stranded=True))
+                referee.loads.know(jobs[seen.loads[0]]._replace(stranded=True))
         found += referee.check(frame)
     if sight.last is None:
         raise TraceError('there is no step in it')
@@ -100,7 +101,7 @@ def validate_trace(
     found += [
         Violation(step, 'undone', f'task {number} was not delivered')
         for number in range(len(tasks or ()))
-        if number not in unreachable and not referee.was_delivered(str(number))
+        if number not in unreachable and not referee.loads.was_delivered(str(number))
     ]
     return tuple(found)
 

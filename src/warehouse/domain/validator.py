@@ -13,7 +13,8 @@ import msgspec
 
 from warehouse.domain.claims import Claims
 from warehouse.domain.execution_profiles import ExecutionProfiles
-from warehouse.domain.rules import Frame, Job, Limits, Referee, Rules, Seen
+from warehouse.domain.referee import Referee
+from warehouse.domain.rules import Frame, Job, Limits, Rules, Seen
 from warehouse.domain.site import Site
 from warehouse.messages import (
     ActionStatus,
@@ -45,7 +46,8 @@ class Validator:
         self.site = site
         self._profiles = profiles or ExecutionProfiles()
         self._referee = Referee(_rules(site, self._profiles))
-        self._claims = Claims(site, self._referee, self._say)
+        self._loads = self._referee.loads
+        self._claims = Claims(site, self._loads, self._say)
         self._violations: deque[Violation] = deque(maxlen=KEPT)
         self._reported: tuple[Violation, ...] = ()
         self._seen: dict[str, tuple[RobotState, Seen]] = {}
@@ -67,7 +69,7 @@ class Validator:
         """Take the newest profiles: what each type of robot may carry, and how fast it is."""
         if profiles is not self._profiles:
             self._profiles = profiles
-            self._referee.rules = _rules(self.site, profiles)
+            self._referee.change(_rules(self.site, profiles))
 
     def know(self, tasks: Tasks) -> None:
         """Take the newest tasks: where each load has to go, and which are said to be there."""
@@ -83,7 +85,7 @@ class Validator:
         if len(known) > len(tasks.tasks):
             for gone in known.keys() - {task.task_id for task in tasks.tasks}:
                 del known[gone]
-                self._referee.forget(gone)
+                self._loads.forget(gone)
                 self._claims.leave(gone)
         self._claims.told_all()
 
@@ -140,12 +142,12 @@ class Validator:
     def _take_task(self, task: Task, before: Task | None, step: int) -> None:
         if before is None:
             if task.status is TaskStatus.DELIVERED:
-                self._referee.take_as_delivered(task.task_id)
+                self._loads.take_as_delivered(task.task_id)
             elif task.carried or task.status in _UNDER_WAY or task.stranded:
-                self._referee.excuse(task.task_id)
+                self._loads.excuse(task.task_id)
         self._claims.note(task, before, step)
         if before is None or _differ(task, before):
-            self._referee.know(self._job(task))
+            self._loads.know(self._job(task))
 
     def _job(self, task: Task) -> Job:
         product = self.site.products.get(task.product)

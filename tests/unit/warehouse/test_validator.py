@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from warehouse.domain.claims import GRACE, QUIET
 from warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
-from warehouse.domain.rules import Frame, Job, Limits, Referee, Rules, Seen
+from warehouse.domain.referee import Referee
+from warehouse.domain.rules import Frame, Job, Limits, Rules, Seen
 from warehouse.domain.site import Product, RobotPlace, Site
 from warehouse.domain.trace_check import TraceError, validate_trace
 from warehouse.domain.validator import Validator
@@ -65,7 +66,7 @@ def judged(*frames: tuple[Seen, ...], jobs: tuple[Job, ...] = (), **more: Any) -
     """The rules that are broken by frames, a step each."""
     referee = Referee(RULES)
     for job in jobs:
-        referee.know(job)
+        referee.loads.know(job)
     found: list[str] = []
     for step, robots in enumerate(frames):
         frame = Frame(step, float(step), robots)._replace(**more)
@@ -290,7 +291,7 @@ def test_a_robot_that_acts_at_once_may_have_left_the_cell() -> None:
     rules = RULES._replace(types={'carrier': Limits(acts_at_once=True)})
     for start, broken in (((0, 2), ()), ((2, 2), ('source',))):
         referee = Referee(rules)
-        referee.know(TEA)
+        referee.loads.know(TEA)
         referee.check(Frame(1, 1.0, (robot('a', start),)))
         found = referee.check(Frame(2, 2.0, (robot('a', (1, 2), loads=('1/tea',)),)))
         assert tuple(violation.rule for violation in found) == broken
@@ -383,18 +384,18 @@ def test_a_load_that_is_delivered_twice_is_found() -> None:
 def test_a_delivery_that_nobody_heard_of_counts_when_the_robot_says_so() -> None:
     way = drive('a', (0, 2), (4, 2), loads=('1/tea',))
     referee = Referee(RULES)
-    referee.know(TEA)
+    referee.loads.know(TEA)
     frames = [(AT_STOCK,), *way, (), (), (), (robot('a', (5, 2), dropped=frozenset({'1/tea'})),)]
     for step, robots in enumerate(frames):
         assert referee.check(Frame(step, float(step), robots)) == ()
-    assert referee.was_delivered('1/tea')
+    assert referee.loads.was_delivered('1/tea')
 
 
 def test_a_task_that_becomes_known_after_its_load_was_taken_is_judged_then() -> None:
     referee = Referee(RULES)
     referee.check(Frame(0, 0.0, (robot('a', (1, 2)),)))
     assert referee.check(Frame(1, 1.0, (robot('a', (1, 2), loads=('1/tea',)),))) == ()
-    referee.know(TEA)
+    referee.loads.know(TEA)
     found = referee.check(Frame(2, 2.0, (robot('a', (1, 2), loads=('1/tea',)),)))
     assert [violation.rule for violation in found] == ['source']
 
@@ -409,7 +410,7 @@ def test_a_load_that_nobody_asked_for_is_found() -> None:
 
 def test_a_floor_that_started_again_is_taken_as_it_is() -> None:
     referee = Referee(RULES)
-    referee.know(TEA)
+    referee.loads.know(TEA)
     for step, seen in ((5, AT_STOCK), (6, WITH_TEA), (7, robot('a', (1, 2), loads=('1/tea',)))):
         assert referee.check(Frame(step, 9.0, (seen,))) == ()
     # The fleet knows only the state of step 5, and does it all once more.
@@ -431,7 +432,7 @@ def test_frames_that_were_missed_raise_no_alarm() -> None:
 
 def test_what_was_undone_by_a_floor_that_started_again_later_raises_no_alarm() -> None:
     referee = Referee(RULES)
-    referee.know(TEA)
+    referee.loads.know(TEA)
     for step, seen in ((5, AT_STOCK), (6, WITH_TEA)):
         assert referee.check(Frame(step, 9.0, (seen,))) == ()
     for step, seen in ((15, AT_STOCK), (16, WITH_TEA)):
@@ -504,7 +505,7 @@ def dice(seed: int) -> Random:
 def rules_broken(jobs: list[Job], frames: list[Frame]) -> set[str]:
     referee = Referee(RULES)
     for job in jobs:
-        referee.know(job)
+        referee.loads.know(job)
     return {violation.rule for frame in frames for violation in referee.check(frame)}
 
 
@@ -692,9 +693,9 @@ def test_a_load_may_be_taken_from_a_robot_that_falls_silent_in_the_same_step() -
 def taken_at(step: int, cell: Cell, weight_kg: float) -> list[str]:
     """The rules that are broken by a pick after another product was ordered."""
     referee = Referee(RULES)
-    referee.know(TEA)
+    referee.loads.know(TEA)
     referee.check(Frame(1, 1.0, (robot('a', cell),)))
-    referee.know(TEA._replace(sources=frozenset({(0, 0)}), weight_kg=weight_kg))
+    referee.loads.know(TEA._replace(sources=frozenset({(0, 0)}), weight_kg=weight_kg))
     found: list[str] = []
     for now in range(2, step + 1):
         loads = (TEA.task_id,) if now == step else ()
