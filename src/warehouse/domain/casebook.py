@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from itertools import chain
 from typing import Final
 
-from warehouse.domain.evidence import Signs, Watch
+from warehouse.domain.evidence import Watch
 from warehouse.domain.execution_profiles import STEPS, ExecutionProfiles, Response
 from warehouse.domain.failures import (
     ESCALATE,
@@ -26,6 +26,7 @@ from warehouse.domain.robot_failure_profile import (
     RobotFailureProfile,
     diagnose,
 )
+from warehouse.domain.signs import Signs
 from warehouse.domain.standing import RISK_S
 from warehouse.messages import (
     Blocked,

@@ -9,14 +9,21 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, Final
 
-from warehouse.domain.robot_failure_profile import Evidence, Limits
+from warehouse.domain.battery_signs import ChargerWatch, weigh_battery
+from warehouse.domain.complaints import (
+    ALL_WELL,
+    failed_actions,
+    show_complaints,
+    show_failed,
+    show_overload,
+    show_retriable,
+)
+from warehouse.domain.signs import BATTERY, CONTACT, NO_PROGRESS, SLOW, STUCK, Signs
 from warehouse.messages import (
-    ActionStatus,
     Cell,
     ErrorLevel,
     RobotOrder,
     RobotState,
-    SafetyState,
     node_cell,
 )
 
@@ -24,59 +31,16 @@ if TYPE_CHECKING:
     from collections.abc import Container
 
     from warehouse.domain.execution_profiles import RobotType
-    from warehouse.domain.robot_failure_profile import Fact
+    from warehouse.domain.robot_failure_profile import Limits
 
-__all__ = ['CONTACT', 'HINDERS', 'NO_PROGRESS', 'Signs', 'Watch']
+__all__ = ['Watch']
 
 SLOW_FOR_S: Final = 20.0  # without moving a robot counts as slow no longer than this
 ORDERS_KEPT: Final = 3  # a state may be seen some orders late
 
-CONTACT: Final = 'contact'
-NO_PROGRESS: Final = 'no_progress'
-SLOW: Final = 'slow'
-STUCK: Final = 'stuck'
-BATTERY: Final = 'battery'
+_HINDERS: Final = frozenset((ErrorLevel.CRITICAL, ErrorLevel.FATAL))
 
-HINDERS: Final = frozenset((ErrorLevel.CRITICAL, ErrorLevel.FATAL))
-
-_ALL_WELL: Final = SafetyState()
-_ENDED: Final = (ActionStatus.FINISHED, ActionStatus.FAILED)
-_BANDS: Final = ('', 'low', 'critical', 'empty')
 _FACTORS: Final = (1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0)
-
-
-class Signs:
-    """The evidence that stands now, each under a key; some of it lasts only until a time."""
-
-    __slots__ = ('changed', 'ends', 'evidence')
-
-    def __init__(self) -> None:
-        self.evidence: dict[str, Evidence] = {}
-        self.ends: dict[str, float] = {}
-        self.changed = False
-
-    def __contains__(self, key: str) -> bool:
-        return key in self.evidence
-
-    def show(
-        self, key: str, sign: str, text: str, until_s: float | None = None, **facts: Fact
-    ) -> None:
-        """Note that something is seen."""
-        self.evidence[key] = Evidence(sign, text, facts)
-        self.changed = True
-        if until_s is not None:
-            self.ends[key] = until_s
-
-    def clear(self, key: str) -> None:
-        """Note that it is no longer seen."""
-        if self.evidence.pop(key, None) is not None:
-            self.ends.pop(key, None)
-            self.changed = True
-
-    def expire(self, now_s: float) -> None:
-        """Clear what lasted only until now."""
-        for key in [key for key, end_s in self.ends.items() if end_s <= now_s]:
-            self.clear(key)
 
 
 class Watch:
@@ -91,11 +55,11 @@ class Watch:
     """
 
     __slots__ = (
+        '_charger',
         '_counted',
         '_edge_steps',
         '_even_moves',
         '_failed',
-        '_idle_charge_steps',
         '_older',
         '_pending',
         '_slow_s',
@@ -135,13 +99,13 @@ class Watch:
         self.still_steps = 0
         self._edge_steps = 0
         self._even_moves = 0
-        self._idle_charge_steps = 0
+        self._charger = ChargerWatch()
         self._times_off_plan = 0
         self._older: deque[RobotOrder] = deque(maxlen=ORDERS_KEPT)
         self._slow_s = now_s
         self._counted: RobotOrder | None = None
         self._pending: tuple[str, int, str, float] | None = None
-        self._failed = _failed(state)
+        self._failed = failed_actions(state)
 
     @property
     def carrying(self) -> bool:
@@ -151,15 +115,16 @@ class Watch:
     def look(self) -> None:
         """Look at the whole of a state that is the first one."""
         self._conditions(self.state)
-        self._retriable(self.state)
+        show_retriable(self.state, self.signs)
 
     def know(self, kind: RobotType | None, limits: Limits) -> None:
         """Take in what its type can do, and what counts as evidence."""
         self.kind = kind
         self.limits = limits
-        self._overload(self.state)
-        if kind is not None and self.state.power_supply.state_of_charge < kind.battery.low:
-            self._weigh_battery()
+        show_overload(self.state, kind, self.signs)
+        charge = self.state.power_supply.state_of_charge
+        if kind is not None and charge < kind.battery.low:
+            weigh_battery(charge, kind.battery, self.needed, self.signs)
 
     def expect(self, order: RobotOrder | None) -> None:
         """Note what it is ordered to do; None: to stay. Who is not heard of gets no orders."""
@@ -201,9 +166,10 @@ class Watch:
         if battery is not None:
             charge = state.power_supply.state_of_charge
             if charge < battery.low or charge < self.needed or BATTERY in self.signs.evidence:
-                self._weigh_battery()
+                weigh_battery(charge, battery, self.needed, self.signs)
                 if gap:
-                    self._watch_charger(chargers, gap)
+                    most = self.limits.not_charging_steps
+                    self._charger.look(state, chargers, gap, most, self.signs)
 
     def miss(self, now_s: float) -> None:
         """Note that the fleet's newest state is without it."""
@@ -281,66 +247,8 @@ class Watch:
             self._actions(state, now_s)
 
     def _conditions(self, state: RobotState) -> None:
-        signs = self.signs
-        carrying = self.carrying
-        shown = {f'error:{error.error_type}': error for error in state.errors}
-        for key in [key for key in signs.evidence if key.startswith('error:')]:
-            if key not in shown:
-                signs.clear(key)
-        for key, error in shown.items():
-            if key not in signs:
-                text = f'reports {error.error_type} ({error.error_level})'
-                more = error.error_description
-                signs.show(
-                    key,
-                    'error',
-                    f'{text}: {more}' if more else text,
-                    error_type=error.error_type,
-                    error_level=str(error.error_level),
-                    description=more,
-                    carrying=carrying,
-                )
-        if state.position.localized:
-            signs.clear('not_localized')
-        elif 'not_localized' not in signs:
-            text = 'says that it does not know where it is'
-            signs.show('not_localized', 'not_localized', text, carrying=carrying)
-        self._safety(state, carrying=carrying)
-        self._overload(state)
+        show_complaints(state, self.kind, self.signs)
         self._hinder()
-
-    def _safety(self, state: RobotState, *, carrying: bool) -> None:
-        safety = state.safety_state
-        stop = safety.active_emergency_stop
-        if safety == _ALL_WELL:
-            self.signs.clear('safety')
-        elif 'safety' not in self.signs:
-            text = (
-                f'emergency stop: {stop}' if stop != 'NONE' else 'its protective field is violated'
-            )
-            self.signs.show(
-                'safety',
-                'safety',
-                text,
-                emergency_stop=stop,
-                field_violation=safety.field_violation,
-                carrying=carrying,
-            )
-        mode = state.operating_mode
-        if mode == 'AUTOMATIC':
-            self.signs.clear('mode')
-        elif 'mode' not in self.signs:
-            text = f'its operating mode is {mode}'
-            self.signs.show('mode', 'not_automatic', text, mode=mode, carrying=carrying)
-
-    def _overload(self, state: RobotState) -> None:
-        weight_kg = sum(load.weight for load in state.loads)
-        if self.kind is None or weight_kg <= self.kind.max_load_kg:
-            self.signs.clear('overload')
-        elif 'overload' not in self.signs:
-            most_kg = self.kind.max_load_kg
-            text = f'carries {weight_kg:g} kg, more than {most_kg:g} kg'
-            self.signs.show('overload', 'overload', text, weight_kg=weight_kg, max_load_kg=most_kg)
 
     def _hinder(self) -> None:
         """Whether something keeps it from driving, so that no progress says nothing new."""
@@ -348,8 +256,8 @@ class Watch:
         self.hindered = (
             self.held
             or state.paused
-            or state.safety_state != _ALL_WELL
-            or any(error.error_level in HINDERS for error in state.errors)
+            or state.safety_state != ALL_WELL
+            or any(error.error_level in _HINDERS for error in state.errors)
         )
         if self.held:  # what it was told to stand for stays evidence until it may move again
             self.still_steps = self._edge_steps = self._even_moves = 0
@@ -363,40 +271,10 @@ class Watch:
             self.signs.clear(key)
 
     def _actions(self, state: RobotState, now_s: float) -> None:
-        failed = _failed(state)
-        new = failed - self._failed
-        self._failed = failed
-        for action in state.action_states:
-            if action.action_id in new:
-                self._show_action(action.action_id, now_s + self.limits.hold_s)
-        self._retriable(state)
-
-    def _retriable(self, state: RobotState) -> None:
-        """Actions that wait to be tried again; while they are, it is not known to be over."""
-        by_id = {action.action_id: action for action in state.action_states}
-        for key in [key for key in self.signs.evidence if key.startswith('retriable:')]:
-            action = by_id.get(key.removeprefix('retriable:'))
-            if action is None or action.action_status in _ENDED:
-                self.signs.clear(key)
-        for action in state.action_states:
-            key = f'retriable:{action.action_id}'
-            if action.action_status is ActionStatus.RETRIABLE and key not in self.signs:
-                self._show_action(action.action_id, None, key)
-
-    def _show_action(self, action_id: str, until_s: float | None, key: str = '') -> None:
-        action = next(one for one in self.state.action_states if one.action_id == action_id)
-        result = action.result_description
-        text = f'its {action.action_type} is {action.action_status}'
-        self.signs.show(
-            key or f'failed:{action_id}',
-            'action',
-            f'{text}: {result}' if result else text,
-            until_s,
-            action_type=action.action_type,
-            status=str(action.action_status),
-            result=result,
-            carrying=self.carrying,
-        )
+        failed = failed_actions(state)
+        new, self._failed = failed - self._failed, failed
+        show_failed(state, new, now_s + self.limits.hold_s, self.signs)
+        show_retriable(state, self.signs)
 
     # How it moves
 
@@ -490,62 +368,3 @@ class Watch:
         times = float(self._times_off_plan)
         until_s = now_s + self.limits.hold_s
         self.signs.show('off_plan', 'off_plan', text, until_s, times=times, carrying=self.carrying)
-
-    # Its battery
-
-    def _weigh_battery(self) -> None:
-        assert self.kind is not None
-        battery = self.kind.battery
-        charge = self.state.power_supply.state_of_charge
-        known = self.signs.evidence.get(BATTERY)
-        # Who was empty stands: more than a little it has only from a person's hand.
-        filled = known is not None and known.facts['band'] == 'empty' and charge >= battery.low
-        if charge >= battery.target or filled:
-            self.signs.clear(BATTERY)
-        band = (
-            'empty'
-            if charge <= 0
-            else 'critical'
-            if charge < battery.critical
-            else 'low'
-            if charge < max(battery.low, self.needed)
-            else ''
-        )
-        if band and (known is None or _BANDS.index(band) > _BANDS.index(str(known.facts['band']))):
-            text = f'its battery is at {charge:.1f} %'
-            if self.needed > charge:
-                text += f', it needs {self.needed:.1f} %'
-            self.signs.show(
-                BATTERY, 'battery', text, band=band, state_of_charge=charge, needed=self.needed
-            )
-
-    def _watch_charger(self, chargers: Container[Cell], gap: int) -> None:
-        state = self.state
-        waits = (
-            BATTERY in self.signs
-            and not state.driving
-            and not state.power_supply.charging
-            and state.order_id.startswith('charge-')
-            and state.cell in chargers
-        )
-        if not waits:
-            self._idle_charge_steps = 0
-            self.signs.clear('not_charging')
-            return
-        self._idle_charge_steps += gap
-        if (
-            self._idle_charge_steps >= self.limits.not_charging_steps
-            and 'not_charging' not in self.signs
-        ):
-            text = f'stands at the charger {state.last_node_id} and does not charge'
-            steps = float(self._idle_charge_steps)
-            self.signs.show('not_charging', 'not_charging', text, steps=steps)
-
-
-def _failed(state: RobotState) -> frozenset[str]:
-    """The actions that have failed, by id."""
-    return frozenset(
-        action.action_id
-        for action in state.action_states
-        if action.action_status is ActionStatus.FAILED
-    )

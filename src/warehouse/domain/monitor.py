@@ -14,11 +14,12 @@ from typing import Final, NamedTuple
 import msgspec
 
 from warehouse.domain.casebook import FLEET, VIOLATION, Casebook
-from warehouse.domain.evidence import CONTACT, NO_PROGRESS, Signs, Watch
+from warehouse.domain.evidence import Watch
 from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.failures import Failure, Memory, SignsKept
 from warehouse.domain.grid import Grid
 from warehouse.domain.robot_failure_profile import RobotFailureProfile
+from warehouse.domain.signs import CONTACT, NO_PROGRESS, Signs
 from warehouse.domain.site import Site
 from warehouse.domain.standing import OFF_THE_FLOOR, WELL, Standing, report_of, standing_of
 from warehouse.domain.task_watch import TaskWatch

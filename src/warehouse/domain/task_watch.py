@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from typing import Final
 
-from warehouse.domain.evidence import NO_PROGRESS, Signs, Watch
+from warehouse.domain.evidence import Watch
 from warehouse.domain.failures import NEVER_S
 from warehouse.domain.grid import Grid
+from warehouse.domain.signs import NO_PROGRESS, Signs
 from warehouse.messages import Cell, Task, Tasks, TaskStatus
 
 __all__ = ['TaskWatch']
