@@ -1,25 +1,21 @@
 """The Monitor's casebook: every failure from its evidence to its end.
 
-Diagnosis turns evidence into failures; response does something about each, step by step. What is
-decided here is carried out by others: by events, instant actions, and the report.
+Diagnosis turns evidence into failures; `response` does something about each, step by step. What
+is decided is carried out by others: by events, instant actions, and the report.
 """
 
-from collections.abc import Mapping
-from itertools import chain
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 from warehouse.domain.evidence import Watch
-from warehouse.domain.execution_profiles import STEPS, ExecutionProfiles, Response
+from warehouse.domain.execution_profiles import ExecutionProfiles, Response
 from warehouse.domain.failures import (
-    ESCALATE,
-    NEVER_S,
     Failure,
-    Memory,
     enter,
     response_to,
-    take_step,
 )
 from warehouse.domain.grid import Grid
+from warehouse.domain.monitor_memory import Memory
 from warehouse.domain.robot_failure_profile import (
     Evidence,
     FailureRow,
@@ -37,7 +33,6 @@ from warehouse.messages import (
     Task,
     Tasks,
     TaskStatus,
-    node_cell,
 )
 
 __all__ = ['FLEET', 'VIOLATION', 'Casebook']
@@ -45,17 +40,7 @@ __all__ = ['FLEET', 'VIOLATION', 'Casebook']
 FLEET: Final = ''
 VIOLATION: Final = 'VIOLATION'
 
-STEPS_AT_ONCE: Final = 50  # profiles of others may escalate in a circle
-LONGEST_BLOCK: Final = 8  # times the time of the first one
-
 _ENDED: Final = frozenset((TaskStatus.DELIVERED, TaskStatus.FAILED, TaskStatus.CANCELLED))
-_TAKES_TASKS: Final = frozenset(('release', 'reassign'))
-_LASTING: Final = frozenset(
-    (
-        'slow', 'freeze', 'safe_stop', 'obstacle', 'release', 'reassign',
-        'charge_soon', 'charge_now', 'call_operator', 'out_of_service',
-    )
-)  # fmt: skip
 
 # What has become of a failure whose evidence is gone.
 _WORDS: Final = {
@@ -91,11 +76,8 @@ class Casebook:
         is_stirred: How a robot stands may have changed.
     """
 
-    def __init__(
-        self, grid: Grid, chargers: frozenset[Cell], watches: Mapping[str, Watch]
-    ) -> None:
+    def __init__(self, grid: Grid, watches: Mapping[str, Watch]) -> None:
         self._grid = grid
-        self._chargers = chargers
         self._watches = watches
         self.memory = Memory()
         self.blocked: dict[Cell, Blocked] = {}
@@ -186,13 +168,17 @@ class Casebook:
 
     def _tell(self, failure: Failure, row: FailureRow, now_s: float) -> None:
         """Say what was found and what will be done about it, and count it."""
-        task_id = next(iter(self._tasks_of(failure.robot)), '')
+        task_id = next(iter(self.tasks_of(failure.robot)), '')
         self.say('FailureDetected', failure, now_s, task_id=task_id)
+        self._count(failure, self._tell_diagnosis(failure, row, now_s), now_s)
+
+    def _tell_diagnosis(self, failure: Failure, row: FailureRow, now_s: float) -> Response:
+        """Say what will be done about a failure, and what a person is to do."""
         response = response_to(row.code, self.profiles)
         planned = ', '.join(response.steps) or 'nothing'
         outcome = f'next step for a person: {row.next_step}' if row.next_step else ''
         self.say('FailureDiagnosed', failure, now_s, response=planned, outcome=outcome)
-        self._count(failure, response, now_s)
+        return response
 
     def _count(self, failure: Failure, response: Response, now_s: float) -> None:
         """Remember the failure; one too many is answered otherwise."""
@@ -207,7 +193,7 @@ class Casebook:
         times = sum(code == failure.code and at_s >= since_s for code, at_s in history)
         if times >= response.repeats:
             reason = f'{times} times within {response.repeats_within_s:g} s'
-            self._escalate(failure, response.repeats_to, reason, now_s)
+            self.escalate(failure, response.repeats_to, reason, now_s)
 
     def _diagnose_anew(
         self,
@@ -229,12 +215,11 @@ class Casebook:
         if failure.code == row.code:
             return
         failure.level, failure.cause, failure.evidence = row.level, row.cause, evidence.text
-        self._escalate(failure, row.code, evidence.text, now_s)
-        outcome = f'next step for a person: {row.next_step}' if row.next_step else ''
-        planned = ', '.join(response_to(row.code, self.profiles).steps) or 'nothing'
-        self.say('FailureDiagnosed', failure, now_s, response=planned, outcome=outcome)
+        self.escalate(failure, row.code, evidence.text, now_s)
+        self._tell_diagnosis(failure, row, now_s)
 
-    def _escalate(self, failure: Failure, code: str, reason: str, now_s: float) -> None:
+    def escalate(self, failure: Failure, code: str, reason: str, now_s: float) -> None:
+        """Take a failure for another one, which is answered otherwise."""
         before = failure.code
         enter(failure, code, now_s)
         row = next((row for row in self.profile.rows if row.code == code), None)
@@ -254,103 +239,36 @@ class Casebook:
         else:
             self.resolve(failure, _WORDS.get(failure.code, 'it goes on'), now_s)
 
-    # Response
-
-    def respond(self, now_s: float) -> None:
-        """Do what is due."""
-        for failure in list(self.memory.failures):
-            if failure.due_s <= now_s and not failure.gone:
-                self._respond(failure, now_s)
-
-    def _respond(self, failure: Failure, now_s: float) -> None:
-        self.is_dirty = self.is_stirred = True
-        if failure.code == VIOLATION:
-            failure.due_s = NEVER_S
-            failure.said = 'all robots are told to stand'
-            self.say('ResponseOrdered', failure, now_s, response='halt', outcome=failure.said)
-            return
-        for _ in range(STEPS_AT_ONCE):
-            response = response_to(failure.code, self.profiles)
-            step = take_step(failure, response, now_s)
-            if not step:
-                return
-            if step == ESCALATE:
-                reason = 'all that could be done was done in vain'
-                self._escalate(failure, response.escalate_to, reason, now_s)
-            else:
-                self._do(failure, step, response, now_s)
-
-    def _do(self, failure: Failure, step: str, response: Response, now_s: float) -> None:
-        if step in _LASTING and step not in failure.active:
-            failure.active.append(step)
-        watch = self._watches.get(failure.robot)
-        outcome = STEPS.get(step, step)
-        if step == 'wait':
-            outcome = f'waits for {response.wait_s:g} s'
-        elif watch is not None:
-            outcome = self._do_to(failure, watch, step, response, now_s) or outcome
-        failure.said = outcome
-        task_id = failure.tasks[0] if step in _TAKES_TASKS and failure.tasks else ''
-        self.say(
-            'ResponseOrdered', failure, now_s, response=step, outcome=outcome, task_id=task_id
-        )
-
-    def _do_to(
-        self, failure: Failure, watch: Watch, step: str, response: Response, now_s: float
-    ) -> str:
-        """What a step does to a robot at once; returns the outcome if it is a special one."""
-        name = failure.robot
-        if step in _TAKES_TASKS:
-            return self._take_tasks(failure, watch, step)
-        if step == 'retry':
-            self.act(name, 'retry')
-        elif step == 'cancel':
-            self.act(name, 'cancelOrder')
-        elif step == 'safety_area':
-            failure.area = self._area(watch)
-            failure.area_until_s = now_s + response.obstacle_s
-        elif step == 'block_cell':
-            return self._block_ahead(watch, response, now_s)
-        elif step == 'other_charger' and watch.state.cell in self._chargers:
-            self.memory.charger_until[watch.state.last_node_id] = now_s + response.obstacle_s
-        return ''
-
-    def _take_tasks(self, failure: Failure, watch: Watch, step: str) -> str:
-        if step == 'release' and watch.carrying:
-            failure.active.remove(step)
-            return 'keeps the load that it has'
-        failure.tasks = self._tasks_of(failure.robot)
-        if not failure.tasks:
-            if step == 'release':
-                failure.active.remove(step)
-            return 'it has no task'
-        if step == 'reassign':
-            self.act(failure.robot, 'cancelOrder')  # or it would go on with them once it is mended
-        return f'its tasks go to others: {", ".join(failure.tasks)}'
-
-    def _block_ahead(self, watch: Watch, response: Response, now_s: float) -> str:
-        cell = node_cell(watch.ahead) if watch.ahead else None
-        if cell is None or cell in self.blocked:
-            return 'no other way is planned yet'
-        tries = self.memory.block_tries.get(watch.ahead, 0) + 1
-        self.memory.block_tries[watch.ahead] = tries
-        for_s = response.obstacle_s * min(2 ** (tries - 1), LONGEST_BLOCK)
-        name = watch.state.serial_number
-        self.block(cell, f'{name} could not drive there', now_s, now_s + for_s)
-        return f'cell {watch.ahead} is an obstacle for {for_s:g} s; planned around it'
-
     def block(self, cell: Cell, reason: str, now_s: float, until_s: float) -> None:
         """Have a cell driven around until a time; 0: until it is unblocked."""
         if self._grid.is_free(cell):
             self.blocked[cell] = Blocked(cell, reason, now_s, until_s)
             self.is_dirty = self.is_stirred = True
 
-    def _area(self, watch: Watch) -> tuple[Cell, ...]:
-        held = set(chain.from_iterable(other.state.cells for other in self._watches.values()))
-        around = chain.from_iterable(self._grid.neighbours(cell) for cell in watch.state.cells)
-        return tuple(dict.fromkeys(cell for cell in around if cell not in held))
+    def open_again(self, now_s: float) -> None:
+        """Have cells and chargers tried again whose time is over."""
+        if not any(end_s <= now_s for end_s in self._ends()):
+            return
+        self.blocked = {
+            cell: blocked
+            for cell, blocked in self.blocked.items()
+            if not blocked.until_s or blocked.until_s > now_s
+        }
+        memory = self.memory
+        memory.charger_until = {
+            node: until_s for node, until_s in memory.charger_until.items() if until_s > now_s
+        }
+        for failure in memory.failures:
+            if failure.area and failure.area_until_s <= now_s:
+                failure.area = ()
+        self.is_dirty = self.is_stirred = True
 
-    def _tasks_of(self, name: str) -> list[str]:
+    def _ends(self) -> Iterator[float]:
+        yield from (blocked.until_s for blocked in self.blocked.values() if blocked.until_s)
+        yield from self.memory.charger_until.values()
+        yield from (one.area_until_s for one in self.memory.failures if one.area)
+
+    def tasks_of(self, name: str) -> list[str]:
         """What a robot has, or is to do."""
         if not name:
             return []

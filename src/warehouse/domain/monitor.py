@@ -6,8 +6,6 @@ Three things, apart from each other: detection (`evidence`: what is to be seen),
 is an obstacle. Each step is an event with its cause, its evidence and its outcome.
 """
 
-from collections.abc import Iterator
-from hashlib import sha256
 from itertools import chain
 from typing import Final, NamedTuple
 
@@ -16,12 +14,14 @@ import msgspec
 from warehouse.domain.casebook import FLEET, VIOLATION, Casebook
 from warehouse.domain.evidence import Watch
 from warehouse.domain.execution_profiles import ExecutionProfiles
-from warehouse.domain.failures import Failure, Memory, SignsKept
 from warehouse.domain.grid import Grid
+from warehouse.domain.monitor_memory import SignsKept, fingerprint, memory_of
+from warehouse.domain.pauses import Pauses
+from warehouse.domain.response import Responder
 from warehouse.domain.robot_failure_profile import RobotFailureProfile
 from warehouse.domain.signs import CONTACT, NO_PROGRESS, Signs
 from warehouse.domain.site import Site
-from warehouse.domain.standing import OFF_THE_FLOOR, WELL, Standing, report_of, standing_of
+from warehouse.domain.standing import WELL, Standing, report_of, standings_of
 from warehouse.domain.task_watch import TaskWatch
 from warehouse.messages import (
     FailureEvent,
@@ -41,7 +41,6 @@ from warehouse.messages import (
 __all__ = ['Judgement', 'Monitor']
 
 LOOK_STEPS: Final = 8  # how often what changes slowly is looked at
-PAUSE_AGAIN_S: Final = 3.0
 COMMANDS_KEPT: Final = 200
 
 
@@ -62,11 +61,13 @@ class Monitor:
 
     def __init__(self, site: Site) -> None:
         grid = Grid(site.rows)
-        self._site = _fingerprint(site)
+        self._site = fingerprint(site)
         self._chargers = frozenset(site.chargers)
         self._watches: dict[str, Watch] = {}
         self._fleet_signs = Signs()
-        self._book = Casebook(grid, self._chargers, self._watches)
+        self._book = Casebook(grid, self._watches)
+        self._responder = Responder(self._book, grid, self._chargers, self._watches)
+        self._pauses = Pauses(self._book, self._watches)
         self._book.is_dirty = True  # that of which site it is has to be said from the start
         self._task_watch = TaskWatch(grid, self._chargers)
         self._floor: dict[str, str] = {}
@@ -74,7 +75,6 @@ class Monitor:
         self._violations: tuple[Violation, ...] = ()
         self._memory_text = ''
         self._standings: dict[str, Standing] = {}
-        self._pause_asked: dict[str, tuple[bool, float]] = {}
 
     # What comes in
 
@@ -184,11 +184,11 @@ class Monitor:
 
     def is_mine(self, report: FleetReport) -> bool:
         """Whether a report is of this site: of the same map, with the same robots."""
-        return not report.robots or _memory_of(report).site == self._site
+        return not report.robots or memory_of(report).site == self._site
 
     def restore(self, report: FleetReport) -> None:
         """Go on from the last report of a Monitor that ended."""
-        self._book.memory = memory = _memory_of(report)
+        self._book.memory = memory = memory_of(report)
         self._book.step = report.step
         self._floor = report.floor
         for robot in report.robots:
@@ -221,12 +221,12 @@ class Monitor:
         self._find_out(now_s)
         memory = self._book.memory
         if memory.failures:
-            self._book.respond(now_s)
+            self._responder.respond(now_s)
         if self._book.is_stirred:
             self._stand(now_s)
         halted = memory.violation or memory.paused
         if halted or self._book.is_stirred or memory.paused_robots:
-            self._pause(bool(halted), now_s)
+            self._pauses.tell(bool(halted), now_s)
         self._book.is_stirred = False
         events = tuple(self._book.events)
         self._book.events.clear()
@@ -276,8 +276,7 @@ class Monitor:
                 self._fleet_signs.show(CONTACT, 'fleet_silent', text, silent_s=silent_s)
         if self._book.memory.failures or self._book.step % LOOK_STEPS == 0:
             self._look_at_tasks(now_s)
-            if any(end_s <= now_s for end_s in self._ends()):
-                self._open_again(now_s)
+            self._book.open_again(now_s)
 
     def _look_at_tasks(self, now_s: float) -> None:
         tasks = self._book.tasks
@@ -292,27 +291,6 @@ class Monitor:
                 watch.progress_s = now_s
             else:
                 watch.is_stuck(now_s)
-
-    def _ends(self) -> Iterator[float]:
-        yield from (blocked.until_s for blocked in self._book.blocked.values() if blocked.until_s)
-        yield from self._book.memory.charger_until.values()
-        yield from (one.area_until_s for one in self._book.memory.failures if one.area)
-
-    def _open_again(self, now_s: float) -> None:
-        """Cells and chargers whose time is over are tried again."""
-        self._book.blocked = {
-            cell: blocked
-            for cell, blocked in self._book.blocked.items()
-            if not blocked.until_s or blocked.until_s > now_s
-        }
-        memory = self._book.memory
-        memory.charger_until = {
-            node: until_s for node, until_s in memory.charger_until.items() if until_s > now_s
-        }
-        for failure in memory.failures:
-            if failure.area and failure.area_until_s <= now_s:
-                failure.area = ()
-        self._book.is_dirty = self._book.is_stirred = True
 
     def _look_ahead(self, watch: Watch) -> None:
         """Whether it is a robot that stands in the way: then that one is the one to look at."""
@@ -351,42 +329,9 @@ class Monitor:
 
     def _stand(self, now_s: float) -> None:
         """Work out anew how each robot stands."""
-        memory = self._book.memory
-        standings: dict[str, Standing] = {}
-        by_robot: dict[str, list[Failure]] = {}
-        for failure in memory.failures:
-            by_robot.setdefault(failure.robot, []).append(failure)
+        self._standings = standings_of(self._watches, self._book.memory, now_s)
         for name, watch in self._watches.items():
-            failures = by_robot.get(name, ())
-            history = memory.history.get(name, ())
-            if name in memory.removed:
-                standings[name] = OFF_THE_FLOOR
-            elif failures or history:
-                standings[name] = standing_of(failures, history, now_s)
-            watch.hold(not standings.get(name, WELL).can_move)
-        self._standings = standings
-
-    def _pause(self, halted: bool, now_s: float) -> None:  # noqa: FBT001  # a state
-        """Have those robots stand, and only those, that must; ask again who does not obey."""
-        told = self._book.memory.paused_robots
-        unsafe = {one.robot for one in self._book.memory.failures if 'safe_stop' in one.active}
-        for name, watch in self._watches.items():
-            if name in self._book.memory.removed or watch.missing_s is not None:
-                continue
-            stops = halted or name in unsafe
-            if stops and name not in told:
-                told.append(name)
-                self._book.is_dirty = True
-            if name not in told:
-                continue
-            if stops != watch.state.paused:
-                wish, asked_s = self._pause_asked.get(name, (not stops, 0.0))
-                if wish != stops or now_s - asked_s >= PAUSE_AGAIN_S:
-                    self._pause_asked[name] = (stops, now_s)
-                    self._book.act(name, 'startPause' if stops else 'stopPause')
-            elif not stops:
-                told.remove(name)
-                self._book.is_dirty = True
+            watch.hold(not self._standings.get(name, WELL).can_move)
 
     def _report(self, halted: str, events: tuple[FailureEvent, ...]) -> FleetReport:
         if self._book.is_dirty or self._book.memory.events:
@@ -428,15 +373,6 @@ class Monitor:
             if signs.evidence
         }
         self._memory_text = msgspec.json.encode(memory).decode()
-
-
-def _memory_of(report: FleetReport) -> Memory:
-    return msgspec.json.decode(report.memory, type=Memory) if report.memory else Memory()
-
-
-def _fingerprint(site: Site) -> str:
-    robots = sorted(site.robots.items())
-    return sha256(msgspec.json.encode((site.rows, robots))).hexdigest()[:16]
 
 
 def _name(violation: Violation) -> str:

@@ -1,21 +1,23 @@
 """How a robot stands, from all its failures: what the other modules are told to act on."""
 
+from collections import defaultdict
 from collections.abc import Iterable
 from itertools import chain
 from typing import Final, NamedTuple
 
 from warehouse.domain.evidence import Watch
 from warehouse.domain.failures import LEVELS, Failure
+from warehouse.domain.monitor_memory import Memory
 from warehouse.messages import Cell, ErrorLevel, RobotReport, node_cell
 
-__all__ = ['OFF_THE_FLOOR', 'RISK_S', 'WELL', 'Standing', 'report_of', 'standing_of']
+__all__ = ['RISK_S', 'TAKES_TASKS', 'WELL', 'Standing', 'report_of', 'standings_of']
 
 RISK_S: Final = 3600.0  # failures of the last hour make a robot a risk
 RISK_EACH: Final = 0.1
 RISK_SLOW: Final = 0.3
 
 _STANDS: Final = frozenset(('freeze', 'safe_stop', 'obstacle', 'out_of_service'))
-_TAKES_TASKS: Final = frozenset(('release', 'reassign'))
+TAKES_TASKS: Final = frozenset(('release', 'reassign'))
 
 
 class Standing(NamedTuple):
@@ -40,7 +42,7 @@ class Standing(NamedTuple):
 
 
 WELL: Final = Standing()
-OFF_THE_FLOOR: Final = Standing(
+_OFF_THE_FLOOR: Final = Standing(
     commissioned=False,
     can_move=False,
     keeps_task=False,
@@ -68,7 +70,22 @@ def report_of(watch: Watch, standing: Standing) -> RobotReport:
     )
 
 
-def standing_of(
+def standings_of(robots: Iterable[str], memory: Memory, now_s: float) -> dict[str, Standing]:
+    """How each of these robots stands that is not simply well."""
+    by_robot = defaultdict[str, list[Failure]](list)
+    for failure in memory.failures:
+        by_robot[failure.robot].append(failure)
+    standings = {}
+    for name in robots:
+        history = memory.history.get(name, ())
+        if name in memory.removed:
+            standings[name] = _OFF_THE_FLOOR
+        elif name in by_robot or history:
+            standings[name] = _standing_of(by_robot[name], history, now_s)
+    return standings
+
+
+def _standing_of(
     failures: Iterable[Failure], history: Iterable[tuple[str, float]], now_s: float
 ) -> Standing:
     """What all failures of a robot make of it, the worst one first."""
@@ -82,7 +99,7 @@ def standing_of(
     return Standing(
         'out_of_service' not in active,
         not active & _STANDS,
-        not active & _TAKES_TASKS,
+        not active & TAKES_TASKS,
         'now' if 'charge_now' in active else 'soon' if 'charge_soon' in active else '',
         worst.code,
         worst.level,
@@ -96,7 +113,7 @@ def standing_of(
 
 def _closed(watch: Watch, standing: Standing) -> tuple[Cell, ...]:
     """The cells that a robot closes: those that it holds or may drive to, and its area."""
-    if standing is OFF_THE_FLOOR or not (standing.closes or watch.missing_s is not None):
+    if standing is _OFF_THE_FLOOR or not (standing.closes or watch.missing_s is not None):
         return ()
     cells = watch.state.cells
     if watch.missing_s is not None and watch.ahead:
