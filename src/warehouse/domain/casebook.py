@@ -9,11 +9,7 @@ from typing import Final
 
 from warehouse.domain.evidence import Watch
 from warehouse.domain.execution_profiles import ExecutionProfiles, Response
-from warehouse.domain.failures import (
-    Failure,
-    enter,
-    response_to,
-)
+from warehouse.domain.failures import Failure, enter, response_to
 from warehouse.domain.grid import Grid
 from warehouse.domain.monitor_memory import Memory
 from warehouse.domain.robot_failure_profile import (

@@ -9,15 +9,7 @@ from typing import Final, NamedTuple
 
 from warehouse.domain.referee_loads import Loads
 from warehouse.domain.site import Site
-from warehouse.messages import (
-    LineStatus,
-    Load,
-    OpenOrders,
-    Order,
-    Task,
-    TaskStatus,
-    Violation,
-)
+from warehouse.messages import LineStatus, Load, OpenOrders, Order, Task, TaskStatus, Violation
 
 __all__ = ['Claims']
 

@@ -19,13 +19,7 @@ from warehouse.domain.complaints import (
     show_retriable,
 )
 from warehouse.domain.signs import BATTERY, CONTACT, NO_PROGRESS, SLOW, STUCK, Signs
-from warehouse.messages import (
-    Cell,
-    ErrorLevel,
-    RobotOrder,
-    RobotState,
-    node_cell,
-)
+from warehouse.messages import Cell, ErrorLevel, RobotOrder, RobotState, node_cell
 
 if TYPE_CHECKING:
     from collections.abc import Container

@@ -3,22 +3,13 @@
 from collections.abc import Mapping
 from typing import Final
 
-from warehouse.domain.faults import (
-    ORDER_ERRORS,
-)
+from warehouse.domain.faults import ORDER_ERRORS
 from warehouse.domain.fleet_faults import FleetFaults
 from warehouse.domain.fleet_steps import Steps
 from warehouse.domain.floor import Floor, is_next
 from warehouse.domain.simulated_robot import SimulatedRobot, Work
 from warehouse.domain.site import Site
-from warehouse.messages import (
-    Action,
-    ActionStatus,
-    Cell,
-    Error,
-    ErrorLevel,
-    Load,
-)
+from warehouse.messages import Action, ActionStatus, Cell, Error, ErrorLevel, Load
 
 __all__ = ['FleetActions']
 

@@ -2,18 +2,11 @@
 
 from collections.abc import Container, Mapping
 
-from warehouse.domain.faults import (
-    CRASH_STEPS,
-    REFUSALS,
-    Schedule,
-)
+from warehouse.domain.faults import CRASH_STEPS, REFUSALS, Schedule
 from warehouse.domain.fleet_steps import Steps
 from warehouse.domain.floor import Floor, is_next
 from warehouse.domain.simulated_robot import SimulatedRobot
-from warehouse.messages import (
-    Cell,
-    RobotOrder,
-)
+from warehouse.messages import Cell, RobotOrder
 
 __all__ = ['FleetFaults']
 

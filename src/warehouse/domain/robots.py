@@ -10,10 +10,7 @@ from typing import Final
 import msgspec
 
 from warehouse.domain.execution_profiles import ExecutionProfiles
-from warehouse.domain.faults import (
-    FaultPlan,
-    Schedule,
-)
+from warehouse.domain.faults import FaultPlan, Schedule
 from warehouse.domain.fleet_actions import FleetActions
 from warehouse.domain.fleet_faults import FleetFaults
 from warehouse.domain.fleet_steps import Steps

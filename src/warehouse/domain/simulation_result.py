@@ -3,11 +3,7 @@
 from typing import NamedTuple
 
 from warehouse.domain.kpis import KpiView
-from warehouse.messages import (
-    OrderEvent,
-    OrderStatus,
-    Violation,
-)
+from warehouse.messages import OrderEvent, OrderStatus, Violation
 
 __all__ = ['Ends', 'Result']
 

@@ -4,15 +4,7 @@ from typing import Any, Final
 
 from msgspec.structs import replace
 
-from warehouse.messages import (
-    Cell,
-    FleetReport,
-    Order,
-    RobotReport,
-    RobotState,
-    Task,
-    TaskStatus,
-)
+from warehouse.messages import Cell, FleetReport, Order, RobotReport, RobotState, Task, TaskStatus
 
 __all__ = ['Entry', 'TaskBook']
 

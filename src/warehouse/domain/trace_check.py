@@ -8,14 +8,11 @@ from msgspec.structs import replace
 
 from warehouse.domain.referee import Referee
 from warehouse.domain.rules import Frame, Job, Rules, Seen
-from warehouse.messages import (
-    Cell,
-    Violation,
-)
+from warehouse.messages import Cell, Violation
 
 __all__ = ['TraceError', 'validate_trace']
 
-_SILENT: Final = 20  # steps until a floor that tells of failures tells of a silent robot
+SILENT: Final = 20  # steps until a floor that tells of failures tells of a silent robot
 
 
 class TraceError(ValueError):
@@ -126,7 +123,7 @@ class _Sight:
         """The robots that are not there at the end, and neither failed nor were taken away."""
         assert self.last is not None
         end, excused = self.last.step, {*self.last.removed, *self._failed}
-        patience = _SILENT if self._has_log else 0
+        patience = SILENT if self._has_log else 0
         return [
             Violation(step, 'vanished', f'{robot} is not seen after step {step}', (robot,))
             for robot, step in self._seen.items()

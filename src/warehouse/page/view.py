@@ -31,14 +31,7 @@ from warehouse.messages import (
 )
 from warehouse.page.bounds import SHOWN_LINES, keep, short_event, short_request, within
 from warehouse.page.intake import Intake
-from warehouse.page.rows import (
-    OrderRow,
-    RobotRow,
-    ended_row,
-    failure_row,
-    order_row,
-    robot_row,
-)
+from warehouse.page.rows import OrderRow, RobotRow, ended_row, failure_row, order_row, robot_row
 from warehouse.page.sections import Sections
 
 __all__ = ['SNAPSHOTS', 'STREAMS', 'View']
