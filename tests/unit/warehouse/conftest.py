@@ -1,0 +1,9 @@
+"""What the tests of the warehouse share."""
+
+import pytest
+from watched import Watched
+
+
+@pytest.fixture
+def watched() -> Watched:
+    return Watched()
