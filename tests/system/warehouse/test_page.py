@@ -5,23 +5,21 @@ import time
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import httpx
 import pytest
-from confluent_kafka import Producer
 from confluent_kafka.admin import NewTopic  # type: ignore[attr-defined]  # public, not in __all__
 from harness import Bench, Process, eventually
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from page_stage import PATIENCE_MS, ROBOT, Stage
+from playwright.sync_api import Browser, expect, sync_playwright
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
-from warehouse.codec import decode, encode
+from warehouse.codec import decode
 from warehouse.messages import (
     FailureEvent,
     FleetReport,
-    FleetState,
     Line,
-    Message,
     OpenOrders,
     OperatorCommand,
     Order,
@@ -29,75 +27,16 @@ from warehouse.messages import (
     OrderLine,
     OrderRequest,
     OrderStatus,
-    Plan,
-    Plans,
-    Position,
-    PowerSupply,
-    RobotReport,
-    RobotState,
     ValidatorReport,
     Violation,
 )
 from warehouse.topics import KAFKA
 
 CHROMIUM: Final = shutil.which('chromium')
-PATIENCE_MS: Final = 60_000
-ROBOT: Final = 'carrier-01'
 
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason='no chromium: apt install chromium'),
 ]
-
-
-class Stage:
-    """A Kafka, the page's server, and a browser that looks at it."""
-
-    def __init__(self, kafka: LocalKafka, bench: Bench, server: Process, page: Page) -> None:
-        self.kafka = kafka
-        self.bench = bench
-        self.server = server
-        self.page = page
-        self.said: list[str] = []  # errors in the browser's console
-        self.step = 0
-        self._producer = Producer({'bootstrap.servers': kafka.bootstrap_servers})
-        page.on('pageerror', lambda error: self.said.append(str(error)))
-        page.on('console', lambda it: self.said.append(it.text) if it.type == 'error' else None)
-
-    @property
-    def url(self) -> str:
-        """Where the page is."""
-        return self.server.output().split('shown at ')[1].split()[0]
-
-    def put(self, topic: str, message: Message) -> None:
-        """What the bridge would bring to Kafka."""
-        self._producer.produce(topic, encode(message), topic)
-        assert self._producer.flush(30) == 0
-
-    def drive(self) -> None:
-        """One more step: the robot drives along the first column."""
-        self.step += 1
-        row = self.step % 20
-        position = Position(0.5, row + 0.5, 1.57)
-        state = RobotState(
-            self.step, ROBOT, 'carrier', f'0,{row}', position, PowerSupply(61), order_id='o/L1#0'
-        )
-        self.put('warehouse.robots', FleetState(self.step, (state,)))
-        report = RobotReport(ROBOT, state, time.time())
-        self.put('warehouse.fleet', FleetReport(self.step, (report,)))
-        self.put('warehouse.plans', Plans(self.step, (Plan(ROBOT, ((0, row), (5, row))),), 1.25))
-
-    def is_live(self) -> bool:
-        """Whether the page says so, of a robot that has driven just now."""
-        self.drive()
-        return self.page.locator('#live').text_content() == 'Live'
-
-    def look(self, expression: str) -> Any:
-        """What the page's own objects say."""
-        return self.page.evaluate(expression)
-
-    def values(self, topic: str, count: int) -> list[bytes]:
-        """The records of a topic."""
-        return [record.value() or b'' for record in self.bench.records(topic, count, 20)]
 
 
 @pytest.fixture(scope='module')
