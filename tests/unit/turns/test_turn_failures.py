@@ -1,0 +1,176 @@
+"""A route that fails while a bridge has its turn: kept, given away, or ended."""
+
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
+
+import pytest
+from turning import House, MemoryDirection, MemoryLock, fail, until_asked
+
+from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.route.counters import State
+from ros2_kafka_bridge.route.status import totals
+from ros2_kafka_bridge.threads.stop import Stop
+from ros2_kafka_bridge.turns.term import Term
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.kafka.lock import GroupLock
+    from ros2_kafka_bridge.ros.successor import RosSuccessor
+
+pytestmark = pytest.mark.usefixtures('quick')
+
+
+def test_a_route_that_fails_keeps_its_turn_while_it_is_tried_again() -> None:
+    lock = MemoryLock('ours')
+    lock.wanted = True
+    house = House(lock)
+    tries: list[int] = []
+
+    def fail_twice(stop: Stop) -> None:
+        tries.append(house.open)
+        if len(tries) < 3:
+            fail(stop)
+        house.lane.stop.ask()
+
+    house.directions = [MemoryDirection(1, fail_twice)]
+    house.run()
+    assert tries == [1, 1, 1], 'it is the same direction, with its ROS endpoint open'
+    assert lock.said == ['closed']
+
+
+def test_a_route_that_fails_for_long_goes_to_a_bridge_that_stands_by(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.turns.lane._FAILING_S', 0.0)
+    lock = MemoryLock('ours')
+    lock.wanted = True
+    house = House(lock)
+
+    def look(_: MemoryLock) -> None:
+        if lock.said:
+            assert house.snapshot.reason == 'no permission'
+            house.lane.stop.ask()
+
+    house.directions = [MemoryDirection(3, fail, left=1)]
+    monkeypatch.setattr(MemoryLock, 'check', look)
+    house.run()
+    assert lock.said == ['closed', 'closed']
+    assert 'left to a bridge that stands by, 1 message given up' in caplog.text
+    assert (house.snapshot.in_flight, house.snapshot.given_up) == (0, 1)
+    assert '3 taken, 2 confirmed, 0 dead-lettered, 1 given up' in totals(house.snapshot)
+
+
+def test_a_route_that_gets_on_between_its_failures_is_not_given_away(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.turns.lane._FAILING_S', 0.02)
+    lock = MemoryLock('ours')
+    lock.wanted = True
+    house = House(lock)
+    tries: list[int] = []
+
+    def get_on_and_fail(stop: Stop) -> None:
+        tries.append(1)
+        if len(tries) < 5:
+            fail(stop)
+        house.lane.stop.ask()
+
+    house.directions = [MemoryDirection(1, get_on_and_fail)]  # one confirmed each time
+    house.run()
+    assert lock.said == ['closed']
+
+
+@pytest.mark.parametrize(
+    ('well_s', 'given_away'), [(3600.0, False), (170.0, True)], ids=['an hour', 'three minutes']
+)
+def test_a_route_without_traffic_is_given_away_for_its_last_failures_only(
+    monkeypatch: pytest.MonkeyPatch, *, well_s: float, given_away: bool
+) -> None:
+    now_s = 1000.0
+    monkeypatch.setattr(
+        'ros2_kafka_bridge.turns.lane.time', SimpleNamespace(monotonic=lambda: now_s)
+    )
+    lock = MemoryLock('ours')
+    lock.wanted = True
+    lane = House(lock).lane
+    term = Term(lane.stop, cast('GroupLock', lock), cast('RosSuccessor', None))
+    lock.poll(0.0)
+    lane.begin()
+    lane.fail(RouteError('Kafka is away'), term)
+    assert not lane.give_away(term)
+    lane.begin()
+    now_s += well_s
+    lane.fail(RouteError('Kafka is away'), term)
+    assert lane.give_away(term) is given_away
+
+
+def test_a_route_that_fails_stays_where_no_other_bridge_stands_by(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.turns.lane._FAILING_S', 0.0)
+    lock = MemoryLock('ours')
+    house = House(lock)
+    tries: list[int] = []
+
+    def fail_often(stop: Stop) -> None:
+        tries.append(1)
+        if len(tries) < 5:
+            fail(stop)
+        house.lane.stop.ask()
+
+    house.directions = [MemoryDirection(1, fail_often)]
+    house.run()
+    assert lock.said == ['closed']
+
+
+def test_a_drain_that_gives_up_after_the_turn_is_over_does_not_end_the_route() -> None:
+    house = House(MemoryLock('ours no no ours'))
+
+    def give_up(stop: Stop) -> None:
+        until_asked(stop)
+        raise RouteError('gave up 2 messages', final=True)
+
+    house.directions = [MemoryDirection(9, give_up, left=2), MemoryDirection(1, house.stop)]
+    house.run()
+    assert not house.lane.final
+    assert house.told == 0
+    assert (house.snapshot.taken, house.snapshot.in_flight, house.snapshot.given_up) == (10, 0, 2)
+
+
+def test_a_route_that_has_failed_for_good_leaves_it_to_another() -> None:
+    def end(_: Stop) -> None:
+        raise RouteError('stopped, as on_error says', final=True)
+
+    house = House(MemoryLock('ours'), MemoryDirection(1, end))
+    house.run()
+    assert house.lane.final
+    assert house.told == 1
+    assert house.snapshot.state == State.FAILED
+    assert house.lock.said == ['closed']
+
+
+def test_a_drain_that_gives_up_at_a_stop_ends_the_route_and_is_no_failure_for_good() -> None:
+    """The process ends with an error, and whoever restarts it may run the route again."""
+    house = House(MemoryLock('ours'))
+
+    def give_up(stop: Stop) -> None:
+        house.lane.stop.ask()
+        until_asked(stop)
+        raise RouteError('gave up 2 messages', final=True)
+
+    house.directions = [MemoryDirection(9, give_up, left=2)]
+    house.run()
+    assert house.lane.final
+    assert not house.lane.for_good
+    assert house.told == 0
+    assert (house.snapshot.state, house.snapshot.final) == (State.FAILED, False)
+    assert house.snapshot.reason == 'gave up 2 messages'
+
+
+def test_a_lock_that_cannot_be_had_is_a_failure_that_is_tried_again() -> None:
+    lock = MemoryLock('ours')
+    lock.problems = [RouteError('the topic is not there')]
+    house = House(lock)
+    house.directions = [MemoryDirection(1, house.stop)]
+    house.run()
+    assert lock.said == ['closed', 'closed']
+    assert house.snapshot.confirmed == 1
