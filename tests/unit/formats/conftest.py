@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 import trustme
+from registry_server import RegistryServer
 
 
 @pytest.fixture(autouse=True, scope='module')
@@ -17,3 +18,10 @@ def _one_authority(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv('SSL_CERT_FILE', str(place / 'one.pem'))
         yield
+
+
+@pytest.fixture
+def server() -> Iterator[RegistryServer]:
+    with RegistryServer() as one:
+        yield one
+        assert one.problems == []

@@ -1,7 +1,6 @@
 """Records whose Protobuf schema another program has registered: what of it is read, and how."""
 
 import base64
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -17,13 +16,6 @@ from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.message_types.layout import Field, Kind, Layout, Primitive, Sequence, String
 
 BYTES = Sequence(Primitive('uint8'))
-
-
-@pytest.fixture
-def server() -> Iterator[RegistryServer]:
-    with RegistryServer() as one:
-        yield one
-        assert one.problems == []
 
 
 def scope(server: RegistryServer) -> Scope:
