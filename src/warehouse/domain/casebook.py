@@ -21,6 +21,7 @@ from warehouse.domain.robot_failure_profile import (
 from warehouse.domain.signs import Signs
 from warehouse.domain.standing import RISK_S
 from warehouse.messages import (
+    TASK_ENDS,
     Blocked,
     Cell,
     ErrorLevel,
@@ -28,7 +29,6 @@ from warehouse.messages import (
     InstantAction,
     Task,
     Tasks,
-    TaskStatus,
 )
 
 __all__ = ['FLEET', 'VIOLATION', 'Casebook']
@@ -36,7 +36,6 @@ __all__ = ['FLEET', 'VIOLATION', 'Casebook']
 FLEET: Final = ''
 VIOLATION: Final = 'VIOLATION'
 
-_ENDED: Final = frozenset((TaskStatus.DELIVERED, TaskStatus.FAILED, TaskStatus.CANCELLED))
 
 # What has become of a failure whose evidence is gone.
 _WORDS: Final = {
@@ -272,7 +271,7 @@ class Casebook:
         given = [
             task.task_id
             for task in (self.tasks.tasks if self.tasks is not None else ())
-            if task.robot == name and task.status not in _ENDED
+            if task.robot == name and task.status not in TASK_ENDS
         ]
         return list(dict.fromkeys((*loads, *given)))
 
@@ -296,7 +295,7 @@ class Casebook:
     def _follow(self, failure: Failure, tasks: Mapping[str, Task], now_s: float) -> None:
         for task_id in list(failure.tasks):
             task = tasks.get(task_id)
-            ended = task is None or task.status in _ENDED
+            ended = task is None or task.status in TASK_ENDS
             if task is not None and task.robot not in ('', failure.robot):
                 failure.tasks.remove(task_id)
                 outcome = f'{task.robot} has it now'

@@ -9,7 +9,16 @@ from typing import Final, NamedTuple
 
 from warehouse.domain.referee_loads import Loads
 from warehouse.domain.site import Site
-from warehouse.messages import LineStatus, Load, OpenOrders, Order, Task, TaskStatus, Violation
+from warehouse.messages import (
+    TASK_ENDS,
+    LineStatus,
+    Load,
+    OpenOrders,
+    Order,
+    Task,
+    TaskStatus,
+    Violation,
+)
 
 __all__ = ['Claims']
 
@@ -20,7 +29,6 @@ FORMER: Final = 60  # in which an order counts as it was before an update, too
 _WAITING: Final = (TaskStatus.OPEN, TaskStatus.ASSIGNED, TaskStatus.BLOCKED)
 _GIVEN_UP: Final = (TaskStatus.FAILED, TaskStatus.CANCELLED)
 _GRAM: Final = 0.001
-_ENDS: Final = (TaskStatus.DELIVERED, *_GIVEN_UP)
 _LINES_GIVEN_UP: Final = (LineStatus.FAILED, LineStatus.CANCELLED)
 
 
@@ -188,7 +196,7 @@ class Claims:
         if told is None:
             self._told[task.task_id] = _Told(task, self.checked)
         else:
-            ends_now = told.task.status not in _ENDS and task.status in _GIVEN_UP
+            ends_now = told.task.status not in TASK_ENDS and task.status in _GIVEN_UP
             told.take(task, self.checked, self._told_at)
             dropped = self._loads.dropped_step(task.task_id)
             # Whoever follows a robot up to that step has heard it say so.

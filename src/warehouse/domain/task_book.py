@@ -4,13 +4,20 @@ from typing import Any, Final
 
 from msgspec.structs import replace
 
-from warehouse.messages import Cell, FleetReport, Order, RobotReport, RobotState, Task, TaskStatus
+from warehouse.messages import (
+    TASK_ENDS,
+    Cell,
+    FleetReport,
+    Order,
+    RobotReport,
+    RobotState,
+    Task,
+    TaskStatus,
+)
 
 __all__ = ['Entry', 'TaskBook']
 
 _PAST: Final = 1000  # ended tasks of ended orders that are remembered, should one come back
-
-_ENDS: Final = frozenset({TaskStatus.DELIVERED, TaskStatus.FAILED, TaskStatus.CANCELLED})
 
 
 class Entry:
@@ -62,7 +69,7 @@ class Entry:
     @property
     def is_over(self) -> bool:
         """Whether the task has ended."""
-        return self.task.status in _ENDS
+        return self.task.status in TASK_ENDS
 
     def set(self, **changes: Any) -> None:
         """Changes the task, if that makes a difference."""

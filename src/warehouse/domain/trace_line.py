@@ -9,7 +9,6 @@ from warehouse.messages import (
     FleetReport,
     FleetState,
     OrderEvent,
-    RobotReport,
     RobotState,
 )
 
@@ -27,18 +26,13 @@ def trace_line(
         'step': state.step,
         'robots': [_trace(robot) for robot in state.states],
     }
-    if gone := [one.serial_number for one in report.robots if _is_gone(one)]:
+    if gone := [one.serial_number for one in report.robots if one.is_off_the_floor]:
         line['removed'] = gone
     if events:
         line['events'] = events
     if failures:
         line['failures'] = failures
     return msgspec.json.encode(line)
-
-
-def _is_gone(robot: RobotReport) -> bool:
-    """Whether it was carried off the floor."""
-    return not robot.commissioned and not robot.obstacle
 
 
 def _trace(robot: RobotState) -> dict[str, object]:

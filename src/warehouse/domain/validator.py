@@ -99,11 +99,7 @@ class Validator:
     def hear(self, report: FleetReport) -> None:
         """Take the newest report: which of the silent robots were carried off the floor."""
         reported = {robot.serial_number for robot in report.robots}
-        away = {
-            robot.serial_number
-            for robot in report.robots
-            if not robot.commissioned and not robot.obstacle
-        }
+        away = {robot.serial_number for robot in report.robots if robot.is_off_the_floor}
         self._removed = frozenset(away | (self._heard_of - reported))
         self._heard_of |= reported
 

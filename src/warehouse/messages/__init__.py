@@ -47,10 +47,19 @@ from warehouse.messages.robots import (
     RobotState,
     SafetyState,
 )
-from warehouse.messages.tasks import Assignment, Assignments, Costs, Task, Tasks, TaskStatus
+from warehouse.messages.tasks import (
+    TASK_ENDS,
+    Assignment,
+    Assignments,
+    Costs,
+    Task,
+    Tasks,
+    TaskStatus,
+)
 
 __all__ = [
     'ORDER_ENDS',
+    'TASK_ENDS',
     'Action',
     'ActionState',
     'ActionStatus',

@@ -39,6 +39,11 @@ class RobotReport(Message, frozen=True):
     answer: str = ''
     since_s: float = 0.0
 
+    @property
+    def is_off_the_floor(self) -> bool:
+        """Whether it was carried away."""
+        return not self.commissioned and not self.obstacle
+
 
 class Blocked(Message, frozen=True):
     """A cell that is to be driven around, until it is tried again; 0: until it is unblocked."""

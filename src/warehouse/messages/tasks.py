@@ -1,6 +1,7 @@
 """Tasks, one for each line: what they cost, and who does them."""
 
 from enum import StrEnum
+from typing import Final
 
 from msgspec import field
 
@@ -18,6 +19,9 @@ class TaskStatus(StrEnum):
     DELIVERED = 'DELIVERED'
     FAILED = 'FAILED'
     CANCELLED = 'CANCELLED'
+
+
+TASK_ENDS: Final = frozenset({TaskStatus.DELIVERED, TaskStatus.FAILED, TaskStatus.CANCELLED})
 
 
 class Task(Message, frozen=True):
