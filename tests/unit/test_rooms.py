@@ -22,6 +22,13 @@ def test_at_most_ten_modules_stand_at_the_front() -> None:
     assert len(FRONT) <= 10, f'which room is home to one of {", ".join(FRONT)}?'
 
 
+def test_no_file_has_more_than_four_hundred_lines() -> None:
+    places = ('src', 'tests', 'benchmarks', 'rig', 'examples', 'tools')
+    files = [file for place in places for file in (ROOT / place).rglob('*.py')]
+    counts = {str(file.relative_to(ROOT)): file.read_bytes().count(b'\n') for file in files}
+    assert {file: count for file, count in counts.items() if count > 400} == {}
+
+
 @pytest.mark.parametrize('room', [*ROOMS, *WITHIN], ids=lambda room: str(room.relative_to(HOUSE)))
 def test_a_room_says_what_lives_there(room: Path) -> None:
     face = ast.parse((room / '__init__.py').read_text())
