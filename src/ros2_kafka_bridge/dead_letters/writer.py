@@ -15,14 +15,13 @@ from ros2_kafka_bridge.errors import (
     TransportError,
 )
 from ros2_kafka_bridge.logs.text import printable
+from ros2_kafka_bridge.threads.backoff import Backoff
 
 HEADER_LIMIT = 1000
 """Headers of a record that its dead letter keeps; of one that has more, it keeps none."""
 
 _FIRST = 'dead_letter.error'
 _REASON_CHARS = 1000
-_FIRST_BACKOFF_S = 1.0
-_LONGEST_BACKOFF_S = 30.0
 
 
 class Origin(NamedTuple):
@@ -122,7 +121,7 @@ class DeadLetters(Generic[Token]):
         self._sent: dict[int, OutgoingLetter[Token]] = {}
         self._delivered: list[Token] = []
         self._again_at_s = 0.0
-        self._backoff_s = _FIRST_BACKOFF_S
+        self._backoff = Backoff()
         self._error: BridgeError | None = None  # that nobody was told of
 
     def take_error(self) -> BridgeError | None:
@@ -168,7 +167,7 @@ class DeadLetters(Generic[Token]):
         self._end(reports.confirmed)
         if reports.confirmed:
             self.problem = ''
-            self._backoff_s = _FIRST_BACKOFF_S
+            self._backoff = Backoff()
         problems = [self._send_again(letter, error) for letter, error in reports.failed]
         for problem in filter(None, problems):
             raise problem
@@ -203,9 +202,9 @@ class DeadLetters(Generic[Token]):
     def _fail(self, error: BridgeError) -> None:
         self.problem = f'the dead-letter topic {self.topic} cannot be written: {error}'
         self._error = error
-        self._log.error('failed: %s; tried again in %.0f s', self.problem, self._backoff_s)
-        self._again_at_s = time.monotonic() + self._backoff_s
-        self._backoff_s = min(_LONGEST_BACKOFF_S, 2 * self._backoff_s)
+        self._backoff = self._backoff.after()
+        self._again_at_s = time.monotonic() + self._backoff.wait_s
+        self._log.error('failed: %s; tried again in %.0f s', self.problem, self._backoff.wait_s)
         self._close_sink()
         self._waiting.extendleft(reversed(self._sent.values()))
         self._sent.clear()

@@ -1,4 +1,4 @@
-"""How long to wait before something that has failed is started again."""
+"""How long to wait before something that has failed is tried again."""
 
 from typing import Final, NamedTuple
 
@@ -8,7 +8,7 @@ _WELL_S: Final = 30.0
 
 
 class Backoff(NamedTuple):
-    """The wait before the next start: it doubles up to ten seconds.
+    """The wait before the next try: it doubles up to ten seconds.
 
     Args:
         wait_s: How long that wait is; 0 while nothing has failed.
@@ -16,7 +16,7 @@ class Backoff(NamedTuple):
 
     wait_s: float = 0.0
 
-    def after(self, ran_s: float) -> 'Backoff':
+    def after(self, ran_s: float = 0.0) -> 'Backoff':
         """The wait after one more failure.
 
         Args:
