@@ -11,7 +11,7 @@ drop_oldest drops leaves at once, and counts with what is before it.
 import logging
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
@@ -29,19 +29,16 @@ from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.route.obstacle import (
-    HISTORY_FULL,
     LONGEST_NAP_S,
-    PACED,
     WINDOW_FULL,
     Blocked,
     Cause,
     Obstacle,
 )
-from ros2_kafka_bridge.route.pace import Pace, expires
 from ros2_kafka_bridge.route.place import SENT
+from ros2_kafka_bridge.route.publishing import Publishing
 from ros2_kafka_bridge.route.record_window import RecordEntry, RecordWindow
 from ros2_kafka_bridge.route.refused import letter_of_record, refused_record
-from ros2_kafka_bridge.route.settling import Settling
 from ros2_kafka_bridge.route.status import held
 from ros2_kafka_bridge.route.telling import Telling
 from ros2_kafka_bridge.route.type_hash import CheckHeaders
@@ -103,14 +100,11 @@ class KafkaToRos:
         self._traces = traces
         self._read_headers = traces.reader(lambda: self._window.entries[-1])
         self._window = RecordWindow(route.max_in_flight, route.max_in_flight_bytes, source.advance)
-        self._settling = Settling(route.min_subscribers)
+        self._publishing = Publishing(self._window, sink, route)
         self._blocked = Blocked()
         self._drained_by_s = math.inf
         self._commit_at_s = 0.0
-        self._paces = route.max_rate is not None
-        self._pace = Pace(route.max_rate)
         self._ages = route.max_age_s is not None
-        self._expired = expires(route.max_age_s)
 
     def run(self, stop: Stop, pause: Pause | None = None) -> None:
         """Move records until a stop is asked for, then drain.
@@ -153,14 +147,14 @@ class KafkaToRos:
     # 1. Kafka -> entries
 
     def _poll(self, timeout_s: float) -> None:
-        records = self._source.poll(BATCH, timeout_s)
-        taken_s = time.monotonic()
-        for record in records:
-            self._accept(record, taken_s)
+        self._accept_all(self._source.poll(BATCH, timeout_s))
 
     def _stay(self) -> None:
+        self._accept_all(self._source.stay())
+
+    def _accept_all(self, records: Sequence[Record]) -> None:
         taken_s = time.monotonic()
-        for record in self._source.stay():
+        for record in records:
             self._accept(record, taken_s)
 
     def _take(self, record: Record, value: bytes | None, taken_s: float) -> RecordEntry:
@@ -221,32 +215,11 @@ class KafkaToRos:
 
     def _publish_pending(self) -> Obstacle | None:
         """Publish what waits; tells what stands in the way, None when nothing is left."""
-        if not self._window.pending:
-            return self._no_room()
-        if obstacle := self._settling.obstacle:
-            return obstacle
         before = len(self._window.unconfirmed)
-        obstacle = self._publish_all()
+        obstacle = self._publishing.publish_pending()
         if len(self._window.unconfirmed) > before:
             self._blocked.move()
         return obstacle or self._no_room()
-
-    def _publish_all(self) -> Obstacle | None:
-        pending, unconfirmed = self._window.pending, self._window.unconfirmed
-        publish, sent = self._sink.publish, SENT
-        while pending:
-            entry = pending[0]
-            if self._ages and self._expired(entry.timestamp):
-                entry.outcome = Outcome.DROPPED
-            elif self._paces and not self._pace.go():
-                return PACED
-            elif not publish(entry.cdr):
-                return HISTORY_FULL
-            else:
-                entry.place = sent
-                unconfirmed.append(entry)
-            pending.popleft()
-        return None
 
     def _no_room(self) -> Obstacle | None:
         """Tell what keeps the bridge from reading on, None if nothing does."""
@@ -269,7 +242,7 @@ class KafkaToRos:
         if drops:
             self._count(self._window.drop_oldest())
         if obstacle.cause is Cause.PACE:
-            time.sleep(min(LONGEST_NAP_S, self._pace.wait_s))
+            time.sleep(min(LONGEST_NAP_S, self._publishing.paced_s))
             return
         self._blocked.nap()
         self._meter.waited_s += time.monotonic() - since_s
@@ -286,23 +259,15 @@ class KafkaToRos:
     # 3. confirmations -> positions -> commit
 
     def _confirm(self) -> None:
-        readers = self._sink.readers()
-        self._settling.look(readers)
-        if readers.lost:
-            self._publish_again()
-        self._window.confirm(readers.confirmed)
-        for entry in self._dead_letters.poll():
-            entry.outcome = Outcome.DEAD_LETTERED
-
-    def _publish_again(self) -> None:
-        again = self._window.take_back()
-        self.counters.repeated += again
-        if again:
+        if again := self._publishing.confirm():
+            self.counters.repeated += again
             self._log.warning(
                 'a subscriber of %s has gone: %d messages that it had not acknowledged are '
                 'published again',
                 self._route.sink.ros, again,
             )  # fmt: skip
+        for entry in self._dead_letters.poll():
+            entry.outcome = Outcome.DEAD_LETTERED
 
     def _settle(self) -> None:
         if ended := self._window.settle():
