@@ -13,17 +13,12 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import Message, MessageSource, Outgoing, RecordSink
-from ros2_kafka_bridge.errors import (
-    BridgeError,
-    RecordError,
-    RecordTooLargeError,
-    RouteError,
-    TransportError,
-)
+from ros2_kafka_bridge.errors import RecordError, RouteError
 from ros2_kafka_bridge.formats import Encode
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.route.counters import Counters, Outcome
@@ -32,7 +27,9 @@ from ros2_kafka_bridge.route.labels import MakeHeaders, MakeKey
 from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.route.message_window import MessageEntry, MessageWindow
 from ros2_kafka_bridge.route.place import ASIDE, PENDING, SENT
+from ros2_kafka_bridge.route.producing import Producing
 from ros2_kafka_bridge.route.refused import Refused, letter_of_message, refused_message
+from ros2_kafka_bridge.route.status import given_up
 from ros2_kafka_bridge.route.telling import Telling
 from ros2_kafka_bridge.route.type_hash import CheckHeaders
 from ros2_kafka_bridge.spool.backlog import Backlog
@@ -100,7 +97,10 @@ class RosToKafka:
         self._dead_letters = dead_letters
         self._occasional = summed(log)
         self._traces = traces
-        self._window = MessageWindow(route.max_in_flight, route.max_in_flight_bytes)
+        drops = route.when_full == 'drop_oldest' and not backlog.exists
+        self._window = MessageWindow(route.max_in_flight, route.max_in_flight_bytes, drops=drops)
+        refuse = partial(self._refuse, queue=self._put_in_line)
+        self._producing = Producing(self._window, sink, refuse)
         self._spooling = Spooling(
             route, self._window, self._put_in_line, backlog, in_kafka, self.counters, log
         )
@@ -108,9 +108,6 @@ class RosToKafka:
         self._telling = Telling(self.counters, self._meter, dead_letters)
         self._gathering = Gathering(sink.hurry)
         self._pause = Pause()
-        self._producing = 0  # how many the producer has got
-        self._alone: MessageEntry | None = None  # what the producer has got by itself
-        self._alone_up_to = 0  # that number: a broker that refuses a batch refuses all in it
 
     def claim_spool(self) -> None:
         """Keep the spool for this process until `let_go_spool`, also between two runs.
@@ -160,29 +157,25 @@ class RosToKafka:
         """Go on by one take; returns what it has brought, None where there was no room for it."""
         taken = None
         self._spooling.step(self._sink.away, self._dead_letters.problem)
-        self._produce_pending()
+        self._producing.produce_pending()
         self._drop_excess()
         room = self._room()
         if room > 0:
             taken = self._take(room, _BUSY_S if self._window else _IDLE_S)
-            self._produce_pending()
+            self._producing.produce_pending()
             self._gathering.send(len(taken))
             self._confirm(0.0)
         else:
-            self._wait()
+            since_s = time.monotonic()
+            self._confirm(_FULL_S)
+            self._meter.waited_s += time.monotonic() - since_s
         self._tick()
         return taken
-
-    def _wait(self) -> None:
-        """Take nothing for a moment, because there is no room."""
-        since_s = time.monotonic()
-        self._confirm(_FULL_S)
-        self._meter.waited_s += time.monotonic() - since_s
 
     def _rest(self) -> Sequence[Message]:
         """Take nothing: DDS holds the publishers back. What was taken goes on to Kafka."""
         self._spooling.step(self._sink.away, self._dead_letters.problem)
-        self._produce_pending()
+        self._producing.produce_pending()
         self._source.look()
         self._confirm(_FULL_S)
         self._tick()
@@ -196,11 +189,7 @@ class RosToKafka:
             return 0
         if self._spooling.active:
             return self._spooling.room
-        if self._dead_letters.problem:
-            return 0
-        if self._drops:
-            return 0 if self._window.size_bytes > self._window.max_bytes else BATCH
-        return min(BATCH, self._window.room)
+        return 0 if self._dead_letters.problem else min(BATCH, self._window.room)
 
     def _drop_excess(self) -> None:
         """Keep the newest, where the route asks for it."""
@@ -208,15 +197,10 @@ class RosToKafka:
             return
         if self._spooling.active:
             self._spooling.drop_excess()
-        elif self._drops and not self._dead_letters.problem:
+        elif not self._dead_letters.problem:
             for entry in self._window.drop_oldest():
                 self._traces.ended(entry, Outcome.DROPPED)
                 self.counters.end(Outcome.DROPPED)
-
-    @property
-    def _drops(self) -> bool:
-        """Whether what is too much in memory is dropped."""
-        return self._route.when_full == 'drop_oldest' and not self._spooling.exists
 
     def _take(self, limit: int, timeout_s: float) -> Sequence[Message]:
         messages = self._source.take(limit, timeout_s)
@@ -282,49 +266,17 @@ class RosToKafka:
         entry.record = letter_of_message(self._route, entry.record, error)
         queue(entry)
 
-    # 2. entries -> Kafka
-
-    def _produce_pending(self) -> None:
-        pending, produce = self._window.pending, self._sink.produce
-        if self._alone is not None or not pending:
-            return
-        now_s, sent, alone_up_to = time.monotonic(), SENT, self._alone_up_to
-        while pending:
-            entry = pending[0]
-            alone = entry.number <= alone_up_to
-            if alone and self._producing:
-                return
-            try:
-                if not produce(entry.record, entry):
-                    return
-                pending.popleft()
-                entry.place = sent
-                entry.produced_s = now_s
-                self._producing += 1
-            except RecordTooLargeError as error:
-                pending.popleft()
-                self._refuse(entry, error, self._put_in_line)
-                continue
-            if alone:
-                self._alone = entry
-                return
-
-    # 3. delivery reports -> confirmed
+    # 2. entries -> Kafka (`Producing`), and 3. its reports -> confirmed
 
     def _confirm(self, timeout_s: float) -> None:
-        confirmed, failed = self._sink.poll(timeout_s)
+        confirmed, failed = self._producing.poll(timeout_s)
         self._window.remove_all(confirmed)
         self._traces.confirmed(confirmed)
         self.counters.end(Outcome.CONFIRMED, len(confirmed))
         self._meter.confirm_messages(confirmed)
-        self._producing -= len(confirmed) + len(failed)
-        alone = self._alone
-        if not self._producing:
-            self._alone = None
-        if failed:
-            self._retry(failed, alone)
+        self._producing.produce_again(failed)
         # What looks for a topic that is away holds the thread, and the robots, for seconds.
-        if not self._sink.away or not self._producing:
+        if not self._sink.away or self._producing.is_idle:
             for entry in self._dead_letters.poll():
                 self._end(entry, Outcome.DEAD_LETTERED)
         failure = self._window.failure
@@ -336,8 +288,7 @@ class RosToKafka:
         self._close_sinks()
         self._spooling.leave()
         behind = len(self._window.entries.keys() - {self._window.ends_at})
-        given_up = f', {behind} messages behind it are given up' if behind else ''
-        raise refused.failure(given_up)
+        raise refused.failure(f', {behind} messages behind it are given up' if behind else '')
 
     def _end(
         self, entry: MessageEntry, outcome: Outcome, error: RecordError | None = None
@@ -345,29 +296,6 @@ class RosToKafka:
         self._traces.ended(entry, outcome, error)
         self._window.remove(entry)
         self.counters.end(outcome)
-
-    def _retry(
-        self, failed: Sequence[tuple[MessageEntry, BridgeError]], alone: MessageEntry | None
-    ) -> None:
-        """Send again what has failed for now.
-
-        Args:
-            failed: What has failed, and why.
-            alone: What was sent in a request of its own.
-        """
-        again = []
-        for entry, error in failed:
-            if isinstance(error, RecordTooLargeError) and entry is not alone:
-                self._alone_up_to = max(self._alone_up_to, entry.number)
-                again.append(entry)
-            elif isinstance(error, RecordError):
-                self._refuse(entry, error, self._put_in_line)
-            elif isinstance(error, TransportError):
-                again.append(entry)
-            else:
-                raise error
-        again.sort(key=lambda entry: entry.number)
-        self._window.wait_again(again)
 
     def _tick(self) -> None:
         if not self._telling.is_due(self._pause):
@@ -412,7 +340,7 @@ class RosToKafka:
                 self._source.close()  # the next bridge is not held back by a reader that is idle
             if empty and not self._window:
                 break  # nothing is owed to Kafka, also where it lets nobody in
-            self._produce_pending()
+            self._producing.produce_pending()
             self._confirm(_BUSY_S if self._window else 0.0)
             if empty and self._sink.away and self._spooling.keep():
                 break
@@ -420,18 +348,8 @@ class RosToKafka:
         empty = empty or self._take_rest()
         self._close_sinks()
         self._spooling.leave()
-        self._say_given_up(empty=empty)
-
-    def _say_given_up(self, *, empty: bool) -> None:
-        """End with an error where a drain has not delivered or taken everything."""
-        held = len(self._window)
-        given_up = [f'{held} messages that Kafka has not confirmed'] * bool(held)
-        given_up += ['what was not taken yet'] * (not empty)
-        if given_up:
-            raise RouteError(
-                f'gave up {" and ".join(given_up)}: lost unless the publisher is TRANSIENT_LOCAL',
-                final=True,
-            )
+        if lost := given_up(len(self._window), empty=empty):
+            raise RouteError(lost, final=True)
 
     def _take_last(self) -> bool:
         """Take once more, if there is room; tells whether nothing is left to take."""
@@ -474,8 +392,7 @@ class RosToKafka:
 
     def _resume(self) -> None:
         """Put what a failed run left back in line, in the order of taking."""
-        self._alone = None
-        self._producing = 0
+        self._producing.begin()
         self._window.pending.clear()
         for entry in self._window.ascending():
             self._spooling.resume(entry)

@@ -623,7 +623,7 @@ def test_what_is_delivered_while_the_route_ends_is_measured_too() -> None:
     house.give(b'a', b'b')
     house.sink.delivered_at_close = 2
     house.direction._take(10, 0.0)
-    house.direction._produce_pending()
+    house.direction._producing.produce_pending()
     house.direction._close_sinks()
     house.direction._show('')
     assert house.direction.snapshot.confirmed == 2

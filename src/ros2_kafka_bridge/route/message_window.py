@@ -54,14 +54,16 @@ class MessageWindow:
     Args:
         max_entries: How many may be in flight.
         max_bytes: How large they may be together.
+        drops: Whether the oldest that wait are dropped where they are too many.
     """
 
-    def __init__(self, max_entries: int, max_bytes: int) -> None:
+    def __init__(self, max_entries: int, max_bytes: int, *, drops: bool = False) -> None:
         self.entries: dict[int, MessageEntry] = {}
         self.pending: deque[MessageEntry] = deque()
         self.size_bytes = 0
         self.max_entries = max_entries
         self.max_bytes = max_bytes
+        self._drops = drops
         self.failure: Refused | None = None  # what ends the route
         self.ends_at = sys.maxsize  # number of that entry
         self._number = 0  # of the newest
@@ -99,10 +101,12 @@ class MessageWindow:
         self.size_bytes -= sum([entry.size_bytes for entry in entries])
 
     def drop_oldest(self) -> list[MessageEntry]:
-        """Forget what is too much of that which waits; returns it."""
+        """Forget what is too much of that which waits, where that is meant; returns it."""
         pending, dropped = self.pending, []
-        while len(pending) > 1 and (
-            len(pending) > self.max_entries or self.size_bytes > self.max_bytes
+        while (
+            self._drops
+            and len(pending) > 1
+            and (len(pending) > self.max_entries or self.size_bytes > self.max_bytes)
         ):
             entry = pending.popleft()
             self.remove(entry)
@@ -111,7 +115,9 @@ class MessageWindow:
 
     @property
     def room(self) -> int:
-        """How many more entries may be in flight; 0 also where they are too large together."""
+        """How many more may be taken; 0 also where those in flight are too large together."""
+        if self._drops:
+            return 0 if self.size_bytes > self.max_bytes else sys.maxsize
         if self.size_bytes >= self.max_bytes:
             return 0
         return max(0, self.max_entries - len(self.entries))

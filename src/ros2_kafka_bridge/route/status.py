@@ -48,6 +48,19 @@ def left(snapshot: Snapshot, *, to_ros: bool) -> str:
     return f'{what} ({totals(snapshot)})'
 
 
+def given_up(held: int, *, empty: bool) -> str:
+    """What a route from ROS that had to end in time has not done, and what it costs; or nothing.
+
+    Args:
+        held: How many messages are not confirmed.
+        empty: Whether all was taken.
+    """
+    left = [f'{held} messages that Kafka has not confirmed'] * bool(held)
+    left += ['what was not taken yet'] * (not empty)
+    lost = f'gave up {" and ".join(left)}: lost unless the publisher is TRANSIENT_LOCAL'
+    return lost if left else ''
+
+
 def held(names: Sequence[str], for_s: float) -> str:
     """Say who may be keeping a route waiting, and since when, by the clock of the log.
 
