@@ -1,0 +1,120 @@
+"""The direction ROS -> Kafka with ends in memory, driven step by step."""
+
+import logging
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from ros2_kafka_bridge.config.settings import RosToKafkaRoute
+from ros2_kafka_bridge.dead_letters.writer import DeadLetters
+from ros2_kafka_bridge.endpoints import Message
+from ros2_kafka_bridge.errors import (
+    EncodeError,
+)
+from ros2_kafka_bridge.formats import guarded
+from ros2_kafka_bridge.ros_to_kafka import RosToKafka
+from ros2_kafka_bridge.route.type_hash import check_nothing
+from ros2_kafka_bridge.spool.backlog import Backlog
+from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSink
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.route.message_window import MessageEntry
+
+
+LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
+
+
+def encode(cdr: bytes) -> bytes:
+    if cdr.startswith(b'bad'):
+        raise EncodeError('not what it should be')
+    if cdr.startswith(b'bug'):
+        raise AttributeError("'NoneType' object has no attribute 'get'")
+    return cdr
+
+
+class InKafka:
+    """Kafka holds the messages and the dead letters of these numbers, whoever published them."""
+
+    def __init__(self, numbers: frozenset[int], letters: frozenset[int]) -> None:
+        self.numbers = set(numbers)
+        self.letters = letters
+
+    def contains(self, message: Message) -> bool:
+        return message.seq in self.numbers
+
+    def add(self, numbers: Iterable[tuple[bytes, int]]) -> None:
+        self.numbers |= {seq for _, seq in numbers}
+
+    def look_at_end(self) -> None:
+        pass
+
+    def holds(self, _gid: bytes, _seq: int) -> bool:
+        return False
+
+    def holds_letter(self, _gid: bytes, seq: int, _made_ns: int) -> bool:
+        return seq in self.letters
+
+
+class House:
+    """A direction with its ends."""
+
+    def __init__(
+        self,
+        seen: frozenset[int] = frozenset(),
+        refused: frozenset[int] = frozenset(),
+        **settings: Any,
+    ) -> None:
+        self.source = MemoryMessageSource()
+        self.sink: MemoryRecordSink[MessageEntry] = MemoryRecordSink()
+        self.letters: MemoryRecordSink[Any] = MemoryRecordSink()
+        route = RosToKafkaRoute.model_validate(
+            {
+                'name': 'orders',
+                'from': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
+                'to': {'kafka': 'orders'},
+                'format': 'text',
+                **settings,
+            }
+        )
+        dead: DeadLetters[MessageEntry] = DeadLetters(
+            'orders.dead', self.letters, lambda: None, LOG
+        )
+        self.direction = RosToKafka(
+            route,
+            self.source,
+            InKafka(seen, refused),
+            self.sink,
+            lambda: guarded(encode, route.max_message_bytes, EncodeError),
+            lambda _: b'key',
+            lambda message: [('ros.seq', str(message.seq))],
+            check_nothing,
+            dead,
+            Backlog(None, None, LOG),
+            LOG,
+        )
+        self.pause = self.direction._pause
+        self.direction._prepare()
+        self.sink.open()
+
+    def give(self, *cdr: bytes, first: int = 1) -> None:
+        for number, one in enumerate(cdr):
+            self.source.waiting.append(Message(one, b'gid', first + number, 0))
+
+    def steps(self, count: int = 4) -> None:
+        for _ in range(count):
+            self.direction._step()
+            self.check_balance()
+
+    def rests(self, count: int = 3) -> None:
+        for _ in range(count):
+            self.direction._rest()
+            self.check_balance()
+
+    def check_balance(self) -> None:
+        snapshot = self.direction.counters.snapshot(len(self.direction._window))
+        assert snapshot.balanced, snapshot
+
+    def values(self) -> list[bytes | None]:
+        return [record.value for record in self.sink.records]
+
+    def count(self, name: str) -> int:
+        return int(getattr(self.direction.counters.snapshot(0), name))

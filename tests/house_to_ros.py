@@ -1,0 +1,102 @@
+"""The direction Kafka -> ROS with ends in memory, driven step by step."""
+
+import logging
+from typing import TYPE_CHECKING, Any
+
+from ros2_kafka_bridge.config.settings import KafkaToRosRoute
+from ros2_kafka_bridge.dead_letters.writer import DeadLetters
+from ros2_kafka_bridge.errors import DecodeError, RouteError
+from ros2_kafka_bridge.formats import guarded
+from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
+from ros2_kafka_bridge.route.type_hash import make_hash_check
+from ros2_kafka_bridge.testing.memory import (
+    MemoryMessageSink,
+    MemoryRecord,
+    MemoryRecordSink,
+    MemoryRecordSource,
+)
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.route.record_window import RecordEntry
+
+
+HASH = 'RIHS01_' + '1' * 64
+LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
+
+
+BUGS: dict[bytes, tuple[type[BaseException], str]] = {
+    b'bug of the bridge': (AttributeError, "'NoneType' object has no attribute 'get'"),
+    b'bug that asserts': (AssertionError, ''),
+    b'bug that takes all memory': (MemoryError, ''),
+    b'bug without end': (RecursionError, 'maximum recursion depth exceeded'),
+    b'bug, said the user': (KeyboardInterrupt, ''),
+}
+
+
+def decode(value: bytes | None) -> bytes:
+    if value is None or value.startswith(b'bad'):
+        raise DecodeError('not what it should be')
+    if value.startswith(b'bug'):
+        kind, text = BUGS[value]
+        raise kind(text)
+    if value.startswith(b'away'):
+        raise RouteError('the Schema Registry does not answer')
+    return b'cdr:' + value
+
+
+class House:
+    """A direction with its ends."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.source = MemoryRecordSource()
+        self.sink = MemoryMessageSink()
+        self.letters: MemoryRecordSink[Any] = MemoryRecordSink()
+        route = KafkaToRosRoute.model_validate(
+            {
+                'name': 'orders',
+                'from': {'kafka': 'orders'},
+                'to': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
+                'format': 'text',
+                **settings,
+            }
+        )
+        dead: DeadLetters[RecordEntry] = DeadLetters(
+            'orders.dead', self.letters, lambda: None, LOG
+        )
+        self.direction = KafkaToRos(
+            route,
+            'me',
+            self.source,
+            self.sink,
+            make_hash_check('std_msgs/msg/String', HASH),
+            guarded(decode, route.max_message_bytes, DecodeError),
+            dead,
+            LOG,
+        )
+        self.pause = self.direction._pause
+        self.source.open(self.direction)
+
+    def give(self, *values: bytes | None, partition: int = 0, first: int = 0, **more: Any) -> None:
+        for number, value in enumerate(values):
+            self.source.waiting.append(MemoryRecord(value, first + number, partition, **more))
+
+    def steps(self, count: int = 6) -> None:
+        for _ in range(count):
+            self.direction._step()
+            self.check_balance()
+
+    def rests(self, count: int = 3) -> None:
+        for _ in range(count):
+            self.direction._rest()
+            self.check_balance()
+
+    def check_balance(self) -> None:
+        snapshot = self.direction.counters.snapshot(len(self.direction._window))
+        assert snapshot.balanced, snapshot
+
+    def positions(self) -> dict[int, int]:
+        self.direction._settle()
+        return self.source.positions
+
+    def confirmed(self) -> int:
+        return self.direction.counters.snapshot(0).confirmed

@@ -1,0 +1,255 @@
+"""How the direction Kafka -> ROS hands over, drains and fails, driven step by step."""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+from house_to_ros import House
+
+from ros2_kafka_bridge import kafka_to_ros
+from ros2_kafka_bridge.endpoints import Record
+from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.testing.memory import (
+    MemoryRecord,
+    MemoryRecordSource,
+)
+from ros2_kafka_bridge.threads.stop import Stop
+
+
+@pytest.fixture(autouse=True)
+def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+
+
+@pytest.mark.parametrize('how', ['revoke', 'lose'])
+def test_guarantee_1_a_hand_over_ends_also_where_the_readers_cannot_be_asked(
+    how: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    house = House()
+    house.sink.acknowledging = False
+    house.give(b'a', b'b')
+    house.steps()
+
+    def fail() -> None:
+        raise RouteError('publisher of /orders: no')
+
+    monkeypatch.setattr(house.sink, 'readers', fail)
+    getattr(house.source, how)(frozenset({0}))
+    house.check_balance()
+    assert house.direction.counters.snapshot(0).returned == 2
+    assert house.positions() == {}
+    with pytest.raises(RouteError, match='publisher of /orders: no'):
+        house.steps()
+
+
+def test_what_was_confirmed_of_a_partition_that_is_lost_is_told_before_it_goes() -> None:
+    house = House()
+    house.sink.acknowledging = False
+    house.give(b'a', b'b', b'c')
+    house.give(b'd', partition=1)
+    house.steps()
+    house.sink.acknowledge(2)
+    house.direction.lost(frozenset({0}))
+    assert house.source.positions == {0: 2, 1: 0}
+    house.check_balance()
+
+
+@pytest.mark.parametrize(
+    ('settings', 'value'), [({}, b'away'), ({'on_error': 'stop'}, b'bad')], ids=['away', 'stop']
+)
+@pytest.mark.parametrize('other', [0, 1])
+def test_a_route_goes_on_where_what_was_to_end_it_is_handed_over(
+    settings: dict[str, Any], value: bytes, other: int
+) -> None:
+    """Whoever reads that partition next finds out by itself."""
+    house = House(**settings)
+    house.sink.acknowledging = False
+    house.give(b'a', partition=other)
+    house.give(value, first=1)
+    house.steps(2)
+    house.source.lose(frozenset({0}))
+    house.sink.acknowledging = True
+    house.give(b'c', b'd')
+    house.steps()
+    assert house.sink.published == [b'cdr:a', b'cdr:c', b'cdr:d']
+    assert house.positions()[0] == 2
+
+
+def test_revoked_partitions_are_committed_and_the_rest_is_given_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(kafka_to_ros, 'REVOKE_S', 0.05)
+    house = House()
+    house.sink.acknowledging = False
+    house.give(b'a', b'b', partition=0)
+    house.give(b'x', b'y', partition=1)
+    house.steps()
+    house.sink.acknowledge(3)
+    house.source.revoke(frozenset({1}))
+    assert house.source.committed == {0: 2, 1: 1}
+    assert house.positions() == {0: 2}
+    assert house.direction.counters.snapshot(0).returned == 1
+    house.check_balance()
+    house.sink.acknowledging = True
+    house.give(b'c', partition=0, first=2)
+    house.steps()
+    assert house.positions() == {0: 3}
+
+
+def test_lost_partitions_are_not_committed() -> None:
+    house = House()
+    house.sink.acknowledging = False
+    house.give(b'a')
+    house.steps()
+    house.source.lose(frozenset({0}))
+    assert house.positions() == {}
+    assert house.direction.counters.snapshot(0).returned == 1
+
+
+def test_a_drain_confirms_what_is_in_flight_and_gives_back_what_was_not_published() -> None:
+    house = House(drain_s=1)
+    house.sink.acknowledging = False
+    house.sink.room = 2
+    house.give(b'a', b'b', b'c')
+    house.steps()
+    house.sink.acknowledging = True
+    stop = Stop()
+    stop.ask()
+    house.direction.run(stop)
+    assert house.source.committed == {0: 2}
+    snapshot = house.direction.snapshot
+    assert snapshot.balanced
+    assert (snapshot.confirmed, snapshot.returned, snapshot.in_flight) == (2, 1, 0)
+
+
+def test_a_drain_skips_nothing_that_it_has_given_back_behind_an_end_that_was_reached() -> None:
+    house = House(drain_s=1)
+    house.sink.acknowledging = False
+    house.sink.room = 1
+    house.give(b'a', b'b', b'c')
+    house.give(b'x', partition=1)
+    house.source.ends |= {0: 3, 1: 2}  # a mark of a transaction comes behind the last one
+    house.steps()
+    house.sink.acknowledging = True
+    stop = Stop()
+    stop.ask()
+    house.direction.run(stop)
+    assert house.sink.published == [b'cdr:a']
+    assert house.source.committed.get(0) == 1
+    assert house.source.committed.get(1, 0) == 0
+
+
+def test_a_long_drain_stays_in_the_group_and_commits_as_it_goes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    house = House(drain_s=0.6)
+    house.sink.acknowledging = False
+    house.give(b'a', b'b')
+    house.steps()
+    holds: list[float] = []
+    before_the_end: list[dict[int, int]] = []
+
+    def stay() -> tuple[()]:
+        holds.append(time.monotonic())
+        house.sink.acknowledge(1 if len(holds) == 1 else 0)
+        return ()
+
+    def commit_now(timeout_s: float) -> bool:
+        before_the_end.append(dict(house.source.committed))
+        return MemoryRecordSource.commit_now(house.source, timeout_s)
+
+    monkeypatch.setattr(house.source, 'stay', stay)
+    monkeypatch.setattr(house.source, 'commit_now', commit_now)
+    stop = Stop()
+    stop.ask()
+    house.direction.run(stop)
+    assert before_the_end[0] == {0: 1}
+    assert len(holds) > 2
+    assert holds[-1] - holds[0] > 0.3
+
+
+def test_guarantee_7_a_drain_waits_for_what_is_in_flight_also_where_kafka_fails_it(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    house = House(drain_s=5)
+    house.sink.acknowledging = False
+    house.give(b'a', b'b')
+    house.steps()
+
+    def stay() -> tuple[()]:
+        house.sink.acknowledging = True  # a moment later
+        raise RouteError('topic orders: shut out')
+
+    monkeypatch.setattr(house.source, 'stay', stay)
+    stop = Stop()
+    stop.ask()
+    house.direction.run(stop)
+    assert house.confirmed() == 2
+    assert house.source.committed == {0: 2}
+    assert 'topic orders: shut out' in caplog.messages
+
+
+def test_what_still_comes_in_a_drain_is_given_back_unseen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    house = House(drain_s=5)
+    house.sink.acknowledging = False
+    house.give(b'a')
+    house.steps()
+    late = [[MemoryRecord(b'bad', 1)], [MemoryRecord(b'x', 0, 1), MemoryRecord(b'away', 2)]]
+
+    def stay() -> Sequence[Record]:
+        house.source.ends |= {0: 3, 1: 1}
+        house.sink.acknowledging = not late
+        house.source.waiting.extend(late.pop(0) if late else [])
+        return house.source.hand_out(500)
+
+    monkeypatch.setattr(house.source, 'stay', stay)
+    stop = Stop()
+    stop.ask()
+    house.direction.run(stop)
+    assert late == []
+    assert house.sink.published == [b'cdr:a']
+    assert house.letters.records == []
+    assert house.source.committed == {0: 1, 1: 0}
+    snapshot = house.direction.snapshot
+    assert snapshot.balanced
+    assert (snapshot.taken, snapshot.confirmed, snapshot.returned) == (4, 1, 3)
+
+
+def test_after_a_failure_the_same_records_come_again_and_the_count_still_balances() -> None:
+    house = House()
+    house.sink.acknowledging = False
+    house.give(b'a', b'b')
+    house.steps()
+    with pytest.raises(RouteError), house.direction._opened():
+        raise RouteError('no permission')
+    house.check_balance()
+    house.sink.acknowledging = True
+    house.source.open(house.direction)
+    house.give(b'a', b'b')
+    house.steps()
+    assert house.positions() == {0: 2}
+    assert house.confirmed() == 2
+
+
+@pytest.mark.parametrize('between', ['dead letter', 'skipped', 'too old'])
+def test_a_drain_commits_nothing_behind_a_record_that_was_not_published(between: str) -> None:
+    house = House(drain_s=0.1, max_age_s=60)
+    house.sink.matched = 0
+    house.give(b'a', b'b')
+    if between == 'dead letter':
+        house.give(b'bad', first=2)
+    elif between == 'skipped':
+        house.give(b'mine', first=2, header_list=[('bridge.origin', b'me')])
+    else:
+        house.give(b'old', first=2, time_ms=1)
+    house.give(b'c', first=3)
+    house.steps()
+    stop = Stop()
+    stop.ask()
+    house.direction.run(stop)
+    assert house.source.committed.get(0, 0) == 0
+    assert house.direction.snapshot.balanced

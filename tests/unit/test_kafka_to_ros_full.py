@@ -1,0 +1,257 @@
+"""What the direction Kafka -> ROS holds and drops where readers are slow, driven step by step."""
+
+import re
+import time
+from collections import Counter, deque
+from datetime import datetime, timedelta
+from random import Random
+
+import pytest
+from house_to_ros import House
+from hypothesis import given, settings, strategies
+
+from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.kafka_to_ros import BATCH
+from ros2_kafka_bridge.route import obstacle, settling
+
+
+@pytest.fixture(autouse=True)
+def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+
+
+def test_a_full_history_waits_and_the_same_message_goes_next() -> None:
+    house = House()
+    house.sink.acknowledging = False
+    house.sink.room = 2
+    house.give(b'a', b'b', b'c')
+    house.steps()
+    assert house.sink.published == [b'cdr:a', b'cdr:b']
+    house.sink.acknowledge(1)
+    house.steps()
+    assert house.sink.published == [b'cdr:a', b'cdr:b', b'cdr:c']
+
+
+@pytest.mark.parametrize(
+    ('holders', 'who'),
+    [
+        (['/picker'], '/picker, '),
+        (['/a', '/b'], 'one of /a, /b, '),
+        (['/a', '/b', '/c', '/d', '/e'], 'one of /a, /b, /c and 2 more, '),
+        ([], ''),
+    ],
+)
+def test_a_route_that_is_held_says_by_whom_and_since_when(
+    holders: list[str], who: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(obstacle, 'SAID_AFTER_S', 0.0)
+    house = House()
+    house.sink.acknowledging, house.sink.room, house.sink.holders = False, 1, holders
+    house.give(b'a', b'b')
+    house.steps(2)
+    house.direction._blocked._since_s = time.monotonic() - 3600
+    before = datetime.now().astimezone() - timedelta(seconds=3600)
+    house.direction._telling._at_s = 0.0
+    house.steps(1)
+    reason = house.direction.snapshot.reason
+    said = re.fullmatch(
+        r'the history is full: a subscriber does not take \((.*)since (\d\d:\d\d:\d\d)\)', reason
+    )
+    assert said, reason
+    assert said[1] == who
+    times = {f'{before + timedelta(seconds=late_s):%H:%M:%S}' for late_s in range(30)}
+    assert said[2] in times
+
+
+def test_nothing_is_read_while_a_message_waits() -> None:
+    house = House()
+    house.sink.acknowledging = False
+    house.sink.room = 1
+    house.give(b'a', b'b')
+    house.steps()
+    house.give(b'c', first=2)
+    house.steps()
+    assert len(house.source.waiting) == 1
+
+
+def test_drop_oldest_keeps_the_newest_and_counts_the_rest() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=2)
+    house.sink.room = 0
+    house.give(b'a', b'b', b'c', b'd', b'e')
+    house.steps()
+    house.sink.room = 10
+    house.steps()
+    assert house.sink.published == [b'cdr:d', b'cdr:e']
+    assert house.direction.counters.snapshot(0).dropped == 3
+    assert house.positions() == {0: 5}
+
+
+def test_what_drop_oldest_drops_behind_an_unconfirmed_head_takes_no_memory() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=10, max_in_flight_bytes=50_000)
+    house.sink.acknowledging, house.sink.room = False, 10
+    window = house.direction._window
+    for first in range(0, 5000, 50):
+        house.give(*[b'%05d' % n + b'x' * 995 for n in range(first, first + 50)], first=first)
+        house.steps(1)
+    assert len(window) <= 3 * 10 + 50
+    assert window.size_bytes <= 50_000 + 50 * 1_400
+    assert house.source.waiting == deque()
+    house.sink.acknowledging, house.sink.room = True, 100
+    house.steps()
+    assert house.sink.published[-1].startswith(b'cdr:04999')
+    assert len(house.sink.published) == 20
+    assert house.direction.counters.snapshot(0).dropped == 4980
+    assert house.positions() == {0: 5000}
+
+
+def test_drop_oldest_reads_nothing_while_it_could_drop_only_what_it_reads() -> None:
+    house = House(when_full='drop_oldest', max_in_flight_bytes=1000)
+    house.sink.acknowledging = False
+    house.give(b'x' * 900)
+    house.steps(2)
+    house.give(b'newer', first=1)
+    house.steps()
+    assert len(house.source.waiting) == 1
+    assert house.direction.counters.snapshot(0).dropped == 0
+    house.sink.acknowledging = True
+    house.steps()
+    assert house.sink.published[-1] == b'cdr:newer'
+
+
+def test_drop_oldest_drops_nothing_for_a_record_that_ends_the_route() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=2, on_error='stop')
+    house.sink.acknowledging, house.sink.room = False, 1
+    house.give(b'a', b'b', b'bad')
+    house.steps(1)
+    house.give(b'c', b'd', first=3)
+    house.steps()
+    assert len(house.source.waiting) == 2
+    assert house.direction.counters.snapshot(0).dropped == 0
+    house.sink.acknowledging = True
+    with pytest.raises(RouteError, match='@2'):
+        house.steps()
+    assert house.sink.published == [b'cdr:a', b'cdr:b']
+
+
+def test_the_window_is_bounded_in_bytes() -> None:
+    house = House(max_in_flight_bytes=1000)
+    house.sink.acknowledging = False
+    for number in range(5):
+        house.give(b'x' * 900, first=number)
+        house.steps(2)
+    assert len(house.sink.published) == 1
+    assert len(house.source.waiting) == 4
+
+
+def test_what_is_in_flight_to_ros_is_bounded_by_bytes_and_a_batch() -> None:
+    house = House(max_in_flight=2, max_in_flight_bytes=401_000)  # 1000 of one byte
+    house.sink.room = 10_000  # most of it acknowledged, and too young to be confirmed
+    house.sink.acknowledging = False
+    house.give(*[b'a'] * 5000)
+    house.steps(20)
+    house.direction._take_snapshot(None)
+    assert house.direction.snapshot.in_flight == 1000 + BATCH
+
+
+def test_where_the_oldest_are_dropped_as_many_wait_as_are_not_acknowledged() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=600)
+    house.sink.room = 600
+    house.sink.acknowledging = False
+    house.give(*[b'a'] * 5000)
+    house.steps(20)
+    house.direction._take_snapshot(None)
+    assert house.direction.snapshot.in_flight == 1200
+    assert house.direction._window.size_bytes == 1200 * 401
+    assert house.positions() == {0: 0}
+    house.sink.acknowledge(599)
+    house.direction._confirm()
+    assert house.positions() == {0: 599}
+    house.sink.acknowledging = True
+    house.steps(3)
+    assert house.positions() == {0: 5000}
+    assert len(house.sink.published) == 1200
+    assert house.direction.counters.snapshot(0).dropped == 3800
+
+
+def test_what_is_dropped_takes_no_room_from_the_newest() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=2, max_in_flight_bytes=2000)
+    house.sink.room = 2
+    house.sink.acknowledging = False
+    house.give(*[b'%d' % number for number in range(2000)])
+    house.steps(8)
+    house.sink.acknowledging = True
+    house.steps(3)
+    assert house.sink.published == [b'cdr:0', b'cdr:1', b'cdr:1998', b'cdr:1999']
+
+
+def test_the_newest_waits_also_where_what_is_published_fills_the_window_alone() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=5, max_in_flight_bytes=5000)
+    house.sink.room = 5
+    house.sink.acknowledging = False
+    house.give(*[b'%03d' % number + b'x' * 997 for number in range(20)])
+    house.steps(5)
+    house.sink.acknowledging, house.sink.room = True, 100
+    house.steps(5)
+    assert house.sink.published[-1].startswith(b'cdr:019')
+
+
+def test_what_is_dropped_moves_on_its_own_partition_only() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=1)
+    house.sink.room = 1
+    house.sink.acknowledging = False
+    house.give(b'a', b'b', first=7)
+    house.give(b'c', b'd', b'e', partition=1, first=3)
+    house.steps()
+    assert house.positions() == {0: 7, 1: 5}
+    house.sink.acknowledging = True
+    house.steps(2)
+    assert house.positions() == {0: 9, 1: 6}
+
+
+@settings(max_examples=300)
+@given(
+    strategies.lists(
+        strategies.sampled_from(['good', 'good', 'bad', 'mine', 'acknowledge', 'lose', 'look']),
+        max_size=60,
+    ),
+    strategies.randoms(use_true_random=False),
+)
+def test_what_is_dropped_in_between_moves_no_position_past_what_has_not_ended(
+    events: list[str], random: Random
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(settling, 'SETTLE_S', 0.0)
+        patch.setattr(time, 'sleep', lambda _: None)
+        house = House(when_full='drop_oldest', max_in_flight=1)
+        house.sink.room = 1
+        house.sink.acknowledging = house.letters.answering = False
+        window, given = house.direction._window, Counter[int]()
+        for event in events:
+            partition = random.choice([0, 0, 1])
+            value = b'bad' if event == 'bad' else b'x'
+            headers = [('bridge.origin', b'me')] if event == 'mine' else None
+            if event in {'good', 'bad', 'mine'}:
+                first = given[partition]
+                house.give(value, first=first, partition=partition, header_list=headers)
+                given[partition] += 1
+            elif event == 'acknowledge':
+                house.sink.acknowledge(1)
+            elif event == 'lose':
+                house.sink.lose_reader()
+            house.steps(random.choice([0, 1, 2]))
+            assert all(e.offset >= house.source.positions[e.partition] for e in window.entries)
+        house.sink.acknowledging = house.letters.answering = True
+        house.steps(len(events) + 3)
+        assert house.positions() == dict(given)
+        assert not window.size_bytes
+
+
+def test_a_message_that_is_larger_than_its_value_counts_with_its_own_size() -> None:
+    house = House(max_in_flight_bytes=100_000)
+    house.sink.acknowledging = False
+    house.direction._decode = lambda value: (value or b'') * 50_000
+    for first in range(4):
+        house.give(b'x', first=first)
+        house.steps(1)
+    assert len(house.source.waiting) == 1
+    assert house.direction._window.size_bytes == 3 * 50_000

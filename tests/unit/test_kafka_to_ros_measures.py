@@ -1,0 +1,97 @@
+"""What the direction Kafka -> ROS tells of itself, driven step by step."""
+
+import time
+
+import pytest
+from house_to_ros import House
+
+from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.route import settling
+
+
+@pytest.fixture(autouse=True)
+def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+
+
+def test_the_measures_of_a_snapshot_fit_its_counters() -> None:
+    house = House()
+    hour_ago_ms = int(time.time() * 1000) - 3_600_000
+    house.give(b'abc', b'bad one', b'defg', time_ms=hour_ago_ms)
+    now_ns = b'%d' % time.time_ns()
+    house.give(b'hi', first=3, time_ms=hour_ago_ms, header_list=[('ros.source_time_ns', now_ns)])
+    house.give(b'timeless', first=4)
+    house.source.rebalances, house.sink.mismatched = 2, 1
+    house.steps()
+    house.direction._show('')
+    snapshot = house.direction.snapshot
+    measures = snapshot.measures
+    assert snapshot.confirmed == sum(measures.in_bridge.counts) == 4
+    assert measures.bytes_taken == len(b'abcbad onedefghitimeless')
+    assert measures.bytes_confirmed == len(b'abcdefghitimeless')
+    assert measures.end_to_end.counts[-1] == 2
+    assert sum(measures.end_to_end.counts) == 3
+    assert measures.errors == {'DecodeError': 1}
+    assert [(t.error, t.text, t.times) for t in measures.troubles] == [
+        ('DecodeError', 'orders[0]@1: not what it should be', 1)
+    ]
+    assert (measures.rebalances, measures.matched, measures.mismatched) == (2, 1, 1)
+    assert (measures.queued, measures.queue_limit) == (0, house.sink.room)
+    assert snapshot.made_s > 0
+
+
+def test_bytes_that_are_in_flight_are_taken_and_those_given_back_stay_so() -> None:
+    house = House()
+    house.sink.acknowledging = False
+    house.give(b'abc', b'de')
+    house.steps()
+    house.sink.acknowledge(1)
+    house.steps(1)
+    house.direction._show('')
+    measures = house.direction.snapshot.measures
+    assert (measures.bytes_taken, measures.bytes_confirmed, measures.queued) == (5, 3, 1)
+    house.source.lose(frozenset({0}))
+    house.direction._show('')
+    assert house.direction.snapshot.measures.bytes_taken == 5
+
+
+def test_the_time_in_which_a_subscriber_holds_the_route_back_is_measured() -> None:
+    house = House()
+    house.sink.room, house.sink.acknowledging = 1, False
+    house.give(b'a', b'b')
+    house.steps(20)
+    house.direction._show('')
+    waited_s = house.direction.snapshot.measures.waited_s
+    assert waited_s > 0.01
+    house.sink.acknowledging = True
+    house.steps()
+    house.direction._show('')
+    assert house.direction.snapshot.measures.waited_s < waited_s + 0.05
+
+
+def test_max_rate_is_no_back_pressure() -> None:
+    house = House(max_rate=100)
+    house.give(b'a', b'b', b'c')
+    house.steps()
+    house.direction._show('')
+    assert house.direction.snapshot.measures.waited_s == 0
+
+
+def test_a_dead_letter_topic_that_cannot_be_written_is_an_error() -> None:
+    house = House()
+    house.letters.errors[b'bad'] = [RouteError('may not be written')]
+    house.give(b'bad')
+    house.steps()
+    house.direction._show('')
+    [_, trouble] = house.direction.snapshot.measures.troubles
+    assert 'may not be written' in trouble.text
+    assert house.direction.snapshot.measures.errors == {'DecodeError': 1, 'RouteError': 1}
+
+
+def test_kafka_that_is_away_is_told_among_the_errors() -> None:
+    house = House()
+    house.source.away = 'Kafka is away: no answer'
+    house.direction._show('')
+    house.direction._show('')
+    [trouble] = house.direction.snapshot.measures.troubles
+    assert trouble[1:] == ('TransportError', 'Kafka is away: no answer', 1)
