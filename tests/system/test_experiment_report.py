@@ -1,8 +1,6 @@
 """The report of the experiment: what a reader finds in it, and that its numbers are the data's."""
 
 import csv
-import math
-import random
 import re
 import subprocess
 import sys
@@ -13,26 +11,20 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from benchmarks.experiment.grid import LOADS
 from benchmarks.experiment.report import write_report
 from benchmarks.experiment.report.__main__ import main
-from benchmarks.experiment.report.found import find
-from benchmarks.experiment.report.goals import goals, headline
+from benchmarks.experiment.report.goals import goals
+from benchmarks.experiment.report.measured import sort
 from benchmarks.experiment.report.numbers import digits, percent
-from benchmarks.experiment.report.paper import PUBLISHED, RATES, SECONDS
-from benchmarks.experiment.report.sections import how_good
+from benchmarks.experiment.report.paper import SECONDS, published
 from benchmarks.experiment.results import (
     SHARES,
     Cell,
-    Counts,
     Experiment,
-    Hops,
-    Latency,
-    Load,
     Prediction,
     Result,
-    Setting,
     StartUp,
-    Usage,
     read,
     write,
 )
@@ -40,114 +32,7 @@ from benchmarks.experiment.results import (
 ROOT = Path(__file__).parents[2]
 GOLDEN = Path(__file__).with_name('golden') / 'experiment'
 PLOTS = ('loss', 'latency', 'memory', 'throughput', 'predicted')
-LOADS = (
-    Load('9.6', '9.6 orders/s', 9.645, of_paper=True),
-    Load('86', '86 orders/s', 86.0, of_paper=True),
-    Load('160', '160 orders/s', 160.0, of_paper=True),
-    Load('1000', '1,000 orders/s', 1000.0),
-    Load('5000', '5,000 orders/s', 5000.0),
-    Load('20000', '20,000 orders/s', 20_000.0),
-    Load('max', 'as fast as possible', 0.0),
-    Load('bursts', '10,000 at once every 10 s', 1000.0, 10_000),
-)
 DEPTHS = {'paper': (10, 100, 200), 'keep_last': (10, 100, 200)}
-SETTING = Setting(
-    'python -m benchmarks.experiment --seconds 20',
-    '2026-01-31T12:00:00+00:00',
-    20.0,
-    {'cores': 2, 'cpu': 'Example CPU @ 2.50GHz', 'memory_gib': 7.8},
-    {'python': '3.11.2', 'confluent-kafka': '2.12.0', 'kafka': '4.1.0'},
-    'local',
-    1,
-)
-
-
-# An experiment as it could have been
-
-
-def whole() -> Experiment:
-    """All 72 cells, with numbers of the right size."""
-    chance = random.Random(7)  # noqa: S311 (numbers to look at)
-    results = [
-        measured(Cell(name, depth, load, 20.0), chance)
-        for load in LOADS
-        for name in ('paper', 'bridge', 'keep_last', 'bare', 'recording')
-        for depth in DEPTHS.get(name, (None,))
-    ]
-    runs = dict.fromkeys((one.cell.contestant, one.cell.depth) for one in results)
-    starts = [StartUp(*run, (2.1, 2.25, 2.4)) for run in runs if run[0] != 'recording']
-    return Experiment(SETTING, results, predictions(results, chance), starts)
-
-
-def measured(cell: Cell, chance: random.Random) -> Result:
-    load = cell.load
-    total = round(load.rate * cell.seconds) if load.rate else 100_000
-    loss = 0.0
-    if cell.depth is not None:
-        fast = {'max': 25_000.0, 'bursts': 22_000.0}.get(load.name, load.rate)
-        loss = 0.7 / (1 + (cell.depth * 90 / fast) ** 1.6) * chance.uniform(0.8, 1.2)
-        loss = loss if loss > 0.002 or load.rate < 50 else 0.0
-        loss = 0.0 if load.rate and load.rate < 50 else loss
-    lost = round(total * loss)
-    counts = Counts(total, total, total - lost, total - lost, 0, 0)
-    limit = {'paper': 9000.0, 'bare': 24_000.0}.get(cell.contestant, 18_000.0)
-    sent = min(load.rate or 31_000.0, 31_000.0)
-    came = min(sent, limit) * (1 - loss)
-    return Result(
-        cell,
-        '2026-01-31T12:00:00+00:00',
-        counts,
-        sent,
-        came,
-        latency(cell, chance, queued=sent > limit or load.burst > 1),
-        usage(cell, chance, 42.0),
-        usage(cell, chance, 40.5),
-        Usage(310.0, 420.0, 0.0004 * total + 1.5),
-        Hops(0.61, 0.74, 0.32) if cell.contestant == 'bridge' else None,
-    )
-
-
-def latency(cell: Cell, chance: random.Random, *, queued: bool) -> Latency:
-    median = {'paper': 3.4, 'bare': 1.55, 'bridge': 1.7}.get(cell.contestant, 1.75)
-    median *= chance.uniform(0.97, 1.03) * (220 if queued else 1)
-    stretch = 0.35 + 0.03 * math.log10(max(cell.load.rate, 10))
-
-    def at(share: float) -> float:
-        nines = -math.log10(max(1 - share, 1e-5))
-        if share < 0.5:
-            return median * (0.55 + 0.9 * share)
-        return median * 10 ** (stretch * (nines - math.log10(2)))
-
-    curve = [round(at(share), 3) for share in SHARES]
-    return Latency(at(0.9), curve[0], at(0.5), at(0.95), at(0.99), at(0.999), curve[-1], curve)
-
-
-def usage(cell: Cell, chance: random.Random, base: float) -> Usage:
-    start = base + (3.0 if cell.contestant == 'bridge' else 0.0)
-    growth = 24.0 if cell.load.name in {'max', '20000', 'bursts'} else 4.0
-    seconds = [i / 2 for i in range(41)]
-    memory = [
-        start + growth * (1 - math.exp(-second / 3)) + chance.uniform(0, 0.5) for second in seconds
-    ]
-    per_order = {'paper': 90e-6, 'bare': 25e-6}.get(cell.contestant, 35e-6)
-    total = cell.load.rate * cell.seconds or 100_000
-    return Usage(start, max(memory), 0.2 + per_order * total, seconds, memory)
-
-
-def predictions(results: Sequence[Result], chance: random.Random) -> Sequence[Prediction]:
-    return [predicted(result, chance) for result in results if result.cell.contestant == 'paper']
-
-
-def predicted(result: Result, chance: random.Random) -> Prediction:
-    loss = result.counts.loss
-    guess = loss * chance.uniform(0.8, 1.25)
-    return Prediction(
-        result.cell.load, result.cell.depth or 0, guess, guess * 0.85, guess * 1.18,
-        seen=guess > 0, measured=loss,
-    )  # fmt: skip
-
-
-# Small ones, to the digit
 
 
 def small() -> Experiment:
@@ -155,16 +40,35 @@ def small() -> Experiment:
     return read(GOLDEN / 'experiment.json')
 
 
+def whole() -> Experiment:
+    """All 72 cells, with the numbers of the small one."""
+    measured = {one.cell.contestant: one for one in small().results}
+    measured['keep_last'] = measured['paper']
+    curved = timed(curve=[1 + 20 * share for share in SHARES])
+    results = [
+        msgspec.structs.replace(curved(measured[name]), cell=Cell(name, depth, load, 20.0))
+        for load in LOADS
+        for name in ('paper', 'bridge', 'keep_last', 'bare', 'recording')
+        for depth in DEPTHS.get(name, (None,))
+    ]
+    runs = dict.fromkeys((one.cell.contestant, one.cell.depth) for one in results)
+    starts = [StartUp(*run, (2.1, 2.25, 2.4)) for run in runs if run[0] != 'recording']
+    predictions = [
+        Prediction(load, depth, 0.41, 0.38, 0.44, seen=True, measured=0.4)
+        for load in LOADS
+        for depth in DEPTHS['paper']
+    ]
+    return Experiment(small().setting, results, predictions, starts)
+
+
 def changed(name: str, load: str, change: Callable[[Result], Result]) -> Experiment:
     """The small experiment, but for one cell."""
     experiment = small()
-    is_it = [
-        one.cell.contestant == name and one.cell.load.name == load for one in experiment.results
-    ]
-    assert any(is_it)
     results = [
-        change(one) if hit else one for one, hit in zip(experiment.results, is_it, strict=True)
+        change(one) if (one.cell.contestant, one.cell.load.name) == (name, load) else one
+        for one in experiment.results
     ]
+    assert results != experiment.results
     return msgspec.structs.replace(experiment, results=results)
 
 
@@ -178,8 +82,14 @@ def without(name: str, load: str) -> Experiment:
     return msgspec.structs.replace(experiment, results=kept)
 
 
+def words(experiment: Experiment, to: Path) -> str:
+    """The report's, each paragraph in one line."""
+    write_report(experiment, to)
+    return (to / 'report.md').read_text().replace('\n', ' ')
+
+
 def verdicts(experiment: Experiment) -> list[str]:
-    return [goal.verdict for goal in goals(find(experiment))]
+    return [goal.verdict for goal in goals(sort(experiment))]
 
 
 def counted(**counts: int) -> Callable[[Result], Result]:
@@ -188,7 +98,7 @@ def counted(**counts: int) -> Callable[[Result], Result]:
     )
 
 
-def timed(**quantiles: float) -> Callable[[Result], Result]:
+def timed(**quantiles: float | Sequence[float]) -> Callable[[Result], Result]:
     def change(one: Result) -> Result:
         assert one.latency is not None
         quick = msgspec.structs.replace(one.latency, **quantiles)
@@ -239,14 +149,13 @@ def test_the_same_numbers_give_the_same_files(place: Path, tmp_path: Path) -> No
 
 
 class _Page(HTMLParser):
-    """What a page loads, its identifiers, and its words."""
+    """What a page loads, and its identifiers."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
         self.loaded: list[str] = []
         self.ids: list[str] = []
         self.tags: set[str] = set()
-        self.words: list[str] = []
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
@@ -256,9 +165,6 @@ class _Page(HTMLParser):
                 self.loaded.append(value or '')
             if name == 'id':
                 self.ids.append(value or '')
-
-    def handle_data(self, data: str) -> None:
-        self.words.append(data)
 
 
 def test_the_page_needs_nothing_but_itself(place: Path) -> None:
@@ -277,7 +183,10 @@ def test_words_of_others_cannot_become_markup(tmp_path: Path) -> None:
     def change(one: Result) -> Result:
         return msgspec.structs.replace(one, problems=['<script>x</script> a | b\nc'])
 
-    page = write_report(changed('bridge', '86', change), tmp_path)
+    experiment = changed('bridge', '86', change)
+    experiment.setting.machine['cpu'] = '<script>y</script>'
+    command = msgspec.structs.replace(experiment.setting, command='x\n```\n<script>z</script>')
+    page = write_report(msgspec.structs.replace(experiment, setting=command), tmp_path)
     assert 'script' not in _Page(page.read_text()).tags
     assert (
         '- 86-bridge: &lt;script>x&lt;/script> a \\| b c\n' in (tmp_path / 'report.md').read_text()
@@ -326,7 +235,7 @@ def test_a_goal_that_is_missed_fails_and_names_the_cell(
     expected = ['PASS'] * 5
     expected[goal] = 'FAIL'
     assert verdicts(experiment) == expected
-    assert goals(find(experiment))[goal].why == why
+    assert goals(sort(experiment))[goal].why == why
 
 
 @pytest.mark.parametrize('change', [timed(median=2.5), timed(p99=3.6)])
@@ -337,7 +246,7 @@ def test_a_goal_that_is_just_met_passes(change: Callable[[Result], Result]) -> N
 def test_a_bridge_through_which_nothing_came_fails() -> None:
     experiment = changed('bridge', '86', unheard)
     assert verdicts(experiment) == ['FAIL', 'PASS', 'PASS', 'FAIL', 'FAIL']
-    assert 'nothing came' in goals(find(experiment))[3].why
+    assert 'nothing came' in goals(sort(experiment))[3].why
 
 
 def test_a_goal_does_not_pass_while_a_cell_is_missing() -> None:
@@ -355,12 +264,12 @@ def test_a_cell_that_fails_outweighs_one_that_is_missing() -> None:
     assert verdicts(msgspec.structs.replace(experiment, results=results))[1] == 'FAIL'
 
 
-def test_the_headline_says_what_the_data_say() -> None:
-    said = headline(find(small()))
+def test_the_headline_says_what_the_data_say(tmp_path: Path) -> None:
+    said = words(small(), tmp_path)
     assert "the paper's bridge lost 40.0 % of all orders: 8,000 of 20,000" in said
     assert '(1,000 orders/s, depth 10)' in said
     assert 'Ours lost 0, duplicated 0 and delivered 0 out of order, of 25,113 orders' in said
-    spoilt = headline(find(changed('bridge', '1000', counted(consumer=19_000))))
+    spoilt = words(changed('bridge', '1000', counted(consumer=19_000)), tmp_path)
     assert 'Ours lost 1,000,' in spoilt
 
 
@@ -371,7 +280,7 @@ def test_the_headline_says_what_the_data_say() -> None:
 def test_a_single_cell_makes_a_report(tmp_path: Path, number: int) -> None:
     experiment = whole()
     one = experiment.results[9 * number : 9 * number + 1]
-    write_report(Experiment(SETTING, one), tmp_path)
+    write_report(Experiment(small().setting, one), tmp_path)
     text = (tmp_path / 'report.md').read_text()
     assert 'not measured' in text
     assert 'No loss was predicted.' in text
@@ -379,7 +288,7 @@ def test_a_single_cell_makes_a_report(tmp_path: Path, number: int) -> None:
 
 
 def test_no_cell_at_all_makes_a_report(tmp_path: Path) -> None:
-    text = write_report(Experiment(SETTING, []), tmp_path).read_text()
+    text = write_report(Experiment(small().setting, []), tmp_path).read_text()
     assert 'NOT MEASURED' in text
 
 
@@ -387,7 +296,7 @@ def test_cells_of_an_interrupted_run_are_named_as_not_measured(tmp_path: Path) -
     write_report(without('bridge', '86'), tmp_path)
     text = (tmp_path / 'report.md').read_text()
     assert '- ours: 86 orders/s' in text
-    assert re.search(r'86 orders/s \| 51,683 .* not measured', text)
+    assert re.search(r'86 orders/s +\| +51,683 .* not measured', text)
 
 
 def test_a_cell_through_which_nothing_came_makes_a_report(tmp_path: Path) -> None:
@@ -400,8 +309,10 @@ def test_a_cell_through_which_nothing_came_makes_a_report(tmp_path: Path) -> Non
 
 
 def test_the_papers_losses_are_those_that_it_names_itself() -> None:
-    assert [one.lost for one in PUBLISHED] == [0, 90, 3469, 0, 230, 0]
-    assert all(abs(one.producer / SECONDS / RATES[one.load] - 1) < 0.04 for one in PUBLISHED)
+    ones = published()
+    assert ones['lost_orders'].to_list() == [0, 90, 3469, 0, 230, 0]
+    rates = ones.index.get_level_values('Load').str.removesuffix(' orders/s').astype(float)
+    assert (abs(ones['producer_orders'] / SECONDS / rates - 1) < 0.04).all()
 
 
 @pytest.mark.parametrize(
@@ -430,10 +341,12 @@ def test_a_little_lost_is_never_nothing(share: float, text: str) -> None:
     assert percent(share) == text
 
 
-def test_the_sentence_on_the_predictions_counts_intervals_and_names_the_worst() -> None:
+def test_the_sentence_on_the_predictions_counts_intervals_and_names_the_worst(
+    tmp_path: Path,
+) -> None:
     good = Prediction(LOADS[2], 10, 0.10, 0.05, 0.15, seen=True, measured=0.12)
     bad = Prediction(LOADS[3], 100, 0.40, 0.35, 0.45, seen=False, measured=0.20)
-    said = how_good([good, bad])
+    said = words(msgspec.structs.replace(small(), predictions=[good, bad]), tmp_path)
     assert '1 of 2 intervals' in said
     assert '+20.0 percentage points (1,000 orders/s, depth 100:' in said
 

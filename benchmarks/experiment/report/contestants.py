@@ -18,8 +18,6 @@ class Contestant(NamedTuple):
     marker: str
 
 
-ORDER: Final = ('paper', 'bridge', 'keep_last', 'bare', 'recording')
-
 CONTESTANTS: Final = {
     'paper': Contestant(
         "the paper's bridge",
@@ -62,8 +60,20 @@ CONTESTANTS: Final = {
         'v',
     ),
 }
+ORDER: Final = tuple(CONTESTANTS)
 
 
 def contestant(name: str) -> Contestant:
     """Find a contestant; one that is not known is drawn in grey under its own name."""
     return CONTESTANTS.get(name) or Contestant(name, '', '#8a8a8a', '-', 'x')
+
+
+def place(name: str) -> int:
+    """Where it stands in tables and legends; those that are not known come last."""
+    return ORDER.index(name) if name in ORDER else len(ORDER)
+
+
+def title(name: str, depth: int | None) -> str:
+    """As the report calls it: `the paper's bridge, depth 10`."""
+    words = contestant(name).title
+    return words if depth is None else f'{words}, depth {depth}'

@@ -1,4 +1,4 @@
-"""Numbers for people: thousands with commas, three digits that count, no empty zeros."""
+"""Numbers and words for people: thousands with commas, three digits that count, no empty zeros."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -20,9 +20,9 @@ def digits(value: float, count: int = 3) -> str:
     return text.rstrip('0').rstrip('.') if '.' in text else text
 
 
-def count(value: int) -> str:
+def count(value: float) -> str:
     """Write how many."""
-    return _signed(f'{value:,}')
+    return _signed(f'{value:,.0f}')
 
 
 def percent(share: float) -> str:
@@ -62,3 +62,11 @@ def named(words: Iterable[str]) -> str:
 
 def _signed(text: str) -> str:
     return text.replace('-', '\N{MINUS SIGN}')
+
+
+def plain(text: object) -> str:
+    """Words that Markdown takes for words; of one line."""
+    said = str(text)
+    for sign in '\\`*_|<[]#':
+        said = said.replace(sign, '&lt;' if sign == '<' else f'\\{sign}')
+    return ' '.join(said.split())
