@@ -24,7 +24,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 from ros2_kafka_bridge.errors import ConfigError
 
@@ -191,6 +191,14 @@ class Network:
         trace: TracebackType | None,
     ) -> None:
         self._stack.close()
+
+
+class Hosts(NamedTuple):
+    """Three hosts: the robot with the ROS nodes, the edge with the bridge, the site with Kafka."""
+
+    robot: Host
+    edge: Host
+    site: Host
 
 
 class _Namespace:

@@ -32,10 +32,11 @@ from benchmarks.faults.memberships import MEMBERSHIPS
 from benchmarks.faults.plan import Step, make_plan
 from benchmarks.faults.report import keep, show
 from benchmarks.faults.run import run
+from benchmarks.faults.setting import Setting
 from benchmarks.faults.streams import STREAMS
-from benchmarks.faults.world import SPOOLS, Hosts, Setting
+from benchmarks.faults.world import SPOOLS
 from benchmarks.processes import ProcessError
-from rig.hosts import Network
+from rig.hosts import Hosts, Network
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 
 OUT: Final = Path('build/faults')

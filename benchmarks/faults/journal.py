@@ -6,7 +6,7 @@ next thing is done, in one piece: what a killed process had written is whole.
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -71,3 +71,24 @@ def _entries(data: bytes) -> Iterator[Entry]:
     for line in data.decode().splitlines():
         mark, time_ns, number = line.split()
         yield Entry(mark, int(time_ns), int(number))
+
+
+def uncounted(entries: Sequence[Entry], *, is_from_kafka: bool) -> set[int]:
+    """The orders that nobody had taken from a sender when it ended.
+
+    A publisher that is killed takes with it what was not acknowledged; only its own end makes
+    them uncounted, hence the last one that runs counts in full.
+    """
+    if is_from_kafka:
+        return set()
+    found: set[int] = set()
+    of_life: list[int] = []
+    for entry in entries:
+        if entry.mark == BEGUN:
+            found |= set(of_life)
+            of_life = []
+        elif entry.mark == ACKNOWLEDGED:
+            of_life = [number for number in of_life if number > entry.number]
+        else:
+            of_life.append(entry.number)
+    return found

@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from benchmarks.faults.faults import Fault
+from benchmarks.faults.kinds.fault import Fault
 
 _WAIT_S: Final = (2.0, 6.0)
 

@@ -17,10 +17,12 @@ from benchmarks.faults.checker import (
     not_removable,
     summed,
 )
-from benchmarks.faults.faults import FAULTS, NOTHING
+from benchmarks.faults.faults import FAULTS
+from benchmarks.faults.kinds.fault import NOTHING
 from benchmarks.faults.plan import Step
+from benchmarks.faults.setting import Setting
 from benchmarks.faults.streams import Stream
-from benchmarks.faults.world import HAND_OVER_NS, PUBLISHER_HISTORY, Setting, World, running
+from benchmarks.faults.world import HAND_OVER_NS, PUBLISHER_HISTORY, World, running
 
 SETTLE_S: Final = 120.0
 AROUND: Final = 'none'

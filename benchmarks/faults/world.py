@@ -5,18 +5,19 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from ruamel.yaml import YAML
 
 from benchmarks.faults import journal, kafka, said
 from benchmarks.faults.checker import Ends, Seen
-from benchmarks.faults.journal import Entry, Tail
-from benchmarks.faults.memberships import MEMBERSHIPS, Membership
+from benchmarks.faults.journal import Entry
 from benchmarks.faults.parts import Part
+from benchmarks.faults.progress import Progress
+from benchmarks.faults.setting import Setting
 from benchmarks.faults.streams import SUBSCRIBER_CACHE, Stream, configuration
 from benchmarks.processes import ProcessError
-from rig.hosts import Host
+from rig.hosts import Host, Hosts
 from rig.local_cluster import LocalCluster
 from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Histories, make_profile
 from ros2_kafka_bridge.testing.kafka_node import HOST
@@ -29,80 +30,6 @@ PUBLISHER_HISTORY: Final = 5000
 HAND_OVER_NS: Final = 15_000_000_000
 """How long two bridges may read the same publisher, while one takes over from the other."""
 _PEER: Final = 'benchmarks.faults.peers'
-
-
-class Hosts(NamedTuple):
-    """Three hosts: the robot with the ROS nodes, the edge with the bridge, the site with Kafka."""
-
-    robot: Host
-    edge: Host
-    site: Host
-
-
-class Setting(NamedTuple):
-    """What a run is made with.
-
-    Args:
-        place: Directory for its files.
-        rate: Orders per second, of each stream.
-        domain: Its ROS domain.
-        brokers: How many of Kafka's.
-        hosts: Where what runs; None runs all here.
-        bridges: How many run the same file; with two, one stands by.
-        has_own_disk: Whether the spools are on a disk of their own, which can be filled.
-        membership: How the bridges are members of Kafka's groups.
-    """
-
-    place: Path
-    streams: Sequence[Stream]
-    rate: float
-    seed: int
-    domain: int
-    brokers: int
-    hosts: Hosts | None = None
-    bridges: int = 1
-    has_own_disk: bool = False
-    membership: Membership = MEMBERSHIPS['static']
-
-
-class Progress:
-    """How far a stream has come, by the journals of its two ends."""
-
-    def __init__(self, stream: Stream, sent: Path, arrived: Path) -> None:
-        self.stream = stream
-        self.sent_file = sent
-        self.arrived_file = arrived
-        self._tails = Tail(sent), Tail(arrived)
-        self._sent = [-1] * stream.lines
-        self._arrived = [-1] * stream.lines
-        self.last_sent = -1
-        self.count = 0
-
-    def look(self) -> None:
-        """Read what has been added."""
-        sent, arrived = (tail() for tail in self._tails)
-        for entry in sent:
-            # One that is no good order may go elsewhere.
-            if entry.mark == journal.SENT:
-                self._note(self._sent, entry)
-            if entry.mark in {journal.SENT, journal.HOSTILE}:
-                self.last_sent = max(self.last_sent, entry.number)
-        for entry in arrived:
-            if entry.mark == journal.ARRIVED:
-                self._note(self._arrived, entry)
-                self.count += 1
-
-    def marks(self) -> list[int]:
-        """The last good order that was sent, of each line."""
-        return list(self._sent)
-
-    def has_reached(self, marks: Sequence[int]) -> bool:
-        """Whether these orders, or later ones, have come."""
-        return all(here >= mark for here, mark in zip(self._arrived, marks, strict=True))
-
-    def _note(self, highest: list[int], entry: Entry) -> None:
-        line = entry.number % self.stream.lines
-        highest[line] = max(highest[line], entry.number)
 
 
 class World:
@@ -308,7 +235,7 @@ class World:
         return Ends(
             _marked(entries, journal.SENT),
             _marked(entries, journal.HOSTILE),
-            uncounted(entries, is_from_kafka=stream.is_from_kafka),
+            journal.uncounted(entries, is_from_kafka=stream.is_from_kafka),
             arrived,
             letters,
             stream.lines,
@@ -433,27 +360,6 @@ def running(setting: Setting, stop: threading.Event) -> Iterator[World]:
             raise
         finally:
             world.end()
-
-
-def uncounted(entries: Sequence[Entry], *, is_from_kafka: bool) -> set[int]:
-    """The orders that nobody had taken from a sender when it ended.
-
-    A publisher that is killed takes with it what was not acknowledged; only its own end makes
-    them uncounted, hence the last one that runs counts in full.
-    """
-    if is_from_kafka:
-        return set()
-    found: set[int] = set()
-    of_life: list[int] = []
-    for entry in entries:
-        if entry.mark == journal.BEGUN:
-            found |= set(of_life)
-            of_life = []
-        elif entry.mark == journal.ACKNOWLEDGED:
-            of_life = [number for number in of_life if number > entry.number]
-        else:
-            of_life.append(entry.number)
-    return found
 
 
 def _lines(log: Path) -> list[str]:

@@ -22,10 +22,9 @@ from benchmarks.faults.checker import (
     summed,
 )
 from benchmarks.faults.faults import FAULTS
-from benchmarks.faults.journal import Entry, Journal, Tail, read
+from benchmarks.faults.journal import Entry, Journal, Tail, read, uncounted
 from benchmarks.faults.plan import make_plan
 from benchmarks.faults.streams import FROM_KAFKA, LATCHED, SPOOLED_ALWAYS, VOLATILE
-from benchmarks.faults.world import uncounted
 
 SECOND = 1_000_000_000
 
