@@ -10,17 +10,18 @@ import json
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from confluent_kafka import Consumer, Producer, TopicPartition
+from confluent_kafka import Producer
+
+from rig.topics import records
 
 BYTES: Final = 500
 STEP_S: Final = 0.005
 FLUSH_S: Final = 60.0
-READ_S: Final = 120.0
 _PADDING: Final = 'x' * (BYTES - 13)
 
 BOTH_WAYS: Final = """\
@@ -87,22 +88,8 @@ class Counter:
 def count_topic(bootstrap_servers: str, topic: str, end: int) -> Count:
     """Count the numbers that a topic of one partition holds below an offset."""
     counter = Counter()
-    config = {
-        'bootstrap.servers': bootstrap_servers,
-        'group.id': topic,
-        'enable.auto.commit': False,
-    }
-    with closing(Consumer(config)) as consumer:
-        consumer.assign([TopicPartition(topic, 0, 0)])
-        deadline_s = time.monotonic() + READ_S
-        left = end
-        while left:
-            for record in consumer.consume(min(left, 1000), 0.1):
-                if record.error() is None:
-                    left -= 1
-                    counter.add(record.value() or b'')
-            if time.monotonic() > deadline_s:
-                raise TimeoutError(f'{topic}: {left} of {end} records cannot be read')
+    for record in islice(records(bootstrap_servers, topic), end):
+        counter.add(record.value() or b'')
     return counter.count()
 
 

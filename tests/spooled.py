@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from confluent_kafka import Consumer, KafkaException, TopicPartition
-from harness import Bench, eventually, to_kafka
+from harness import Bench, to_kafka
 from patience import patient
 
+from rig.topics import records
 from ros2_kafka_bridge.spool.store import file_of
 
 WINDOW = 500
@@ -31,19 +32,7 @@ def file(bench: Bench) -> Path:
 
 def numbers(bench: Bench, topic: str) -> list[int]:
     """What has arrived, in the order of the topic."""
-    end = arrived(bench, topic)
-    found: list[int] = []
-    config = {'bootstrap.servers': bench.bootstrap_servers, 'group.id': 'nobody'}
-    with contextlib.closing(Consumer(config)) as consumer:
-        consumer.assign([TopicPartition(topic, 0, 0)])
-
-        def all_read() -> bool:
-            records = [one for one in consumer.consume(end, 0.5) if one.error() is None]
-            found.extend(int(record.value() or b'') for record in records)
-            return len(found) >= end
-
-        eventually(lambda: end == 0 or all_read(), 60, lambda: f'{len(found)} of {end} read')
-    return found
+    return [int(record.value() or b'') for record in records(bench.bootstrap_servers, topic)]
 
 
 def arrived(bench: Bench, topic: str) -> int:

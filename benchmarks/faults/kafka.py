@@ -5,20 +5,19 @@ import logging
 import socket
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Final, NamedTuple, Self
+from typing import Final, NamedTuple, Self
 
-from confluent_kafka import OFFSET_BEGINNING, Consumer, KafkaException, Message, TopicPartition
+from confluent_kafka import Consumer, KafkaException, Message, TopicPartition
 
 from benchmarks.faults import orders
 from benchmarks.faults.checker import Seen
 from benchmarks.faults.streams import LARGEST_BYTES, Stream
 from rig.local_cluster import LocalCluster
+from rig.topics import headers, records
 
 _QUIET: Final = 3
-_REQUEST_S: Final = 30.0
-_READ_S: Final = 120.0
 _LOOK_S: Final = 0.01
 _GROUPS: Final = '__consumer_offsets'
 _GROUPS_S: Final = 40.0
@@ -156,7 +155,7 @@ def create_topics(cluster: LocalCluster, stream: Stream) -> None:
 
 def arrived(bootstrap_servers: str, stream: Stream) -> list[Kept]:
     """What the topic of a stream to Kafka holds, in its order."""
-    return [_kept(record) for record in _records(bootstrap_servers, stream.kafka_topic, 1)]
+    return [_kept(record) for record in records(bootstrap_servers, stream.kafka_topic)]
 
 
 def dead_lettered(
@@ -175,16 +174,16 @@ def dead_lettered(
         for kept in arrived_there
         if kept.place is not None and kept.number is not None
     }
-    letters = list(_records(bootstrap_servers, stream.dead_letter_topic, 1))
+    letters = list(records(bootstrap_servers, stream.dead_letter_topic))
     numbers: dict[tuple[int, int], int] = {}
     if stream.is_from_kafka and letters:
-        for record in _records(bootstrap_servers, stream.kafka_topic, stream.lines):
+        for record in records(bootstrap_servers, stream.kafka_topic, stream.lines):
             place = _origin(record.partition(), record.offset())
-            numbers[place] = int(_headers(record)[orders.NUMBER_HEADER])
+            numbers[place] = int(headers(record)[orders.NUMBER_HEADER])
     found = []
     for record in letters:
         kept = _kept(record)
-        told = _headers(record)
+        told = headers(record)
         number = None
         if kept.place is not None and kept.place[0] in firsts:
             number = firsts[kept.place[0]] + kept.place[1]
@@ -200,57 +199,8 @@ def _origin(partition: object, offset: object) -> tuple[int, int]:
 
 
 def _kept(record: Message) -> Kept:
-    told = _headers(record)
+    told = headers(record)
     gid, seq = told.get('ros.gid'), told.get('ros.seq')
     place = (gid, int(seq)) if gid is not None and seq is not None else None
     number = orders.number_of(record.value() or b'')
     return Kept(number, record.timestamp()[1] * 1_000_000, place)
-
-
-def _headers(record: Message) -> dict[str, str]:
-    pairs: Any = record.headers() or []  # a list, though its type says more
-    return {name: bytes(value or b'').decode(errors='replace') for name, value in pairs}
-
-
-def _records(bootstrap_servers: str, topic: str, partitions: int) -> Iterator[Message]:
-    """All records of a topic, a partition after the other.
-
-    Raises:
-        TimeoutError: They cannot be read.
-    """
-    config = {
-        'bootstrap.servers': bootstrap_servers,
-        'group.id': 'faults.reader',
-        'enable.auto.commit': False,
-        'isolation.level': 'read_uncommitted',
-        'log_level': _QUIET,
-    }
-    with contextlib.closing(Consumer(config)) as consumer:
-        for partition in range(partitions):
-            yield from _of_partition(consumer, topic, partition)
-
-
-def _of_partition(consumer: Consumer, topic: str, partition: int) -> Iterator[Message]:
-    deadline_s = time.monotonic() + _READ_S
-    end = _end(consumer, topic, partition)
-    consumer.assign([TopicPartition(topic, partition, OFFSET_BEGINNING)])
-    place = 0
-    while place < end:
-        for record in consumer.consume(1000, 0.1):
-            if record.error() is None:
-                place = (record.offset() or 0) + 1
-                yield record
-        if time.monotonic() > deadline_s:
-            raise TimeoutError(f'{topic}[{partition}] can be read up to {place} of {end} only')
-
-
-def _end(consumer: Consumer, topic: str, partition: int) -> int:
-    deadline_s = time.monotonic() + _REQUEST_S
-    while True:
-        try:
-            _, end = consumer.get_watermark_offsets(TopicPartition(topic, partition), timeout=5)
-            return int(end)
-        except KafkaException:
-            if time.monotonic() > deadline_s:
-                raise
-            time.sleep(0.2)

@@ -3,15 +3,13 @@
 The second one dies when the first is back and in sync, so that one of three is away at a time.
 """
 
-import threading
-import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from itertools import groupby
 from pathlib import Path
 
 import pytest
 from harness import Bench, Process, eventually, headers, lines, to_kafka, to_ros, totals, values
+from paced import Stream
 
 from rig.local_cluster import LocalCluster
 
@@ -51,7 +49,7 @@ def test_guarantees_1_2_3_a_leader_killed_in_mid_stream_loses_and_doubles_nothin
             lost = cluster.leader(led)
             with published(bench, stream):
                 wait_for_up(before + 1)
-                with produced(bench, down, stream):
+                with Stream(bench, down, numbers(stream), RATE):
                     wait_for(before + 50)
                     cluster.kill(lost)
                     assert len(lines(arrived)) < after, 'it was to be in mid-stream'
@@ -60,7 +58,7 @@ def test_guarantees_1_2_3_a_leader_killed_in_mid_stream_loses_and_doubles_nothin
             for name in (down, up, '__consumer_offsets'):
                 cluster.wait_until_in_sync(name)
         assert bridge.end() == 0
-    expected = [f'{stream} {number}' for stream in range(2) for number in range(EACH)]
+    expected = [value.decode() for stream in range(2) for value in numbers(stream)]
     # The coordinator of the group may have died with the leader: then the group gives the bridge
     # up after 6 s, and what was not committed is read again.
     given_up = 'Kafka has not heard of this bridge' in bridge.output()
@@ -81,24 +79,11 @@ def test_guarantees_1_2_3_a_leader_killed_in_mid_stream_loses_and_doubles_nothin
     assert bench.committed(bench.group, down) == len(expected)
 
 
+def numbers(stream: int) -> list[bytes]:
+    return [b'%d %d' % (stream, number) for number in range(EACH)]
+
+
 def published(bench: Bench, stream: int) -> Process:
     """Publish the numbers of a stream at a rate."""
     options = ('--count', str(EACH), '--rate', str(RATE), '--prefix', f'{stream} ')
     return bench.publisher(UP, *options)
-
-
-@contextmanager
-def produced(bench: Bench, topic: str, stream: int) -> Iterator[None]:
-    """Produce the numbers of a stream at a rate, from a thread."""
-    thread = threading.Thread(target=bench.produce, args=(topic, paced(stream)))
-    thread.start()
-    yield
-    thread.join(60)
-    assert not thread.is_alive()
-
-
-def paced(stream: int) -> Iterator[bytes]:
-    start_s = time.monotonic()
-    for number in range(EACH):
-        time.sleep(max(0.0, start_s + number / RATE - time.monotonic()))
-        yield b'%d %d' % (stream, number)

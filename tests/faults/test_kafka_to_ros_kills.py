@@ -5,13 +5,9 @@ The first proofs are in tests/integration/test_kills.py.
 
 import os
 import signal
-import threading
 import time
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Self
 
 import pytest
 from harness import (
@@ -35,6 +31,7 @@ from numbers_to_ros import (
     wait_for_all,
     wait_for_lines,
 )
+from paced import Stream
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
@@ -299,53 +296,6 @@ def test_guarantee_3_bridges_that_join_and_leave_in_mid_stream_lose_and_repeat_n
 # The broker
 
 
-class Stream:
-    """Produces numbers at a rate, from a thread, through an outage of the broker too."""
-
-    def __init__(self, bench: Bench, topic: str, count: int, rate: float) -> None:
-        self._bench, self._topic, self._count, self._rate = bench, topic, count, rate
-        self._goes_on = threading.Event()
-        self._goes_on.set()
-        self.sent = 0
-
-    def __enter__(self) -> Self:
-        numbers = self._paced()
-        self._thread = threading.Thread(
-            target=self._bench.produce, args=(self._topic, numbers), kwargs={'partition': 0}
-        )
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._thread.join(60)
-        assert not self._thread.is_alive()
-
-    @contextmanager
-    def held(self) -> Iterator[None]:
-        """Produce nothing, with nothing on its way.
-
-        A librdkafka that asks a broker for metadata while that goes down may forget all brokers
-        for good: the bridge's clients are replaced then, this one would not be.
-        """
-        self._goes_on.clear()
-        sent = -1
-        while sent != self.sent or sent > self._bench.end_offset(self._topic):
-            sent = self.sent
-            time.sleep(0.1)
-        try:
-            yield
-        finally:
-            self._goes_on.set()
-
-    def _paced(self) -> Iterator[bytes]:
-        start_s = time.monotonic()
-        for number in range(self._count):
-            time.sleep(max(0.0, start_s + number / self._rate - time.monotonic()))
-            self._goes_on.wait()
-            yield b'%d' % number
-            self.sent = number + 1
-
-
 def test_guarantee_1_all_arrive_once_through_a_restart_of_the_broker_and_go_on_within_5_s(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str, arrived: Path
 ) -> None:
@@ -355,7 +305,7 @@ def test_guarantee_1_all_arrive_once_through_a_restart_of_the_broker_and_go_on_w
     with (
         bench.subscriber(ROS_TOPIC, arrived),
         bench.bridge(config) as bridge,
-        Stream(bench, topic_name, count, rate=200.0) as stream,
+        Stream(bench, topic_name, numbered(count), rate=200.0) as stream,
     ):
         wait_for_lines(arrived, 300, bridge)
         with stream.held():

@@ -4,18 +4,18 @@ Three hosts: the robot with the nodes, the edge with the bridge, the site with K
 network of its own in the kernel, which takes root. What is cut off is silent, not refused.
 """
 
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 from harness import Bench, Process, eventually, headers, lines, to_kafka, to_ros, totals, values
+from numbers_to_ros import numbered, numbers, steps_back
+from paced import Stream
 
-from rig.hosts import Host, Network
+from rig.hosts import Hosts, Network
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
@@ -23,14 +23,6 @@ DOWN = '/down'  # Kafka -> ROS
 UP = '/up'  # ROS -> Kafka
 RATE = 120.0
 COUNT = 2400
-
-
-class Hosts(NamedTuple):
-    """Where things run."""
-
-    robot: Host
-    edge: Host
-    site: Host
 
 
 @pytest.fixture(scope='module')
@@ -105,38 +97,16 @@ def traffic(
     ):
         crossing = Traffic(bridge, arrived, lambda: site.end_offset(up))
         eventually(lambda: 'reads ' in bridge.output() and crossing.up() > 0, 90, bridge.output)
-        with produced(site, down):
+        with Stream(site, down, numbered(COUNT), RATE):  # where nothing is cut
             yield crossing
         assert bridge.end() == 0
 
 
-@contextmanager
-def produced(site: Bench, topic: str) -> Iterator[None]:
-    """Produce numbers at a rate, at the site, where nothing is cut."""
-    thread = threading.Thread(target=site.produce, args=(topic, paced()))
-    thread.start()
-    yield
-    thread.join(60)
-    assert not thread.is_alive()
-
-
-def paced() -> Iterator[bytes]:
-    start_s = time.monotonic()
-    for number in range(COUNT):
-        time.sleep(max(0.0, start_s + number / RATE - time.monotonic()))
-        yield b'%d' % number
-
-
-def numbers(file: Path) -> list[int]:
-    return [int(line) for line in lines(file)]
-
-
-def steps_back(found: list[int]) -> list[int]:
-    """Where repeats begin; all is there, from 0 on, and in order but for them."""
+def in_order_but_for_repeats(found: list[int]) -> list[int]:
+    """See that all is there, from 0 on; returns where repeats begin."""
     assert found[0] == 0
     assert found[-1] == COUNT - 1
-    assert [(a, b) for a, b in pairwise(found) if b > a + 1] == [], 'nothing is left out'
-    return [b for a, b in pairwise(found) if b <= a]
+    return [after for _, after in steps_back(found)]
 
 
 def assert_once_and_in_order(site: Bench, topic: str, crossing: Traffic) -> None:
@@ -149,7 +119,7 @@ def assert_once_and_in_order(site: Bench, topic: str, crossing: Traffic) -> None
 
 def assert_up(site: Bench, topic: str) -> None:
     records = site.records(f'{topic}.up', COUNT)
-    assert values(records) == [b'%d' % number for number in range(COUNT)]
+    assert values(records) == numbered(COUNT)
     assert [int(headers(record)['ros.seq']) for record in records] == list(range(1, COUNT + 1))
 
 
@@ -177,7 +147,7 @@ def test_guarantees_1_2_3_a_bridge_cut_off_from_all_loses_nothing_and_repeats_wh
         hosts.edge.plug_in()
         crossing.wait_for_the_last()
     found = numbers(crossing.down)
-    again = steps_back(found)
+    again = in_order_but_for_repeats(found)
     # What the bridge had asked before the cut may come behind what it asks when it is back: Kafka
     # then takes it for another one, and it joins once more.
     assert len(again) <= 1 + ('Static consumer fenced' in crossing.bridge.output())
@@ -210,7 +180,7 @@ def test_guarantee_1_a_subscriber_out_of_reach_for_longer_than_its_lease_gets_al
         hosts.robot.plug_in()
         crossing.wait_for_the_last()
     found = numbers(crossing.down)
-    steps_back(found)
+    in_order_but_for_repeats(found)
     assert totals(crossing.bridge)['confirmed'] == COUNT
     assert totals(crossing.bridge)['published again'] >= len(found) - COUNT
     records = site.records(f'{topic_name}.up', totals(crossing.bridge, 'to_kafka')['confirmed'])

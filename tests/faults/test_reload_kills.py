@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from harness import Bench, Process, eventually, lines, to_kafka, to_ros, values
+from numbers_to_ros import numbered
 from reloads import REFUSED, Reloaded
 from workers import pids, wait_until_gone
 
@@ -17,10 +18,6 @@ COUNT = 6000
 RATE = 300.0
 LATCHED = ('--durability', 'transient_local', '--count', str(COUNT))
 OFF = {'listen': 'off', 'node': False}
-
-
-def numbered(count: int) -> list[bytes]:
-    return [b'%d' % number for number in range(count)]
 
 
 def last_of(process: Process, worker: int) -> int:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from harness import Bench, Process, eventually, to_kafka, totals, values, within
 from numbers_to_kafka import LATCHED, how_many, last, published, seqs
+from numbers_to_ros import numbered
 from relay import node_behind_relay
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka, free_port
@@ -19,11 +20,6 @@ from ros2_kafka_bridge.testing.local_kafka import LocalKafka, free_port
 READER_CACHE = 2000
 WINDOW = 2000
 RATE = 500
-
-
-def numbered(count: int) -> list[bytes]:
-    """What tests/peers/ros_publisher.py publishes."""
-    return [b'%d' % number for number in range(count)]
 
 
 # The bridge ends

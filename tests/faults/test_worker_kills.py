@@ -9,15 +9,12 @@ from functools import partial
 from pathlib import Path
 
 from harness import Bench, eventually, lines, to_kafka, to_ros, values
+from numbers_to_ros import numbered
 from workers import kill, pids, there_and_back, wait_until_gone
 
 COUNT = 6000
 RATE = 400.0
 LATCHED = ('--durability', 'transient_local', '--count', str(COUNT))
-
-
-def numbered(count: int) -> list[bytes]:
-    return [b'%d' % number for number in range(count)]
 
 
 def test_guarantees_1_2_8_a_killed_worker_is_started_again_and_nothing_is_lost(
