@@ -11,19 +11,12 @@ import json
 import ssl
 import threading
 from collections import defaultdict
-from collections.abc import Callable, Iterator
-from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 from urllib.parse import parse_qsl, unquote, urlsplit
 
-import avro.compatibility
-import avro.errors
-import avro.name
-import avro.schema
-from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto
-from google.protobuf.message import DecodeError
+from registry_schemas import Entry, References, RefusedError, check, key, misfits
 
 JSON_TYPE: Final = 'application/vnd.schemaregistry.v1+json'
 LEVELS: Final = frozenset(
@@ -46,45 +39,6 @@ class Request(NamedTuple):
     method: str
     path: str
     query: dict[str, str]
-
-
-class Entry(NamedTuple):
-    """One version of a subject."""
-
-    subject: str
-    version: int
-    id: int
-    kind: str
-    text: str
-    references: tuple[tuple[str, str, int], ...]
-    rules: dict[str, Any] | None = None
-
-    @property
-    def shown(self) -> dict[str, Any]:
-        """The schema as an answer has it."""
-        shown: dict[str, Any] = {'schema': self.text}
-        if self.kind != 'AVRO':
-            shown['schemaType'] = self.kind
-        if self.references:
-            shown['references'] = [
-                {'name': name, 'subject': subject, 'version': version}
-                for name, subject, version in self.references
-            ]
-        return shown | ({'ruleSet': self.rules} if self.rules else {})
-
-
-class RefusedError(Exception):
-    """An answer that is no success."""
-
-    def __init__(self, code: int, message: str) -> None:
-        super().__init__(message)
-        self.code = code
-        self.message = message
-
-    @property
-    def status(self) -> int:
-        """The status of HTTP within a code of the registry: 404 in 40403."""
-        return self.code if self.code < 1000 else self.code // 100
 
 
 class RegistryServer:
@@ -185,7 +139,7 @@ class RegistryServer:
         subject: str,
         text: str,
         kind: str = 'AVRO',
-        references: tuple[tuple[str, str, int], ...] = (),
+        references: References = (),
         rules: dict[str, Any] | None = None,
     ) -> int:
         """Register a schema from within, without looking at it; gives its id."""
@@ -268,9 +222,7 @@ class RegistryServer:
                 raise self._problem(request, 'HTTP 404 Not Found', 404)
         return answer
 
-    def _schema(
-        self, request: Request, body: bytes
-    ) -> tuple[str, str, tuple[tuple[str, str, int], ...]]:
+    def _schema(self, request: Request, body: bytes) -> tuple[str, str, References]:
         """Kind, text and references that a request has in its body."""
         try:
             found = json.loads(body)
@@ -290,9 +242,7 @@ class RegistryServer:
             tuple((one['name'], one['subject'], one['version']) for one in references),
         )
 
-    def _registered(
-        self, subject: str, kind: str, text: str, references: tuple[tuple[str, str, int], ...]
-    ) -> Entry:
+    def _registered(self, subject: str, kind: str, text: str, references: References) -> Entry:
         if subject in self.forbidden:
             raise RefusedError(40301, f'User is denied operation Write on Subject: {subject}')
         for name, place, version in references:
@@ -300,7 +250,7 @@ class RegistryServer:
                 self._by_version(place, str(version))
             except RefusedError:
                 raise RefusedError(42201, f'No schema reference found for {name}') from None
-        _check_schema(kind, text, self._named(references))
+        check(kind, text, self._named(references))
         same = self._same(subject, kind, text, references)
         if same:
             return same
@@ -309,33 +259,27 @@ class RegistryServer:
         self._check_compatible(subject, kind, text, references)
         return self._added(subject, kind, text, references)
 
-    def _added(
-        self, subject: str, kind: str, text: str, references: tuple[tuple[str, str, int], ...]
-    ) -> Entry:
+    def _added(self, subject: str, kind: str, text: str, references: References) -> Entry:
         everything = [entry for entries in self._versions.values() for entry in entries]
-        key = _key(kind, text, references)
-        ids = {_key(one.kind, one.text, one.references): one.id for one in everything}
-        number = ids.get(key, 1 + max(ids.values(), default=0))
+        wanted = key(kind, text, references)
+        ids = {key(one.kind, one.text, one.references): one.id for one in everything}
+        number = ids.get(wanted, 1 + max(ids.values(), default=0))
         version = len(self._versions[subject]) + 1
         entry = Entry(subject, version, number, kind, text, references)
         self._versions[subject].append(entry)
         return entry
 
-    def _looked_up(
-        self, subject: str, kind: str, text: str, references: tuple[tuple[str, str, int], ...]
-    ) -> Entry:
+    def _looked_up(self, subject: str, kind: str, text: str, references: References) -> Entry:
         self._known(subject)
         same = self._same(subject, kind, text, references)
         if same is None or (self.exact and same.text != text):
             raise RefusedError(40403, 'Schema not found')
         return same
 
-    def _same(
-        self, subject: str, kind: str, text: str, references: tuple[tuple[str, str, int], ...]
-    ) -> Entry | None:
-        key = _key(kind, text, references)
+    def _same(self, subject: str, kind: str, text: str, references: References) -> Entry | None:
+        wanted = key(kind, text, references)
         found = self._versions.get(subject, ())
-        return next((e for e in found if _key(e.kind, e.text, e.references) == key), None)
+        return next((e for e in found if key(e.kind, e.text, e.references) == wanted), None)
 
     def _known(self, subject: str) -> list[Entry]:
         if not self._versions.get(subject):
@@ -356,7 +300,7 @@ class RegistryServer:
                     return entry
         raise RefusedError(40403, f'Schema {number} not found')
 
-    def _named(self, references: tuple[tuple[str, str, int], ...]) -> list[str]:
+    def _named(self, references: References) -> list[str]:
         """The texts that a schema refers to, each behind those that it needs."""
         texts: list[str] = []
         for _, subject, version in references:
@@ -364,9 +308,7 @@ class RegistryServer:
             texts += [*self._named(entry.references), entry.text]
         return list(dict.fromkeys(texts))
 
-    def _fits(
-        self, subject: str, kind: str, text: str, references: tuple[tuple[str, str, int], ...]
-    ) -> bool:
+    def _fits(self, subject: str, kind: str, text: str, references: References) -> bool:
         try:
             self._check_compatible(subject, kind, text, references)
         except RefusedError:
@@ -374,7 +316,7 @@ class RegistryServer:
         return True
 
     def _check_compatible(
-        self, subject: str, kind: str, text: str, references: tuple[tuple[str, str, int], ...]
+        self, subject: str, kind: str, text: str, references: References
     ) -> None:
         level = self._levels.get(subject, self._levels[''])
         others = self._versions[subject] if level.endswith('TRANSITIVE') else []
@@ -387,7 +329,7 @@ class RegistryServer:
             before = (old.text, self._named(old.references))
             pairs = [(new, before)] * (not level.startswith('FORWARD'))
             pairs += [(before, new)] * (not level.startswith('BACKWARD'))
-            details = [line for pair in pairs for line in _COMPATIBLE[kind](*pair)]
+            details = [line for pair in pairs for line in misfits(kind, *pair)]
             if details:
                 raise RefusedError(
                     409,
@@ -401,85 +343,6 @@ def _full(entry: Entry) -> dict[str, Any]:
     return {
         'subject': entry.subject, 'version': entry.version, 'id': entry.id, **entry.shown
     }  # fmt: skip
-
-
-def _key(kind: str, text: str, references: tuple[tuple[str, str, int], ...]) -> tuple[Any, ...]:
-    """What makes two schemas the same: spaces do not, nor does the order of properties."""
-    with suppress(ValueError, RecursionError):
-        text = json.dumps(json.loads(text), sort_keys=True)
-    return kind, text, references
-
-
-def _check_schema(kind: str, text: str, named: list[str]) -> None:
-    try:
-        if kind == 'AVRO':
-            _avro(text, named)
-        elif kind == 'PROTOBUF':
-            _protobuf(text)
-        else:
-            json.loads(text)
-    except (avro.errors.AvroException, ValueError, DecodeError) as error:
-        raise RefusedError(42201, f'Invalid schema {text[:200]}, details: {error}') from None
-
-
-def _avro(text: str, named: list[str]) -> Any:
-    names = avro.name.Names(validate_names=True)
-    for other in named:
-        avro.schema.make_avsc_object(json.loads(other), names)
-    return avro.schema.make_avsc_object(json.loads(text), names)
-
-
-def _avro_details(reader: tuple[str, list[str]], writer: tuple[str, list[str]]) -> list[str]:
-    checker: Any = avro.compatibility.ReaderWriterCompatibilityChecker  # it has no types
-    result = checker().get_compatibility(_avro(*reader), _avro(*writer))
-    if result.compatibility is avro.compatibility.SchemaCompatibilityType.compatible:
-        return []
-    kinds = [kind.name.upper() for kind in result.incompatibilities]
-    return [
-        f"{{errorType:'{kinds[0]}', description:'{message}', additionalInfo:'{place}'}}"
-        for message, place in zip(sorted(result.messages), sorted(result.locations), strict=False)
-    ]
-
-
-def _protobuf(text: str) -> FileDescriptorProto:
-    return FileDescriptorProto.FromString(base64.b64decode(text, validate=True))
-
-
-def _protobuf_details(reader: tuple[str, list[str]], writer: tuple[str, list[str]]) -> list[str]:
-    news = dict(_messages(_protobuf(reader[0]).message_type, ''))
-    olds = dict(_messages(_protobuf(writer[0]).message_type, ''))
-    details = [
-        f"{{errorType:'MESSAGE_REMOVED', description:'message removed', additionalInfo:'{name}'}}"
-        for name in olds
-        if name not in news
-    ]
-    for name, old in olds.items():
-        numbers = {field.number: field for field in news[name].field} if name in news else {}
-        for field in old.field:
-            now = numbers.get(field.number)
-            if now and (now.type, now.type_name, now.label) != (
-                field.type,
-                field.type_name,
-                field.label,
-            ):
-                details.append(
-                    f"{{errorType:'FIELD_SCALAR_KIND_CHANGED', description:'the kind changed', "
-                    f"additionalInfo:'{name}.{field.name}'}}"
-                )
-    return details
-
-
-def _messages(found: Any, prefix: str) -> Iterator[tuple[str, DescriptorProto]]:
-    for message in found:
-        yield f'{prefix}{message.name}', message
-        yield from _messages(message.nested_type, f'{prefix}{message.name}.')
-
-
-_COMPATIBLE: Final[dict[str, Callable[..., list[str]]]] = {
-    'AVRO': _avro_details,
-    'JSON': lambda *_: [],
-    'PROTOBUF': _protobuf_details,
-}
 
 
 class _Server(ThreadingHTTPServer):
