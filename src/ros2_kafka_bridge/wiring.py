@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters, OutgoingLetter
-from ros2_kafka_bridge.endpoints import Matches, Message
+from ros2_kafka_bridge.endpoints import Matches, Message, RecordSource
 from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.formats import Encode
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
@@ -51,7 +51,7 @@ Direction = KafkaToRos | RosToKafka
 Log = logging.LoggerAdapter[logging.Logger]
 
 
-def histories_of(routes: list[AnyRoute], probed: str, lease_s: float | None) -> Histories:
+def histories_of(routes: Iterable[AnyRoute], probed: str, lease_s: float | None) -> Histories:
     """List the ROS endpoints of the routes, with the lengths of their histories."""
     writers = {probed: SAMPLES}
     readers = {probed: SAMPLES}
@@ -151,13 +151,7 @@ class Wiring:
             self._tracing.messages(route, route.source.type or ''),
         )
 
-    def _kafka_to_ros(
-        self,
-        route: KafkaToRosRoute,
-        log: Log,
-        stack: ExitStack,
-    ) -> KafkaToRos:
-        message_type = load_type(route.sink.type)
+    def _kafka_to_ros(self, route: KafkaToRosRoute, log: Log, stack: ExitStack) -> KafkaToRos:
         source = KafkaSource(
             self._consumer_properties(route.group(self._config.name)),
             route.source.kafka,
@@ -165,16 +159,30 @@ class Wiring:
             log,
             self._config.membership,
         )
-        room = self._histories.writers[route.sink.ros] if self._abilities.bounded else None
-        sink = RosSink(self._node, route.sink.ros, message_type, route.sink.qos, room, log)
-        decode = decode_of(route, self._config, message_type.layout)
-        stack.enter_context(_open(sink))
+        direction = self.to_ros(route, source, log, stack)
         if route.max_rate is None:
             log.info(
                 'a subscriber of %s that is KEEP_LAST can overwrite its own queue unseen: '
                 'max_rate is the cure',
                 route.sink.ros,
             )
+        return direction
+
+    def to_ros(
+        self, route: KafkaToRosRoute, source: RecordSource, log: Log, stack: ExitStack
+    ) -> KafkaToRos:
+        """Make what carries the records of any source to the ROS topic of a route.
+
+        Its ROS endpoint is open until the stack closes.
+
+        Raises:
+            RouteError: The route cannot run now.
+        """
+        message_type = load_type(route.sink.type)
+        room = self._histories.writers[route.sink.ros] if self._abilities.bounded else None
+        sink = RosSink(self._node, route.sink.ros, message_type, route.sink.qos, room, log)
+        decode = decode_of(route, self._config, message_type.layout)
+        stack.enter_context(_open(sink))
         return KafkaToRos(
             route,
             self._config.name,

@@ -1,25 +1,18 @@
-"""`dead-letters` without a broker: what it shows, how it publishes to ROS, its command line."""
+"""`dead-letters` without a broker: what it shows, and its command line."""
 
 import base64
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from made_letters import config, kafka_letter, read
+from made_letters import kafka_letter, read
 from typer.testing import CliRunner
 
 from ros2_kafka_bridge.cli import app
-from ros2_kafka_bridge.commands.dead_letters.replay_ros import Channel
 from ros2_kafka_bridge.commands.dead_letters.report import _letter_json, described
-from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters.writer import without_value
-from ros2_kafka_bridge.endpoints import Load, Matches, Readers
-from ros2_kafka_bridge.errors import (
-    ConfigError,
-    TransportError,
-)
+from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.kafka import letters, overview
-from ros2_kafka_bridge.threads.stop import Stop
 
 
 def test_everything_of_a_letter_is_shown_and_a_long_value_is_cut() -> None:
@@ -34,72 +27,6 @@ def test_everything_of_a_letter_is_shown_and_a_long_value_is_cut() -> None:
     odd = '\n'.join(described(read(kafka_letter(b'\xffA')), None))
     assert 'value     2 bytes, not UTF-8' in odd
     assert '00000000  ff 41' in odd
-
-
-# Straight to ROS
-
-
-class Sink:
-    """Readers that acknowledge at once, and may be lost once."""
-
-    load = Load()
-    matches = Matches()
-    holders = ()
-
-    def __init__(self, matched: int = 1, lost_at: int = 0) -> None:
-        self.published: list[bytes] = []
-        self.matched = self.come = matched
-        self.lost_at = lost_at
-        self.since = 0
-
-    def open(self) -> None:
-        pass
-
-    def publish(self, cdr: bytes) -> bool:
-        self.published.append(cdr)
-        return True
-
-    def readers(self) -> Readers:
-        if self.lost_at and len(self.published) >= self.lost_at:
-            self.since, self.lost_at = len(self.published), 0
-            self.come += 1  # another one in its place
-            return Readers(self.matched, self.come, lost=True, confirmed=0)
-        confirmed = len(self.published) - self.since
-        return Readers(self.matched, self.come, lost=False, confirmed=confirmed)
-
-    def close(self) -> None:
-        pass
-
-
-def channel(sink: Sink, stop: Stop | None = None) -> Channel:
-    route = config().routes[0]
-    assert isinstance(route, KafkaToRosRoute)
-    return Channel(route, sink, stop or Stop())
-
-
-def test_batches_are_published_and_waited_for_one_after_the_other() -> None:
-    sink = Sink()
-    to = channel(sink)
-    to.deliver([b'1', b'2'])
-    to.deliver([b'3'])
-    assert sink.published == [b'1', b'2', b'3']
-
-
-def test_when_a_reader_goes_the_batch_is_published_again() -> None:
-    sink = Sink(lost_at=3)
-    to = channel(sink)
-    to.deliver([b'1'])
-    to.deliver([b'2', b'3'])
-    to.deliver([b'4'])
-    assert sink.published == [b'1', b'2', b'3', b'2', b'3', b'4']
-
-
-def test_a_stop_ends_the_waiting_for_subscribers() -> None:
-    stop, sink = Stop(), Sink(matched=0)
-    stop.ask()
-    with pytest.raises(TransportError, match='stopped while waiting'):
-        channel(sink, stop).deliver([b'1'])
-    assert sink.published == []
 
 
 # The command line

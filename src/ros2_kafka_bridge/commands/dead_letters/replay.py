@@ -10,9 +10,10 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from typing import Final, NamedTuple
 
-from ros2_kafka_bridge.commands.dead_letters.replay_ros import RosDelivery
+from ros2_kafka_bridge.commands.dead_letters.replay_ros import open_channels
 from ros2_kafka_bridge.commands.dead_letters.report import Found as Looked
 from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery, none_there, open_reader
 from ros2_kafka_bridge.commands.dead_letters.restore import Again, Restorer
@@ -171,8 +172,7 @@ class _Run:
         self._tally = tally
         self._stop = stop
         self._reader = reader
-        self._stack = stack
-        self._ros: RosDelivery | None = None
+        self._channels = cache(lambda: stack.enter_context(open_channels(query.config, stop)))
         self._restorer = Restorer(
             query.config, reader.partitions, originals.record, force=options.force
         )
@@ -266,15 +266,17 @@ class _Run:
             return
         for name in dict.fromkeys(one.again.route.name for one in batch if one.again.route):
             part = [one for one in batch if one.again.route and one.again.route.name == name]
-            self._publish(part)
-            self._write(part, transactions)
+            self._publish(part, transactions)
 
-    def _publish(self, part: Sequence[Ready]) -> None:
-        if self._ros is None:
-            self._ros = self._stack.enter_context(RosDelivery(self._config, self._stop))
+    def _publish(self, part: Sequence[Ready], transactions: Transactions) -> None:
+        """Publish, and mark what all readers have, also where not all of it comes so far."""
         route = part[0].again.route
         assert isinstance(route, KafkaToRosRoute), 'the restorer says so'
-        self._ros.deliver(route, [one.again.cdr or b'' for one in part])
+        channel = self._channels()(route)
+        try:
+            channel.deliver([one.again.record for one in part])
+        finally:
+            self._write(part[: channel.delivered], transactions)
 
     def _write(self, batch: Sequence[Ready], transactions: Transactions) -> None:
         """Write records and marks, or after publishing the marks alone."""

@@ -1,148 +1,209 @@
-"""Publishing dead letters straight to ROS, until their readers have them."""
+"""Publishing dead letters straight to ROS, the way of every record, until all readers have them.
+
+A letter is checked, decoded, published and confirmed as its record would be. It only comes from
+where letters are, and counts as sent once it is marked.
+"""
 
 import time
-from collections import deque
-from collections.abc import Sequence
-from contextlib import ExitStack
-from types import TracebackType
-from typing import Final, Self
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import cache, partial
+from itertools import islice, starmap
+from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.commands.screen import waiting
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
-from ros2_kafka_bridge.endpoints import MessageSink, Readers
+from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, Rebalance, Record, RecordSource
 from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.logs.lines import route_log
 from ros2_kafka_bridge.logs.text import count
-from ros2_kafka_bridge.ros.fastdds_profile import Histories
-from ros2_kafka_bridge.ros.node import RosNode, open_node
-from ros2_kafka_bridge.ros.publisher import RosSink
-from ros2_kafka_bridge.ros.types import load_type
-from ros2_kafka_bridge.route.pace import Pace
-from ros2_kafka_bridge.route.settling import Settling
-from ros2_kafka_bridge.threads.stop import Stop
+from ros2_kafka_bridge.ros.node import open_node
+from ros2_kafka_bridge.ros.probe import probe, probe_topic
+from ros2_kafka_bridge.threads.stop import Part, Stop
+from ros2_kafka_bridge.tracing.routes import Tracing
+from ros2_kafka_bridge.wiring import Wiring, histories_of
 
 _PATIENCE_S: Final = 30.0
-_NAP_S: Final = 0.005
+
+MakeDirection = Callable[[KafkaToRosRoute, RecordSource], KafkaToRos]
+"""Route, where its records come from -> what carries them."""
 
 
-class RosDelivery:
-    """The ROS topics of the routes, each opened when the first message for it comes.
+@contextmanager
+def open_channels(
+    config: Config, stop: Stop
+) -> Iterator[Callable[[KafkaToRosRoute], 'LetterChannel']]:
+    """Join ROS; yields what opens the channel of a route when its first letter comes.
 
     Args:
         config: With the routes.
         stop: Ends the waiting.
     """
+    probed = probe_topic()
+    histories = histories_of(config.routes, probed, config.ros.lease_s)
+    name = f'{config.name}_replay'
+    with open_node(name, config.ros.domain_id, histories) as node, ExitStack() as stack:
+        wiring = Wiring(config, node, probe(node, probed), histories, Tracing())
 
-    def __init__(self, config: Config, stop: Stop) -> None:
-        self._config = config
-        self._stop = stop
-        self._stack = ExitStack()
-        self._node: RosNode | None = None
-        self._channels: dict[str, Channel] = {}
+        @cache
+        def channel(route: KafkaToRosRoute) -> LetterChannel:
+            make = partial(wiring.to_ros, log=route_log(route.name), stack=stack)
+            return LetterChannel(route, make, stop)
 
-    def __enter__(self) -> Self:
-        routes = [route for route in self._config.routes if isinstance(route, KafkaToRosRoute)]
-        writers = {route.sink.ros: route.max_in_flight for route in routes}
-        histories = Histories(writers, {}, self._config.ros.lease_s)
-        name = f'{self._config.name}_replay'
-        self._node = self._stack.enter_context(
-            open_node(name, self._config.ros.domain_id, histories)
-        )
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._stack.__exit__(kind, error, trace)
-
-    def deliver(self, route: KafkaToRosRoute, messages: Sequence[bytes]) -> None:
-        """Publish messages in order, and wait until every reader has acknowledged all of them.
-
-        Raises:
-            TransportError: There are too few readers, or one does not acknowledge.
-            RouteError: ROS refuses the publisher.
-        """
-        if route.name not in self._channels:
-            self._channels[route.name] = Channel(route, self._open(route), self._stop)
-        self._channels[route.name].deliver(messages)
-
-    def _open(self, route: KafkaToRosRoute) -> RosSink:
-        assert self._node is not None, 'the delivery is open'
-        # Whatever the route offers: an acknowledgement is waited for here.
-        firm = {'reliability': 'reliable', 'history': 'keep_all', 'depth': None}
-        qos = route.sink.qos.model_copy(update=firm)
-        sink = RosSink(
-            self._node,
-            route.sink.ros,
-            load_type(route.sink.type),
-            qos,
-            None,
-            route_log(route.name),
-        )
-        self._stack.callback(sink.close)
-        sink.open()
-        return sink
+        yield channel
 
 
-class Channel:
-    """One ROS topic, and what it has acknowledged.
+class LetterChannel:
+    """The route of letters, and what it has delivered.
 
     Args:
-        route: How many readers are waited for, and how fast they take.
-        sink: Open already.
+        route: Whose letters they are.
+        make: Makes what carries the records of a source along a route.
         stop: Ends the waiting.
     """
 
-    def __init__(self, route: KafkaToRosRoute, sink: MessageSink, stop: Stop) -> None:
-        self._topic = route.sink.ros
-        self._needed = max(1, route.min_subscribers)
-        self._sink = sink
+    def __init__(self, route: KafkaToRosRoute, make: MakeDirection, stop: Stop) -> None:
+        self._route = _for_letters(route)
+        self._letters = LetterSource()
+        self._direction = make(self._route, self._letters)
         self._stop = stop
-        self._pace = Pace(route.max_rate)
-        self._before = 0  # published and confirmed since a reader was lost last
-        self._settling = Settling(self._needed)
 
-    def deliver(self, messages: Sequence[bytes]) -> None:
-        """Publish messages in order, and wait until every reader has acknowledged all of them.
+    @property
+    def delivered(self) -> int:
+        """How many of the letters given last every reader has acknowledged, the first of them."""
+        return self._letters.ended
+
+    def deliver(self, letters: Sequence[Outgoing]) -> None:
+        """Publish letters in order, and wait until every reader has acknowledged all of them.
 
         Raises:
-            TransportError: There are too few readers, or one does not acknowledge.
+            TransportError: There are too few readers, one does not acknowledge, or a stop came:
+                `delivered` tells how far it got.
+            RouteError: ROS refuses them; the same.
         """
-        pending = deque(messages)
-        confirmed, deadline_s = -1, time.monotonic() + _PATIENCE_S
-        with waiting(f'Waiting for the subscribers of {self._topic}'):
-            while True:
-                readers = self._sink.readers()
-                self._settling.look(readers)
-                if readers.lost:
-                    self._before = 0
-                    pending = deque(messages)
-                elif not pending and readers.confirmed >= self._before + len(messages):
-                    self._before += len(messages)
-                    return
-                moved = self._settling.obstacle is None and self._publish(pending)
-                if moved or readers.confirmed != confirmed:
-                    confirmed, deadline_s = readers.confirmed, time.monotonic() + _PATIENCE_S
-                self._check(readers, deadline_s, begun=len(pending) < len(messages))
-                time.sleep(_NAP_S)
-
-    def _publish(self, pending: deque[bytes]) -> bool:
-        """Publish what there is room for; tells whether there was any."""
-        before = len(pending)
-        while pending and self._pace.go() and self._sink.publish(pending[0]):
-            pending.popleft()
-        return len(pending) < before
-
-    def _check(self, readers: Readers, deadline_s: float, *, begun: bool) -> None:
-        # What is published gets its marks, or it would be published again by the next replay.
-        if self._stop.at_once or (self._stop.asked and not begun):
-            raise TransportError(f'stopped while waiting for the subscribers of {self._topic}')
-        if time.monotonic() < deadline_s:
+        topic, needed = self._route.sink.ros, self._route.min_subscribers
+        self._letters.hold(letters)
+        with waiting(f'Waiting for the subscribers of {topic}'):
+            self._direction.run(_Patience(self._stop, self._letters, self._direction))
+        if not self._letters.lag():
             return
-        if readers.matched < self._needed:
-            there = f'{readers.matched} of {count(self._needed, "subscriber")}'
-            raise TransportError(f'{there} of {self._topic} there after {_PATIENCE_S:g} s')
-        raise TransportError(f'a subscriber of {self._topic} does not take: not acknowledged')
+        if self._stop.asked:
+            raise TransportError(f'stopped while waiting for the subscribers of {topic}')
+        if (matched := self._direction.snapshot.measures.matched) < needed:
+            there = f'{matched} of {count(needed, "subscriber")}'
+            raise TransportError(f'{there} of {topic} there after {_PATIENCE_S:g} s')
+        raise TransportError(f'a subscriber of {topic} does not take: not acknowledged')
+
+
+def _for_letters(route: KafkaToRosRoute) -> KafkaToRosRoute:
+    """A route as letters take it: whatever it offers, an acknowledgement is waited for."""
+    firm = {'reliability': 'reliable', 'history': 'keep_all', 'depth': None}
+    qos = route.sink.qos.model_copy(update=firm)
+    return route.model_copy(
+        update={
+            'sink': route.sink.model_copy(update={'qos': qos}),
+            'min_subscribers': max(1, route.min_subscribers),
+            'when_full': 'wait',
+            'on_error': 'stop',  # it was checked before, and is a dead letter already
+            'drain_s': _PATIENCE_S,
+        }
+    )
+
+
+class _Patience(Part):
+    """Ends a run once all letters have ended, and at once where nothing has moved for long."""
+
+    def __init__(self, stop: Stop, letters: 'LetterSource', direction: KafkaToRos) -> None:
+        super().__init__(stop)
+        self._letters = letters
+        self._direction = direction
+        self._seen = (0, 0, 0)
+        self._until_s = time.monotonic() + _PATIENCE_S
+
+    def look(self) -> bool:
+        """Look at what has moved; tells whether to drain."""
+        now_s, told = time.monotonic(), self._direction.snapshot
+        seen = told.confirmed, told.repeated, told.measures.queued
+        if seen != self._seen:
+            self._seen, self._until_s = seen, now_s + _PATIENCE_S
+        self._now = now_s >= self._until_s
+        self._drain = self._now or not self._letters.lag()
+        return self.asked
+
+
+class LetterSource:
+    """A `RecordSource` of letters that were chosen: it notes how many of them have ended."""
+
+    away = ''
+    lost_upstream = rebalances = 0
+
+    def __init__(self) -> None:
+        self.ended = self._held = 0
+        self._waiting: Iterator[Record] = iter(())
+
+    def hold(self, letters: Sequence[Outgoing]) -> None:
+        """Hand these out next, and count from them."""
+        self.ended, self._held = 0, len(letters)
+        self._waiting = starmap(_LetterRecord, enumerate(letters))
+
+    def open(self, rebalance: Rebalance) -> None:
+        """Nobody takes them away."""
+
+    def poll(self, limit: int, timeout_s: float) -> Sequence[Record]:
+        """Hand out what waits."""
+        found = list(islice(self._waiting, limit))
+        if not found:
+            time.sleep(timeout_s)
+        return found
+
+    def stay(self) -> Sequence[Record]:
+        """There is no group."""
+        return ()
+
+    def advance(self, positions: Mapping[int, int]) -> None:
+        """Note how many have ended."""
+        self.ended = max(self.ended, *positions.values())
+
+    def commit(self) -> None:
+        """Who has sent them marks them, all that have ended at once."""
+
+    def commit_now(self, timeout_s: float) -> bool:
+        """The same."""
+        del timeout_s
+        return True
+
+    def commit_before_revoke(self) -> None:
+        """Nobody takes them away."""
+
+    def lag(self) -> int:
+        """How many have not ended."""
+        return self._held - self.ended
+
+    def close(self) -> None:
+        """There is no group."""
+
+
+class _LetterRecord(NamedTuple):
+    """A letter as the record that it was, at its place among those chosen."""
+
+    number: int
+    was: Outgoing
+
+    def partition(self) -> int:
+        return 0
+
+    def offset(self) -> int:
+        return self.number
+
+    def key(self) -> bytes | None:
+        return self.was.key
+
+    def value(self) -> bytes | None:
+        return self.was.value
+
+    def headers(self) -> HeaderList:
+        return self.was.headers
+
+    def timestamp(self) -> tuple[int, int]:
+        return 0, 0  # unknown: `max_age_s` counts from the replay

@@ -28,15 +28,13 @@ class Again(NamedTuple):
     """What is sent for a letter.
 
     Args:
-        record: For Kafka.
+        record: As it was, or is now.
         partition: Of the topic; None leaves it to the key.
-        cdr: The message for ROS; None where it could not be decoded and is sent all the same.
         route: What carries it on; None where the file has none.
     """
 
     record: Outgoing
     partition: int | None
-    cdr: bytes | None
     route: AnyRoute | None
 
 
@@ -82,7 +80,7 @@ class Restorer:
         return again
 
     def for_ros(self, letter: Letter) -> Again:
-        """Make the message that goes to the ROS topic of the letter's route.
+        """Make the record whose message goes to the ROS topic of the letter's route.
 
         Raises:
             RecordError: It cannot be published: it stays a dead letter.
@@ -107,22 +105,22 @@ class Restorer:
         if route is None and not self._force:
             text = f'no route of the file reads {escaped(about.topic)}: nothing can check it'
             raise RecordError(f'{text}; {_FORCE}')
-        cdr = None if route is None else self._decoded(letter, route)
+        if route is not None:
+            self._check(letter, route)
         headers = [header for header in letter.headers if not self._would_be_skipped(header)]
         record = Outgoing(about.topic, letter.key, letter.value, headers)
         known = self._partitions.get(about.topic, 0)
         same = about.partition if about.partition is not None and about.partition < known else None
-        return Again(record, same, cdr, route)
+        return Again(record, same, route)
 
-    def _decoded(self, letter: Letter, route: KafkaToRosRoute) -> bytes | None:
+    def _check(self, letter: Letter, route: KafkaToRosRoute) -> None:
         try:
             check_headers, decode = self._decode_of(route)
             check_headers(letter.headers)
-            return decode(letter.value)
+            decode(letter.value)
         except RecordError as error:
-            if self._force:
-                return None
-            raise RecordError(f'would fail again: {type(error).__name__}: {error}') from error
+            if not self._force:
+                raise RecordError(f'would fail again: {type(error).__name__}: {error}') from error
 
     def _decode_of(self, route: KafkaToRosRoute) -> tuple[CheckHeaders, Decode]:
         if route.name not in self._decodes:
@@ -171,7 +169,7 @@ class Restorer:
         if about.reason.startswith('EncodeError:'):
             key, value = self._encoded(letter, route)
         record = Outgoing(about.topic, key, value, letter.headers)
-        return Again(record, None, None, route)
+        return Again(record, None, route)
 
     def _encoded(
         self, letter: Letter, route: RosToKafkaRoute

@@ -1,0 +1,136 @@
+"""Dead letters on their way straight to ROS, with readers in memory."""
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from ros2_kafka_bridge.commands.dead_letters import replay_ros
+from ros2_kafka_bridge.commands.dead_letters.replay_ros import LetterChannel
+from ros2_kafka_bridge.config.settings import KafkaToRosRoute
+from ros2_kafka_bridge.dead_letters.writer import DeadLetters
+from ros2_kafka_bridge.endpoints import Outgoing, RecordSource
+from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
+from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route.record_window import RecordEntry
+from ros2_kafka_bridge.route.type_hash import check_nothing
+from ros2_kafka_bridge.testing.memory import MemoryMessageSink, MemoryRecordSink
+from ros2_kafka_bridge.threads.stop import Stop
+
+ROUTE: dict[str, Any] = {
+    'name': 'orders',
+    'from': {'kafka': 'orders'},
+    'to': {'ros': '/orders', 'type': 'std_msgs/msg/String', 'qos': {'reliability': 'best_effort'}},
+    'format': 'text',
+    'min_subscribers': 0,
+    'when_full': 'drop_oldest',
+    'max_age_s': 1,
+}
+
+
+@pytest.fixture(autouse=True)
+def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+
+
+class Readers(MemoryMessageSink):
+    """Readers to whom something happens once so many letters are published."""
+
+    def happen_at(self, number: int, event: Callable[[], None]) -> None:
+        self.number, self.event = number, event
+
+    def publish(self, cdr: bytes) -> bool:
+        taken = super().publish(cdr)
+        if taken and len(self.published) == getattr(self, 'number', 0):
+            self.event()
+        return taken
+
+
+def channel(readers: Readers, stop: Stop | None = None) -> LetterChannel:
+    def make(route: KafkaToRosRoute, letters: RecordSource) -> KafkaToRos:
+        log = logging.LoggerAdapter(logging.getLogger('test'), {})
+        dead = DeadLetters[RecordEntry]('dead', MemoryRecordSink(), lambda: None, log)
+        return KafkaToRos(route, 'me', letters, readers, check_nothing, as_it_is, dead, log)
+
+    return LetterChannel(KafkaToRosRoute.model_validate(ROUTE), make, stop or Stop())
+
+
+def as_it_is(value: bytes | None) -> bytes:
+    return value or b''
+
+
+def letters(*values: bytes) -> list[Outgoing]:
+    return [Outgoing('orders', b'key', value, [('ros.seq', b'1')]) for value in values]
+
+
+def test_batches_are_published_and_waited_for_one_after_the_other() -> None:
+    readers = Readers()
+    to = channel(readers)
+    to.deliver(letters(b'1', b'2'))
+    assert to.delivered == 2
+    to.deliver(letters(b'3'))
+    assert to.delivered == 1
+    assert readers.published == [b'1', b'2', b'3']
+
+
+def test_when_a_reader_goes_the_batch_is_published_again() -> None:
+    readers = Readers()
+    readers.happen_at(3, readers.lose_reader)
+    to = channel(readers)
+    to.deliver(letters(b'1'))
+    to.deliver(letters(b'2', b'3'))
+    to.deliver(letters(b'4'))
+    assert readers.published == [b'1', b'2', b'3', b'2', b'3', b'4']
+
+
+def test_a_stop_ends_the_waiting_for_subscribers() -> None:
+    stop, readers = Stop(), Readers(matched=0)
+    stop.ask()
+    with pytest.raises(TransportError, match='stopped while waiting'):
+        channel(readers, stop).deliver(letters(b'1'))
+    assert readers.published == []
+
+
+def test_a_stop_in_the_middle_publishes_no_more_and_waits_for_what_is_published() -> None:
+    stop, readers = Stop(), Readers(room=2, acknowledging=False)
+
+    def ask() -> None:
+        stop.ask()
+        readers.acknowledging = True
+
+    readers.happen_at(2, ask)
+    to = channel(readers, stop)
+    with pytest.raises(TransportError, match='stopped while waiting'):
+        to.deliver(letters(b'1', b'2', b'3'))
+    assert readers.published == [b'1', b'2']
+    assert to.delivered == 2
+
+
+def test_a_second_stop_waits_for_nothing() -> None:
+    stop, readers = Stop(), Readers(acknowledging=False)
+
+    def ask_twice() -> None:
+        stop.ask()
+        stop.ask()
+
+    readers.happen_at(1, ask_twice)
+    to = channel(readers, stop)
+    with pytest.raises(TransportError, match='stopped while waiting'):
+        to.deliver(letters(b'1'))
+    assert to.delivered == 0
+
+
+@pytest.mark.parametrize(
+    ('there', 'words'),
+    [(0, '0 of 1 subscriber of /orders there after'), (1, 'does not take: not acknowledged')],
+)
+def test_subscribers_that_are_too_few_or_do_not_acknowledge_are_said_after_a_while(
+    there: int, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(replay_ros, '_PATIENCE_S', 0.1)
+    to = channel(Readers(matched=there, acknowledging=False))
+    with pytest.raises(TransportError, match=words):
+        to.deliver(letters(b'1'))
+    assert to.delivered == 0
