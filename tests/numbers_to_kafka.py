@@ -1,6 +1,7 @@
 """Numbers from a publisher to Kafka: which of them a topic holds."""
 
 import contextlib
+import re
 from collections.abc import Sequence
 
 from confluent_kafka import Consumer, KafkaException, Message, TopicPartition
@@ -25,7 +26,14 @@ def published(publisher: Process) -> bool:
 def how_many(publisher: Process) -> int:
     """How many messages a publisher that is through has published."""
     publisher.wait_for('published')
-    return int(publisher.output().split('published ')[1])
+    return int(told(publisher, 'published'))
+
+
+def told(peer: Process, what: str) -> str:
+    """What a peer has printed behind a word; DDS may have printed lines of its own before."""
+    found = re.search(rf'^{what} (\S+)$', peer.output(), re.MULTILINE)
+    assert found, peer.output()
+    return found[1]
 
 
 def last(bench: Bench, topic: str) -> int:

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from harness import Bench, eventually, lines, to_kafka, to_ros, values
+from numbers_to_kafka import how_many
 from reloads import REFUSED, Reloaded
 from workers import there_and_back
 
@@ -52,7 +53,7 @@ def test_a_reload_under_load_loses_and_repeats_nothing_on_the_routes_that_stay(
             assert it.to(routes) == said
         until.touch()
         publisher.wait_for('published ', 60)
-        count = int(publisher.output().split('published ')[1].split()[0])
+        count = how_many(publisher)
         eventually(lambda: str(sent - 1) in lines(arrived)[-1:], 120, process.output)
         records = bench.records(written, count, timeout_s=120)
         assert process.end(40) == 0, process.output()

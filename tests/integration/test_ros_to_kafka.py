@@ -12,6 +12,7 @@ from pathlib import Path
 
 from from_ros import STRING, identities, of, publish, route, text
 from harness import Bench, eventually, headers, to_kafka, to_ros, totals, values
+from numbers_to_kafka import how_many, told
 from patience import patient
 
 from ros2_kafka_bridge.ros.types import load_type
@@ -47,7 +48,7 @@ def test_headers_name_topic_type_publisher_number_time_and_origin_guarantee_2(
     config = bench.config([to_kafka('/orders', topic_name)])
     with bench.bridge(config) as bridge, publish(bench, '/orders', sent) as publisher:
         records = bench.records(topic_name, 100)
-        gid = publisher.output().split()[1]
+        gid = told(publisher, 'gid')
         assert bridge.end() == 0
     assert values(records) == [b'%d' % number for number in range(100)]
     found = [headers(record) for record in records]
@@ -87,7 +88,7 @@ def test_a_key_is_made_of_the_publisher_or_of_fields_of_the_message(
     ):
         of_gid, of_data = bench.records(by_gid, 2), bench.records(by_data, 2)
         of_frame = bench.records(by_frame, 2)
-        gid = publisher.output().split()[1]
+        gid = told(publisher, 'gid')
         assert bridge.end() == 0
     assert [record.key() for record in of_gid] == 2 * [f'from {gid}'.encode()]
     assert [record.key() for record in of_data] == [b'/orders/a', b'/orders/b']
@@ -200,7 +201,7 @@ def test_what_a_keep_last_publisher_overwrites_is_counted_and_said_guarantee_2(
         until.touch()
         publisher.wait_for('published ', 60)
         bridge.send(signal.SIGCONT)
-        count = int(publisher.output().split()[1])
+        count = how_many(publisher)
         eventually(lambda: last(bench, topic_name) == b'%d' % (count - 1), 60)
         assert bridge.end() == 0
         records = bench.records(topic_name, totals(bridge, 'to_kafka')['confirmed'])

@@ -16,6 +16,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 )
 from from_ros import identities, publish, text
 from harness import Bench, eventually, headers, to_kafka, totals, values
+from numbers_to_kafka import told
 from patience import patient
 
 LARGE = 9_003  # with header, length and NUL a multiple of 4: no padding is added to it
@@ -61,7 +62,7 @@ def test_a_message_that_is_too_large_is_a_dead_letter_and_stops_no_other_guarant
     with bench.bridge(config) as bridge, publish(bench, '/orders', sent) as publisher:
         records = bench.records(topic_name, 400)
         [letter] = bench.records(f'{topic_name}.dead-letters', 1)
-        gid = publisher.output().split()[1]
+        gid = told(publisher, 'gid')
         assert bridge.end() == 0
     assert values(records) == small
     assert letter.value() is None

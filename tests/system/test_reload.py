@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from harness import Bench, Process, eventually, lines, to_kafka, to_ros, values
+from numbers_to_kafka import how_many
 from reloads import REFUSED, Reloaded
 from workers import gone, pids, there_and_back, wait_until_gone
 
@@ -65,7 +66,7 @@ def test_a_reload_under_load_loses_and_repeats_nothing_on_the_routes_that_stay(
             assert it.to(routes) == said
         until.touch()
         publisher.wait_for('published ', 60)
-        count = int(publisher.output().split('published ')[1].split()[0])
+        count = how_many(publisher)
         eventually(lambda: str(sent - 1) in lines(arrived)[-1:], 120, process.output)
         records = bench.records(written, count, timeout_s=120)
         assert process.end(40) == 0, process.output()
@@ -327,7 +328,7 @@ def test_what_a_volatile_publisher_sends_in_a_hand_over_may_be_missing_but_nothi
             eventually(partial(bench.reaches, topic_name, goal), 60, process.output)
         until.touch()
         publisher.wait_for('published ', 60)
-        count = int(publisher.output().split('published ')[1].split()[0])
+        count = how_many(publisher)
         eventually(lambda: last(bench, topic_name) == count - 1, 60, process.output)
         records = bench.records(topic_name, bench.end_offset(topic_name))
         found = [int(value) for value in values(records)]
