@@ -84,8 +84,10 @@ class Told:
 class Nobody:
     """A successor where none is needed."""
 
-    def is_needed(self, *, may_read: bool) -> bool:
-        del may_read
+    def note_readers(self, *, may_read: bool) -> None:
+        pass
+
+    def is_needed(self) -> bool:
         return False
 
     def has_come(self) -> bool:

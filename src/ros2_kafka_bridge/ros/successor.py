@@ -23,16 +23,20 @@ class RosSuccessor:
         self._own = own
         self._known: set[bytes] = set()
 
-    def is_needed(self, *, may_read: bool) -> bool:
-        """Whether what is published while nobody reads would be lost; notes who reads now.
+    def note_readers(self, *, may_read: bool) -> None:
+        """Note who reads now: another one has come where one reads that is not noted.
 
         Args:
-            may_read: Whether it may read already.
+            may_read: Whether the successor may be one of them already.
         """
         with contextlib.suppress(BridgeError):
             self._known = self._readers()
             if may_read and self._own:
                 self._known = {gid for gid in self._known if gid.startswith(self._own)}
+
+    def is_needed(self) -> bool:
+        """Whether what is published while nobody reads would be lost."""
+        with contextlib.suppress(BridgeError):
             peers = self._node.publishers(self._topic)
             return any(peer.durability == 'volatile' for peer in peers)
         return False

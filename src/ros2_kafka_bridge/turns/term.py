@@ -38,12 +38,15 @@ class TurnLock(Protocol):
 class Successor(Protocol):
     """Another bridge that is to read the ROS topic (`ros.successor.RosSuccessor`)."""
 
-    def is_needed(self, *, may_read: bool) -> bool:
-        """Whether what is published while nobody reads would be lost; notes who reads now.
+    def note_readers(self, *, may_read: bool) -> None:
+        """Note who reads now.
 
         Args:
-            may_read: Whether it may read already.
+            may_read: Whether it may be one of them already.
         """
+
+    def is_needed(self) -> bool:
+        """Whether what is published while nobody reads would be lost."""
         ...
 
     def has_come(self) -> bool:
@@ -203,7 +206,8 @@ class Term(Stop):
 
     def _leave(self) -> float:
         """Leave the lock to a bridge that stands by; returns for how long to wait for it."""
-        if not self._successor.is_needed(may_read=self._over):
+        self._successor.note_readers(may_read=self._over)
+        if not self._successor.is_needed():
             return 0.0
         if self._over:
             return _COMING_S

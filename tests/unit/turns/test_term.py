@@ -63,8 +63,10 @@ class MemorySuccessor:
         self.come = False
         self.may_read: bool | None = None
 
-    def is_needed(self, *, may_read: bool) -> bool:
+    def note_readers(self, *, may_read: bool) -> None:
         self.may_read = may_read
+
+    def is_needed(self) -> bool:
         return self.needed
 
     def has_come(self) -> bool:
