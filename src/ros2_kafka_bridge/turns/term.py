@@ -8,6 +8,7 @@ from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.turns.overlap import MOST_AT_END_S, Overlap
 
 _COMING_S: Final = 5.0
+_COMING_LATE_S: Final = 10.0  # one that has stood still is told late that the other reads
 _LEAVING_S: Final = 7.5  # Kafka is asked who stands by, and the lock is left
 
 OVERLAP_S: Final = _LEAVING_S + _COMING_S + MOST_AT_END_S
@@ -210,7 +211,7 @@ class Term(Stop):
         if not self._successor.is_needed():
             return 0.0
         if self._over:
-            return _COMING_S
+            return _COMING_LATE_S
         if not self._lock.is_wanted():
             return 0.0
         self._lock.close()
