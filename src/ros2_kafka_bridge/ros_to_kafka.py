@@ -134,8 +134,9 @@ class RosToKafka:
         with self._opened():
             while not stop.look():
                 taken = self._rest() if self._pause.asked else self._step()
-                if stop.overlaps and taken is not None:
-                    stop.note_taken({m.gid: m.source_time_ns for m in taken})
+                if stop.overlaps:
+                    newest = {m.gid: m.source_time_ns for m in taken or ()}
+                    stop.note_taken(None if taken is None else newest)
             self._drain(stop)
 
     def _prepare(self) -> None:

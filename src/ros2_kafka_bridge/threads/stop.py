@@ -70,11 +70,12 @@ class Stop:
         """Whether it counts for this stop what is taken meanwhile."""
         return False
 
-    def note_taken(self, newest: Mapping[bytes, int]) -> None:
+    def note_taken(self, newest: Mapping[bytes, int] | None) -> None:
         """Note what a take has brought.
 
         Args:
-            newest: Publisher -> when the newest of it was published, in ns since 1970.
+            newest: Publisher -> when the newest of it was published, in ns since 1970; None where
+                there was no room to take anything.
         """
 
     @property

@@ -37,17 +37,22 @@ class Overlap:
     def __init__(self) -> None:
         self._newer_ns = time.time_ns() + int(KNOWN_S * 1e9)
         self._began_s = self._listens_since_s = self._older_at_s = time.monotonic()
-        self._taken_at_s: float | None = None
+        self._taken_at_s: float | None = None  # while nobody says whether anything was
         self._older: set[bytes] = set()  # the publishers that were heard with nothing newer yet
 
-    def note(self, newest: Mapping[bytes, int]) -> None:
+    def note(self, newest: Mapping[bytes, int] | None) -> None:
         """Note what a take has brought; while takes were held up nothing could be heard.
 
         Args:
-            newest: Publisher -> when its newest message was published, in ns since 1970.
+            newest: Publisher -> when its newest message was published, in ns since 1970; None
+                where nothing could be taken.
         """
+        if self._taken_at_s is None:
+            self._taken_at_s = self._began_s
+        if newest is None:
+            return
         now_s = time.monotonic()
-        if now_s - (self._taken_at_s or self._began_s) > _HELD_UP_S:
+        if now_s - self._taken_at_s > _HELD_UP_S:
             self._listens_since_s = now_s
         self._taken_at_s = now_s
         older = {gid for gid, published_ns in newest.items() if published_ns < self._newer_ns}

@@ -180,7 +180,7 @@ class Term(Stop):
         """Whether the bridge stops; where it only hands over, it can wait for what it holds."""
         return self._stop.asked
 
-    def note_taken(self, newest: Mapping[bytes, int]) -> None:
+    def note_taken(self, newest: Mapping[bytes, int] | None) -> None:
         """Note what a take has brought: what the successor may not have is waited for."""
         if self._overlap is not None:
             self._overlap.note(newest)
