@@ -111,8 +111,12 @@ def replay(query: LetterQuery, options: ReplayOptions) -> int:
         except BridgeError as error:
             if not run.began:
                 raise
-            told = f'{tally.text(dry_run=False)}, perhaps the batch in hand, too'
-            text = f'{escaped(str(error))}; {told}; {_GO_ON}, exactly'
+            told = (
+                f'{tally.text(dry_run=False)}, perhaps the batch in hand, too; {_GO_ON}, exactly'
+            )
+            if options.to_ros:
+                told = f'{tally.text(dry_run=False)}; {_GO_ON}, some of it perhaps again'
+            text = f'{escaped(str(error))}; {told}'
             print(text, file=sys.stderr)  # noqa: T201 (the words for the user)
             return 1
     return _end(query, options, tally, there, cut=run.cut)
@@ -266,6 +270,8 @@ class _Run:
             return
         for name in dict.fromkeys(one.again.route.name for one in batch if one.again.route):
             part = [one for one in batch if one.again.route and one.again.route.name == name]
+            if self._is_cut():
+                return
             self._publish(part, transactions)
 
     def _publish(self, part: Sequence[Ready], transactions: Transactions) -> None:
@@ -277,6 +283,7 @@ class _Run:
             channel.deliver([one.again.record for one in part])
         finally:
             self._write(part[: channel.delivered], transactions)
+        self.cut = self.cut or channel.delivered < len(part)
 
     def _write(self, batch: Sequence[Ready], transactions: Transactions) -> None:
         """Write records and marks, or after publishing the marks alone."""

@@ -77,20 +77,23 @@ class LetterChannel:
     def deliver(self, letters: Sequence[Outgoing]) -> None:
         """Publish letters in order, and wait until every reader has acknowledged all of them.
 
+        A first stop lets it publish no more: `delivered` tells how far it got.
+
         Raises:
-            TransportError: There are too few readers, one does not acknowledge, or a stop came:
-                `delivered` tells how far it got.
+            TransportError: There are too few readers, one does not acknowledge, or a stop left no
+                time to wait for that; `delivered` tells as well.
             RouteError: ROS refuses them; the same.
         """
         topic, needed = self._route.sink.ros, self._route.min_subscribers
         self._letters.hold(letters)
         with waiting(f'Waiting for the subscribers of {topic}'):
             self._direction.run(_Patience(self._stop, self._letters, self._direction))
-        if not self._letters.lag():
+        measures = self._direction.snapshot.measures
+        if not self._letters.lag() or (self._stop.asked and not measures.queued):
             return
         if self._stop.asked:
             raise TransportError(f'stopped while waiting for the subscribers of {topic}')
-        if (matched := self._direction.snapshot.measures.matched) < needed:
+        if (matched := measures.matched) < needed:
             there = f'{matched} of {count(needed, "subscriber")}'
             raise TransportError(f'{there} of {topic} there after {_PATIENCE_S:g} s')
         raise TransportError(f'a subscriber of {topic} does not take: not acknowledged')
@@ -206,4 +209,4 @@ class _LetterRecord(NamedTuple):
         return self.was.headers
 
     def timestamp(self) -> tuple[int, int]:
-        return 0, 0  # unknown: `max_age_s` counts from the replay
+        return 0, 0  # unknown: whoever replays a letter finds it young enough (`max_age_s`)
