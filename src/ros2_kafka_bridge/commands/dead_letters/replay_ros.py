@@ -14,12 +14,14 @@ from typing import Final, NamedTuple
 from ros2_kafka_bridge.commands.screen import waiting
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, Rebalance, Record, RecordSource
-from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.logs.lines import route_log
 from ros2_kafka_bridge.logs.text import count
+from ros2_kafka_bridge.message_types import load_layout
 from ros2_kafka_bridge.ros.node import open_node
 from ros2_kafka_bridge.ros.probe import probe, probe_topic
+from ros2_kafka_bridge.ros.types import load_type
 from ros2_kafka_bridge.threads.stop import Part, Stop
 from ros2_kafka_bridge.tracing.routes import Tracing
 from ros2_kafka_bridge.wiring import Wiring, histories_of
@@ -48,10 +50,27 @@ def open_channels(
 
         @cache
         def channel(route: KafkaToRosRoute) -> LetterChannel:
+            check_described(route, config)
             make = partial(wiring.to_ros, log=route_log(route.name), stack=stack)
             return LetterChannel(route, make, stop)
 
         yield channel
+
+
+def check_described(route: KafkaToRosRoute, config: Config) -> None:
+    """Refuse a type that letters were checked with, and that is installed otherwise.
+
+    Raises:
+        RouteError: The folder of .msg files has another version of it.
+        ConfigError: It is not installed.
+    """
+    name = route.sink.type
+    checked = load_layout(name, config.ros.message_path)
+    if checked.type_hash != load_type(name).type_hash:
+        raise RouteError(
+            f'{name} is installed otherwise than ros.message_path describes it, which letters '
+            'are checked with: build and source its package'
+        )
 
 
 class LetterChannel:
