@@ -67,6 +67,8 @@ def translated(path: Path, what: str) -> Iterator[None]:
         raise  # a bug
     except sqlite3.Error as error:
         raise _translation(path, what, error) from error
+    except UnicodeDecodeError as error:  # what SQLite says names what is damaged
+        raise DamagedError('its schema is not as it was written') from error
 
 
 def _translation(path: Path, what: str, error: sqlite3.Error) -> Exception:
