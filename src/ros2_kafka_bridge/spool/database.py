@@ -268,6 +268,11 @@ def rows_after(db: sqlite3.Connection, number: int, limit: int) -> Iterator[Stor
     )
 
 
+def all_rows(db: sqlite3.Connection, order: str) -> Iterator[Stored]:
+    """The rows, `ASC` or `DESC`; none is sought, so that no damage misleads to the first."""
+    return db.execute(f'SELECT {_COLUMNS} FROM rows ORDER BY number {order}')  # noqa: S608
+
+
 def numbers_after(
     db: sqlite3.Connection, number: int, limit: int
 ) -> Iterator[tuple[int, Any, Any]]:

@@ -76,6 +76,21 @@ def _readable(path: Path, ledger: Ledger | None) -> Iterator[Stored]:
 
 
 def _whole_rows(db: sqlite3.Connection, path: Path, first: int, last: int) -> Iterator[Stored]:
+    """The rows from the first on, and from the last, each up to damage; then what is between."""
+    try:
+        with translated(path, 'cannot be read'):
+            for stored in filter(is_whole, database.all_rows(db, 'ASC')):
+                yield stored
+                first = stored[0] + 1
+    except DamagedError:
+        with contextlib.suppress(DamagedError), translated(path, 'cannot be read'):
+            for stored in filter(is_whole, database.all_rows(db, 'DESC')):
+                yield stored
+                last = stored[0] - 1
+        yield from _between(db, path, first, last)
+
+
+def _between(db: sqlite3.Connection, path: Path, first: int, last: int) -> Iterator[Stored]:
     """The rows of a range; where SQLite meets damage, it is asked for both halves of the rest."""
     ranges, failures = deque([(first, last)]), 0
     while ranges and failures < _FAILURES:

@@ -1,10 +1,14 @@
-"""What the tests of a direction with a spool share."""
+"""What the tests of spools share, and those of a direction with one."""
 
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from damaged_spools import Sample, fill
 from houses import House, Make
+from spools import opened, read_all, rows
 
 
 @pytest.fixture
@@ -15,3 +19,33 @@ def house(tmp_path: Path) -> Make:
         return House(tmp_path, spool, **more)
 
     return make
+
+
+@pytest.fixture(scope='module')
+def closed(tmp_path_factory: pytest.TempPathFactory) -> Sample:
+    """A spool that was closed in order."""
+    place = tmp_path_factory.mktemp('closed')
+    return Sample(place, fill(place))
+
+
+@pytest.fixture(scope='module')
+def killed(tmp_path_factory: pytest.TempPathFactory) -> Sample:
+    """A spool whose process was killed: the last transactions are in the log only."""
+    source = tmp_path_factory.mktemp('source')
+    place = tmp_path_factory.mktemp('killed')
+    fill(source)
+    with opened(source) as spool:
+        for first in range(601, 701, 10):
+            spool.append(rows(first, first + 9))
+        spool.release(40)
+        held = {one.number: one for one in read_all(spool)}
+        for file in source.iterdir():
+            shutil.copy(file, place)
+    return Sample(place, held)
+
+
+@pytest.fixture
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    place = tmp_path_factory.mktemp('spool')
+    yield place
+    shutil.rmtree(place)

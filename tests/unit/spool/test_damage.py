@@ -3,18 +3,15 @@
 import logging
 import os
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
+from damaged_spools import Sample, beside, overwrite, put_aside, zero_page
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from spools import make, numbers, opened, read_all, reopened, row, rows
+from spools import make, numbers, opened, read_all, reopened, rows
 
-from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.spool import database, salvage
-from ros2_kafka_bridge.spool.store import Row, file_of
 
 SEVERAL = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -22,106 +19,15 @@ SEVERAL = settings(max_examples=25, suppress_health_check=[HealthCheck.function_
 places = st.one_of(st.floats(0, 1, exclude_max=True), st.floats(0, 0.03))
 
 
-def beside(place: Path, suffix: str = '') -> Path:
-    """A file of the spool in a directory."""
-    file = file_of(place, 'bridge', 'route')
-    return file.with_name(file.name + suffix)
-
-
-def read(file: Path) -> bytes:
-    return file.read_bytes() if file.exists() else b''
-
-
-def overwrite(file: Path, at: int, data: bytes) -> None:
-    """Write over a part of a file."""
-    with file.open('r+b') as opened_file:
-        opened_file.seek(at)
-        opened_file.write(data)
-
-
-def zero_page(file: Path, around: bytes) -> None:
-    """Let the page that holds these bytes be zeros."""
-    at = file.read_bytes().index(around) // database.PAGE_BYTES * database.PAGE_BYTES
-    overwrite(file, at, bytes(database.PAGE_BYTES))
-
-
-def put_aside(place: Path) -> list[Path]:
-    return sorted(place.glob('*.damaged-*'))
-
-
-class Sample(NamedTuple):
-    """A spool that is not open, and the rows in it."""
-
-    place: Path
-    rows: dict[int, Row]
-
-    def copy(self, place: Path) -> 'Sample':
-        shutil.copytree(self.place, place, dirs_exist_ok=True)
-        return Sample(place, self.rows)
-
-    def check(self) -> int:
-        """Open it: what comes was written, the rest is counted. Returns how many are lost."""
-        before = {suffix: read(beside(self.place, suffix)) for suffix in ('', '-wal')}
-        found = reopened(self.place)
-        for kept in put_aside(self.place):
-            assert kept.read_bytes() == before['-wal' if kept.name.endswith('-wal') else '']
-        assert all(self.rows[one.number] == one for one in found.rows)
-        assert found.certain
-        assert len(found.rows) + found.lost == len(self.rows)
-        again = reopened(self.place)
-        assert (again.rows, again.lost) == (found.rows, 0), 'repaired once'
-        return found.lost
-
-
-def fill(place: Path) -> dict[int, Row]:
-    """Small rows and some of several pages, some released, some dropped, some free pages."""
-    with opened(place) as spool:
-        for first in range(1, 600, 50):
-            spool.append([row(n, 9000 if n % 40 == 0 else 100) for n in range(first, first + 50)])
-        spool.release(30)
-        spool.drop_oldest(100, 3000)
-        return {one.number: one for one in read_all(spool)}
-
-
-@pytest.fixture(scope='module')
-def closed(tmp_path_factory: pytest.TempPathFactory) -> Sample:
-    """A spool that was closed in order."""
-    place = tmp_path_factory.mktemp('closed')
-    return Sample(place, fill(place))
-
-
-@pytest.fixture(scope='module')
-def killed(tmp_path_factory: pytest.TempPathFactory) -> Sample:
-    """A spool whose process was killed: the last transactions are in the log only."""
-    source = tmp_path_factory.mktemp('source')
-    place = tmp_path_factory.mktemp('killed')
-    fill(source)
-    with opened(source) as spool:
-        for first in range(601, 701, 10):
-            spool.append(rows(first, first + 9))
-        spool.release(40)
-        held = {one.number: one for one in read_all(spool)}
-        for file in source.iterdir():
-            shutil.copy(file, place)
-    return Sample(place, held)
-
-
-@pytest.fixture
-def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    place = tmp_path_factory.mktemp('spool')
-    yield place
-    shutil.rmtree(place)
-
-
 @SEVERAL
-@given(at=places, flip=st.integers(1, 255))
+@given(at=places, bits=st.integers(1, 255))
 def test_what_a_flipped_byte_costs_is_counted(
-    closed: Sample, tmp_path_factory: pytest.TempPathFactory, at: float, flip: int
+    closed: Sample, tmp_path_factory: pytest.TempPathFactory, at: float, bits: int
 ) -> None:
     sample = closed.copy(tmp_path_factory.mktemp('flip'))
     file = beside(sample.place)
     content = bytearray(file.read_bytes())
-    content[int(at * len(content))] ^= flip
+    content[int(at * len(content))] ^= bits
     file.write_bytes(content)
     sample.check()
     shutil.rmtree(sample.place)
@@ -143,14 +49,14 @@ def test_a_file_that_was_cut_off_gives_what_is_left_of_it(
 
 
 @SEVERAL
-@given(at=places, flip=st.integers(1, 255))
+@given(at=places, bits=st.integers(1, 255))
 def test_a_flipped_byte_in_the_log_costs_what_is_in_the_log_at_most(
-    killed: Sample, tmp_path_factory: pytest.TempPathFactory, at: float, flip: int
+    killed: Sample, tmp_path_factory: pytest.TempPathFactory, at: float, bits: int
 ) -> None:
     sample = killed.copy(tmp_path_factory.mktemp('flip'))
     file = beside(sample.place, '-wal')
     content = bytearray(file.read_bytes())
-    content[int(at * len(content))] ^= flip
+    content[int(at * len(content))] ^= bits
     file.write_bytes(content)
     assert sample.check() <= 100
     shutil.rmtree(sample.place)
@@ -212,36 +118,6 @@ def test_what_is_between_two_damaged_pages_is_read(closed: Sample, place: Path) 
         zero_page(beside(place), text)
     assert 2 <= sample.check() <= 50
     assert set(range(300, 401)) <= set(numbers(reopened(place).rows))
-
-
-@pytest.mark.parametrize(('page', 'is_lost'), [(1, True), (2, False), (3, True)])
-def test_all_is_lost_and_counted_without_the_pages_that_lead_to_all(
-    closed: Sample, place: Path, page: int, *, is_lost: bool
-) -> None:
-    sample = closed.copy(place)
-    overwrite(beside(place), (page - 1) * database.PAGE_BYTES, bytes(database.PAGE_BYTES))
-    assert sample.check() == is_lost * len(sample.rows)
-
-
-def test_a_beginning_of_zeros_is_a_damaged_spool_where_the_lock_file_knows_of_one(
-    closed: Sample, place: Path
-) -> None:
-    sample = closed.copy(place)
-    overwrite(beside(place), 0, bytes(5 * database.PAGE_BYTES))
-    assert sample.check() == len(sample.rows)
-
-
-def test_a_beginning_that_is_of_no_spool_is_refused_and_left_as_it_is(
-    closed: Sample, place: Path
-) -> None:
-    closed.copy(place)
-    overwrite(beside(place), 0, b'a diary' * database.PAGE_BYTES)
-    before = beside(place).read_bytes()
-    with pytest.raises(RouteError, match='is not a spool: move it away'):
-        make(place).open()
-    assert beside(place).read_bytes() == before
-    beside(place).unlink()
-    assert reopened(place).lost == len(closed.rows)
 
 
 def test_without_any_ledger_the_gaps_are_counted(closed: Sample, place: Path) -> None:
