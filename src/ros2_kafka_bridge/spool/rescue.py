@@ -2,9 +2,10 @@
 
 import contextlib
 import itertools
+import shutil
 import sqlite3
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -16,6 +17,10 @@ from ros2_kafka_bridge.spool.rows import Stored, is_whole
 _BATCH: Final = 500
 _FAILURES: Final = 10_000  # a second of looking for what is behind damage
 _LAST: Final = 2**63 - 1
+# Of the first page (https://sqlite.org/fileformat2.html): how many pages there are (with 0 SQLite
+# goes by the size of the file), and what is the same in every spool, all but such counters.
+_PAGES: Final = slice(28, 32)
+_SAME_IN_ALL: Final = (slice(24), slice(44, 92), slice(100, database.PAGE_BYTES))
 
 
 class Rescued(NamedTuple):
@@ -46,9 +51,10 @@ def rescue(path: Path, known: Ledger | None, target: Path) -> Rescued:
     """
     found = max(filter(None, (known, _newest_ledger(path))), default=None)
     ledger = found or Ledger()
-    right = _readable(path, found)
-    batches = iter(lambda: list(itertools.islice(right, _BATCH)), [])
-    made = database.make(target, ledger._replace(change=ledger.change + 1), batches)
+    copy = target.with_name(f'{target.name}.copy')
+    with contextlib.closing(_readable(path, found, copy)) as right:
+        batches = iter(lambda: list(itertools.islice(right, _BATCH)), [])
+        made = database.make(target, ledger._replace(change=ledger.change + 1), batches)
     lost = (ledger.rows if found else made.high - made.floor + 1) - made.rows
     # The copy beside the file is at most one transaction behind, unless the machine went down.
     certain = found is not None and known is not None and found.change <= known.change + 1
@@ -62,8 +68,46 @@ def _newest_ledger(path: Path) -> Ledger | None:
     return max(filter(None, map(newest, found)), default=None)
 
 
-def _readable(path: Path, ledger: Ledger | None) -> Iterator[Stored]:
+def _readable(path: Path, ledger: Ledger | None, copy: Path) -> Generator[Stored, None, None]:
     """The rows that are whole and must be there, in no order; one may come twice."""
+    yield from _rows_in(path, ledger)
+    with _with_fresh_first_page(path, copy) as mended:
+        if mended:
+            yield from _rows_in(copy, ledger)
+
+
+@contextlib.contextmanager
+def _with_fresh_first_page(path: Path, copy: Path) -> Iterator[bool]:
+    """Make a copy whose first page leads to all others; none where that of the file does."""
+    try:
+        database.make(copy, Ledger(), [])
+        fresh = health.beginning_of(copy)[: database.PAGE_BYTES]
+        if _leads_to_all(path, fresh):
+            yield False
+            return
+        shutil.copyfile(path, copy)
+        if health.has_log(path):
+            shutil.copyfile(health.log_of(path), health.log_of(copy))
+        with copy.open('r+b') as file:
+            file.write(fresh[: _PAGES.start] + bytes(4) + fresh[_PAGES.stop :])
+        yield True
+    except OSError as error:
+        raise database.no_room(copy, 'cannot be made', error) from error
+    finally:
+        database.remove(copy)
+
+
+def _leads_to_all(path: Path, fresh: bytes) -> bool:
+    """Whether the first page of a file is as it was made; so it is, where there is no file."""
+    if not health.size_of(path):
+        return True
+    found = health.beginning_of(path)
+    pages = health.size_of(path) // database.PAGE_BYTES
+    is_same = all(found[part] == fresh[part] for part in _SAME_IN_ALL)
+    return is_same and int.from_bytes(found[_PAGES]) >= pages
+
+
+def _rows_in(path: Path, ledger: Ledger | None) -> Iterator[Stored]:
     first, last = (ledger.floor, ledger.high) if ledger else (0, _LAST)
     # A damaged log hides pages of the file.
     for with_log in (True, False) if health.has_log(path) else (True,):

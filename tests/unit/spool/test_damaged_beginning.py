@@ -1,22 +1,68 @@
 """A spool whose first pages are damaged, which lead to all others."""
 
+import errno
+import os
+import shutil
 from pathlib import Path
 
 import pytest
-from damaged_spools import Sample, beside, flip, overwrite
+from damaged_spools import Sample, beside, flip, overwrite, read
 from spools import make, reopened
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.spool import database
 
 
-@pytest.mark.parametrize(('page', 'is_lost'), [(1, True), (2, False), (3, True)])
+@pytest.mark.parametrize(('page', 'is_lost'), [(1, False), (2, False), (3, True)])
 def test_all_is_lost_and_counted_without_the_page_that_leads_to_all_rows(
     closed: Sample, place: Path, page: int, *, is_lost: bool
 ) -> None:
     sample = closed.copy(place)
     overwrite(beside(place), (page - 1) * database.PAGE_BYTES, bytes(database.PAGE_BYTES))
     assert sample.check() == is_lost * len(sample.rows)
+
+
+@pytest.mark.parametrize('at', [0, 17, 19, 22, 31, 47, 59, 100, 104, 109])
+def test_a_byte_of_the_header_costs_nothing(closed: Sample, place: Path, at: int) -> None:
+    sample = closed.copy(place)
+    flip(beside(place), at)
+    assert sample.check() == 0
+
+
+@pytest.mark.parametrize('text', [b'tablerows', b'rowsrows', b'CREATE TABLE rows', b'number'])
+def test_a_letter_of_the_schema_costs_nothing(closed: Sample, place: Path, text: bytes) -> None:
+    """With its highest bit it is no letter any more, also where SQLite names it."""
+    sample = closed.copy(place)
+    flip(beside(place), beside(place).read_bytes().index(text) + 1, 0x80)
+    assert sample.check() == 0
+
+
+def test_a_damaged_first_page_costs_nothing_of_what_is_in_the_log(
+    killed: Sample, place: Path
+) -> None:
+    sample = killed.copy(place)
+    flip(beside(place), 0)
+    assert sample.check() == 0
+    assert not list(place.glob('*.copy*'))
+
+
+def test_without_room_for_a_copy_a_damaged_first_page_loses_nothing(
+    closed: Sample, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sample = closed.copy(place)
+    flip(beside(place), 0)
+    before = read(beside(place))
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(shutil, 'copyfile', full)
+        with pytest.raises(RouteError, match='cannot be repaired now, nothing of it was changed'):
+            make(place).open()
+    assert read(beside(place)) == before
+    assert [file.suffix for file in sorted(place.iterdir())] == ['.spool', '.lock']
+    assert sample.check() == 0
 
 
 def test_a_damaged_place_in_a_page_that_leads_to_others_costs_one_of_those(
