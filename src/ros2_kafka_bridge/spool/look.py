@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.errors import BridgeError, TransportError
 from ros2_kafka_bridge.spool import database, health
 from ros2_kafka_bridge.spool.database import DamagedError
 from ros2_kafka_bridge.spool.health import log_of
@@ -123,8 +123,8 @@ def _what_is_left(
     general: SpoolContents, path: Path, known: Ledger | None, messages: int
 ) -> SpoolContents:
     """What a bridge would make of a damaged spool."""
-    with TemporaryDirectory() as place:
-        whole = Path(place) / path.name
+    with _temporary() as place:
+        whole = place / path.name
         lost = rescue(path, known, whole).lost
         with health.opened(whole) as db:
             return replace(_with_contents(general, db, messages), lost=lost)
@@ -136,14 +136,29 @@ def _untouched(path: Path, *, is_live: bool) -> Iterator[Path]:
     if is_live or not health.has_log(path):
         yield path
         return
-    with TemporaryDirectory() as place:
-        copy = Path(place) / path.name
+    with _temporary() as place:
+        copy = place / path.name
         for source, target in ((path, copy), (log_of(path), log_of(copy))):
             try:
                 shutil.copyfile(source, target)
             except OSError as error:
-                raise database.no_room(target, f'cannot take a copy of {source}', error) from error
+                raise TransportError(
+                    f'a copy of {source}, to look into it, cannot be made in {place}: '
+                    f'{error.strerror}'
+                ) from error
         yield copy
+
+
+@contextlib.contextmanager
+def _temporary() -> Iterator[Path]:
+    try:
+        place = TemporaryDirectory()
+    except OSError as error:
+        raise TransportError(
+            f'there is no directory for temporary files ({error.strerror}): set TMPDIR to one'
+        ) from error
+    with place as name:
+        yield Path(name)
 
 
 def _with_contents(general: SpoolContents, db: sqlite3.Connection, messages: int) -> SpoolContents:

@@ -107,6 +107,26 @@ def test_it_touches_nothing_of_a_spool_whose_bridge_was_killed(
         (place / 'bridge.route.spool-shm').unlink(missing_ok=True)
 
 
+@pytest.mark.parametrize('damaged', [False, True])
+def test_without_a_directory_for_a_copy_it_says_which_is_missing(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    *,
+    damaged: bool,
+) -> None:
+    file = fill(tmp_path)
+    log = file.with_name(f'{file.name}-wal')
+    if damaged:
+        os.truncate(file, 5000)
+    else:
+        log.write_bytes(b'not one that is empty')
+    monkeypatch.setattr('tempfile.tempdir', str(tmp_path / 'gone'))
+    status, (shown,) = as_json(tmp_path, capsys)
+    assert status == 2
+    assert 'no directory for temporary files (No such file or directory)' in shown['problem']
+
+
 def test_what_a_damaged_log_costs_is_said_and_it_is_left_as_it_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
