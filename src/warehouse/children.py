@@ -11,8 +11,6 @@ from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.testing.owned import start_owned
 
-__all__ = ['Child', 'Program']
-
 _SHORTEST_S: Final = 0.5
 _LONGEST_S: Final = 10.0
 _STEADY_S: Final = 30.0  # one that has lived so long begins with the shortest wait again

@@ -6,8 +6,6 @@ import msgspec
 
 from warehouse.messages import Message
 
-__all__ = ['MessageError', 'decode', 'encode']
-
 M = TypeVar('M', bound=Message)
 
 _ENCODER = msgspec.json.Encoder()

@@ -22,16 +22,6 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 
 from warehouse.topics import KAFKA, KafkaTopic
 
-__all__ = [
-    'AwayError',
-    'Memory',
-    'Sender',
-    'ask_for_topics',
-    'committed',
-    'create_topics',
-    'newest',
-]
-
 _REQUEST_S: Final = 5.0
 _AGAIN_S: Final = 1.0
 _BEGIN_S: Final = 30.0

@@ -11,8 +11,6 @@ from warehouse.kafka import AwayError
 from warehouse.run_options import StartError
 from warehouse.send import RequestError
 
-__all__ = ['MISTAKES']
-
 MISTAKES: Final = (
     AwayError,
     FaultError,

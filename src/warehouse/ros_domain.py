@@ -9,8 +9,6 @@ from typing import Final
 
 from warehouse.run_options import Options, StartError
 
-__all__ = ['claim_domain', 'domain_of']
-
 # Not that of TMPDIR, which may be another one for each user: all warehouses look at one place.
 _LOCKS: Final = Path('/tmp')  # noqa: S108 (a name that others know is what it is for)
 _PID_BYTES: Final = 16

@@ -23,8 +23,6 @@ from warehouse.ros_domain import claim_domain, domain_of
 from warehouse.run_options import Options, check, site_of
 from warehouse.topics import TOPICS
 
-__all__ = ['missing_of', 'programs_of', 'run', 'write_site']
-
 _BRIDGE: Final = Path(__file__).parent / 'data' / 'bridge.yaml'
 _LOOK_S: Final = 0.1
 _START_S: Final = 120.0

@@ -11,8 +11,6 @@ from warehouse.domain.faults import read_fault
 from warehouse.domain.robot_failure_profile import read_failure_profile
 from warehouse.domain.site import Site, check_robot_types, choose_site
 
-__all__ = ['Options', 'StartError', 'check', 'site_of']
-
 _DATA: Final = Path(__file__).parent / 'data'
 
 

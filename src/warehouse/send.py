@@ -14,8 +14,6 @@ from warehouse.domain.site import Site
 from warehouse.kafka import Sender
 from warehouse.messages import OperatorCommand, OrderRequest
 
-__all__ = ['RequestError', 'read_requests', 'send_command', 'send_random', 'send_requests']
-
 _ORDERS = 'warehouse.orders'
 _COMMANDS = 'warehouse.commands'
 _COMMAND_S = 5.0  # a person waits for it

@@ -5,8 +5,6 @@ from typing import Annotated
 
 import typer
 
-__all__ = ['simulate']
-
 # A limit also keeps out `inf` and `nan`, with which a simulation would not end.
 _MOST_AN_HOUR = 36_000
 _MOST_STEPS = 100_000_000

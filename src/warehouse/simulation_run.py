@@ -19,8 +19,6 @@ from warehouse.domain.simulation import Simulation
 from warehouse.domain.simulation_result import Result
 from warehouse.domain.site import check_robot_types, choose_site
 
-__all__ = ['Wish', 'run', 'world']
-
 WRONG_SHOWN = 10
 
 

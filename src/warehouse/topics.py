@@ -2,8 +2,6 @@
 
 from typing import Final, NamedTuple
 
-__all__ = ['BRIDGE', 'KAFKA', 'TOPICS', 'KafkaTopic', 'Topic']
-
 STRING: Final = 'std_msgs/msg/String'
 
 

@@ -6,8 +6,6 @@ from typing import Annotated, NoReturn
 
 import typer
 
-__all__ = ['validate']
-
 SHOWN = 20
 
 File = Annotated[Path, typer.Argument(help='Trace, a step in JSON on each line.')]

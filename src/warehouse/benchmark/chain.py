@@ -28,8 +28,6 @@ from warehouse.domain.site import Site, make_site
 from warehouse.kafka import Memory, Sender
 from warehouse.messages import FleetState, Line, OrderEvent, OrderRequest, OrderStatus, RobotState
 
-__all__ = ['ChainResult', 'measure', 'rows', 'run']
-
 _EVENTS: Final = 'warehouse.order-events'
 _STATES: Final = 'warehouse.robots'
 _UP_S: Final = 180.0

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from warehouse.benchmark.instances import Instance
     from warehouse.benchmark.runner import Crash
 
-__all__ = ['benchmark']
-
 ROBOTS = (10, 50)
 FREQUENCIES = (0.2, 1.0, 2.0, 10.0)
 

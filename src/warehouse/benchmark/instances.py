@@ -14,17 +14,6 @@ from warehouse.domain.grid import Grid
 from warehouse.domain.maps import FloorPlan, Job, read_map, read_scenario, read_tasks
 from warehouse.messages import Cell
 
-__all__ = [
-    'TASKS',
-    'Instance',
-    'InstanceError',
-    'generate',
-    'large_warehouse',
-    'read',
-    'read_scene',
-    'small_warehouse',
-]
-
 TASKS: Final = 500
 SHELF_ROWS: Final = 5
 SIDE_ENDPOINTS: Final = 102

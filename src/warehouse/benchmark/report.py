@@ -11,18 +11,6 @@ from warehouse.benchmark.runner import Outcome, Throughput
 from warehouse.domain.trace_check import validate_trace
 from warehouse.messages import Violation
 
-__all__ = [
-    'Published',
-    'Report',
-    'as_json',
-    'as_table',
-    'published',
-    'throughput_as_json',
-    'throughput_table',
-    'validate',
-    'validate_moves',
-]
-
 
 class Published(NamedTuple):
     """Mean service times of Xu et al., IROS 2022, Table II."""

@@ -27,8 +27,6 @@ from warehouse.domain.matching import match, prices
 from warehouse.domain.pibt import Pibt, Robot
 from warehouse.messages import Cell
 
-__all__ = ['Crash', 'Outcome', 'Throughput', 'run', 'run_for_ever']
-
 # Nothing is picked or delivered for so long: the run is given up, which the result shows.
 GIVEN_UP_AFTER: Final = 3000
 FAR: Final = float('inf')

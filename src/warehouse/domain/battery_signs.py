@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from warehouse.domain.signs import Signs
     from warehouse.messages import Cell, RobotState
 
-__all__ = ['ChargerWatch', 'weigh_battery']
-
 _BANDS: Final = ('', 'low', 'critical', 'empty')
 
 

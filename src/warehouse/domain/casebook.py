@@ -31,8 +31,6 @@ from warehouse.messages import (
     Tasks,
 )
 
-__all__ = ['FLEET', 'VIOLATION', 'Casebook']
-
 FLEET: Final = ''
 VIOLATION: Final = 'VIOLATION'
 

@@ -11,8 +11,6 @@ from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.grid import Distances
 from warehouse.messages import Cell, FleetReport, RobotReport
 
-__all__ = ['give_chargers']
-
 NEAR_TARGET: Final = 5.0  # percent below the target at which an idle robot needs no charger
 
 

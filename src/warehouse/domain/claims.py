@@ -20,8 +20,6 @@ from warehouse.messages import (
     Violation,
 )
 
-__all__ = ['Claims']
-
 # In steps that were checked.
 GRACE: Final = 10  # for a delivery to be seen that is said to have happened
 QUIET: Final = 20  # after the last news of a task, before it is compared with its order

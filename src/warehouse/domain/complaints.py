@@ -12,15 +12,6 @@ if TYPE_CHECKING:
     from warehouse.domain.execution_profiles import RobotType
     from warehouse.domain.signs import Signs
 
-__all__ = [
-    'ALL_WELL',
-    'failed_actions',
-    'show_complaints',
-    'show_failed',
-    'show_overload',
-    'show_retriable',
-]
-
 ALL_WELL: Final = SafetyState()
 _ENDED: Final = (ActionStatus.FINISHED, ActionStatus.FAILED)
 

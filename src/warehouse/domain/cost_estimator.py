@@ -22,8 +22,6 @@ from warehouse.domain.places import obstacles, pick_cells
 from warehouse.domain.site import Site
 from warehouse.messages import Cell, Costs, FleetReport, RobotReport, Task, Tasks, TaskStatus
 
-__all__ = ['CARRY', 'CostEstimator']
-
 Table = NDArray[np.float64]
 
 # Of the way with the load, see `matching`: short work first keeps the mean time low.

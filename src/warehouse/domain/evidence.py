@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from warehouse.domain.execution_profiles import RobotType
     from warehouse.domain.robot_failure_profile import Limits
 
-__all__ = ['Watch']
-
 SLOW_FOR_S: Final = 20.0  # without moving a robot counts as slow no longer than this
 ORDERS_KEPT: Final = 3  # a state may be seen some orders late
 

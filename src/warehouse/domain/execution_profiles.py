@@ -8,15 +8,6 @@ import msgspec
 from warehouse.domain.profile_files import ProfileFile, near_miss
 from warehouse.messages import Message
 
-__all__ = [
-    'STEPS',
-    'Battery',
-    'ExecutionProfiles',
-    'Response',
-    'RobotType',
-    'read_execution_profiles',
-]
-
 DEFAULT_FILE: Final = Path(__file__).parent.parent / 'data' / 'execution_profiles.yaml'
 
 # The steps of a response, as said in words to a person.

@@ -12,16 +12,6 @@ import msgspec
 from warehouse.domain.execution_profiles import ExecutionProfiles, Response
 from warehouse.messages import Cell, ErrorLevel
 
-__all__ = [
-    'ESCALATE',
-    'LEVELS',
-    'NEVER_S',
-    'Failure',
-    'enter',
-    'response_to',
-    'take_step',
-]
-
 ESCALATE: Final = 'escalate'
 NEVER_S: Final = 1e18
 

@@ -10,20 +10,6 @@ from typing import Final, NamedTuple
 from warehouse.domain.profile_files import near_miss
 from warehouse.messages import Error, ErrorLevel
 
-__all__ = [
-    'CODES',
-    'CRASH_STEPS',
-    'ORDER_ERRORS',
-    'FaultError',
-    'FaultPlan',
-    'Schedule',
-    'Symptom',
-    'check_code',
-    'read_fault',
-    'slowness',
-    'symptom',
-]
-
 CRASH_STEPS: Final = 10  # that a robot's software needs to start again
 REFUSALS: Final = 2  # orders in a row that a robot with ORDER_REJECTED refuses
 

@@ -11,8 +11,6 @@ from warehouse.domain.simulated_robot import SimulatedRobot, Work
 from warehouse.domain.site import Site
 from warehouse.messages import Action, ActionStatus, Cell, Error, ErrorLevel, Load
 
-__all__ = ['FleetActions']
-
 _ORDER_TEXTS: Final = {
     'PICK_FAILED': 'the gripper did not get the load',
     'LOAD_MISSING': 'the load is not there',

@@ -8,8 +8,6 @@ from warehouse.domain.floor import Floor, is_next
 from warehouse.domain.simulated_robot import SimulatedRobot
 from warehouse.messages import Cell, RobotOrder
 
-__all__ = ['FleetFaults']
-
 
 class FleetFaults:
     """Breaks and mends robots.

@@ -1,7 +1,5 @@
 """Where the simulated fleet is in time, and what is new since others have seen it."""
 
-__all__ = ['Steps']
-
 
 class Steps:
     """The steps of a fleet.

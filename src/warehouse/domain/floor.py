@@ -8,8 +8,6 @@ import msgspec
 from warehouse.domain.site import Site
 from warehouse.messages import Cell, Load
 
-__all__ = ['Floor', 'granted', 'is_next']
-
 _REMEMBERED: Final = 200  # loads that were delivered; far more than can be asked for again
 
 

@@ -10,8 +10,6 @@ from scipy.sparse.csgraph import dijkstra
 
 from warehouse.messages import Cell
 
-__all__ = ['Distances', 'Grid', 'Guide', 'one_way']
-
 # What it costs to drive from one cell to the next one; 1.0 where it does not say.
 Guide = Mapping[tuple[Cell, Cell], float]
 Indices = NDArray[np.int32]

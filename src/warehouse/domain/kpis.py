@@ -23,8 +23,6 @@ from warehouse.messages import (
     RobotState,
 )
 
-__all__ = ['ACTIVITIES', 'KpiView', 'Kpis', 'percentile']
-
 ACTIVITIES: Final = ('working', 'travelling', 'waiting', 'idle', 'charging', 'failed')
 HOUR_S: Final = 3600.0
 GRACE_S: Final = 60.0  # after which an order that was accepted must be open or ended

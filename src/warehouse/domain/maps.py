@@ -17,16 +17,6 @@ from typing import NamedTuple
 
 from warehouse.messages import Cell
 
-__all__ = [
-    'FloorPlan',
-    'Job',
-    'MapError',
-    'Trip',
-    'read_map',
-    'read_scenario',
-    'read_tasks',
-]
-
 MAPD_SYMBOLS = frozenset('.er@')
 MOVINGAI_SYMBOLS = frozenset('.GSW@OT')
 MOVINGAI_FREE = frozenset('.GS')

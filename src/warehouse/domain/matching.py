@@ -18,8 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-__all__ = ['DEFAULT', 'Weights', 'match', 'prices', 'sequences']
-
 Table = NDArray[np.float64]
 
 

@@ -38,8 +38,6 @@ from warehouse.messages import (
     node_id,
 )
 
-__all__ = ['Judgement', 'Monitor']
-
 LOOK_STEPS: Final = 8  # how often what changes slowly is looked at
 COMMANDS_KEPT: Final = 200
 

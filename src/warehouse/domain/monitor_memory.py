@@ -9,8 +9,6 @@ from warehouse.domain.robot_failure_profile import Evidence
 from warehouse.domain.site import Site
 from warehouse.messages import FailureEvent, FleetReport
 
-__all__ = ['Memory', 'SignsKept', 'fingerprint', 'memory_of']
-
 
 class SignsKept(msgspec.Struct, rename='camel', omit_defaults=True):
     """The evidence that stands on one robot."""

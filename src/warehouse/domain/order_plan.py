@@ -9,8 +9,6 @@ from warehouse.domain.random_orders import random_order
 from warehouse.domain.site import Site
 from warehouse.messages import OrderRequest
 
-__all__ = ['OrderPlan']
-
 
 class OrderPlan(NamedTuple):
     """Which orders come.

@@ -16,8 +16,6 @@ from warehouse.messages import (
     TaskStatus,
 )
 
-__all__ = ['RANKS', 'Etas', 'advanced', 'end_of', 'is_blocked', 'status_of', 'summary']
-
 _ETA_NEWS_S: Final = 5.0  # a smaller change of an ETA is no news
 _LINE_ENDS: Final = {
     TaskStatus.DELIVERED: LineStatus.DELIVERED,

@@ -16,8 +16,6 @@ from warehouse.messages import (
     OrderStatus,
 )
 
-__all__ = ['answer', 'changed', 'new_order', 'shortened', 'too_late', 'unusable', 'wrong']
-
 _MOST_LINES: Final = 100
 _PRIORITIES: Final = range(10)
 _UPDATES: Final = range(2**32)  # uint32 in VDA 5050

@@ -34,8 +34,6 @@ from warehouse.messages import (
     TaskStatus,
 )
 
-__all__ = ['BLOCKED_TIMES', 'MAX_OPEN', 'OrderDesk', 'event_name']
-
 _ENDED_KEPT: Final = 100_000  # ended and refused orders whose repeats are still known as such
 MAX_OPEN: Final = 200  # orders at a time
 BLOCKED_TIMES: Final = 5  # as many orders as usual, at most, while some wait for a person

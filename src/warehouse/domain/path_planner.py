@@ -33,8 +33,6 @@ from warehouse.messages import (
     node_id,
 )
 
-__all__ = ['PathPlanner']
-
 UNDER_WAY: Final = frozenset(
     (ActionStatus.WAITING, ActionStatus.INITIALIZING, ActionStatus.RUNNING, ActionStatus.PAUSED)
 )

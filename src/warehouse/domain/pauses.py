@@ -6,8 +6,6 @@ from typing import Final
 from warehouse.domain.casebook import Casebook
 from warehouse.domain.evidence import Watch
 
-__all__ = ['Pauses']
-
 PAUSE_AGAIN_S: Final = 3.0
 
 

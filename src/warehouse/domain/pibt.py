@@ -18,8 +18,6 @@ from typing import NamedTuple
 from warehouse.domain.grid import Grid, Guide
 from warehouse.messages import Cell
 
-__all__ = ['Pibt', 'Robot']
-
 UNDECIDED = -1
 FAR = float('inf')
 EVEN = (1.0, 1.0, 1.0, 1.0)

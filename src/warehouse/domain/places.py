@@ -3,8 +3,6 @@
 from warehouse.domain.grid import Grid
 from warehouse.messages import Cell, FleetReport, Task
 
-__all__ = ['obstacles', 'pick_cells']
-
 
 def obstacles(report: FleetReport) -> frozenset[Cell]:
     """The cells that no robot can enter: those that are blocked, and robots that failed."""

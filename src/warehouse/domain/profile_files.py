@@ -10,8 +10,6 @@ import msgspec
 from warehouse.domain.yaml_file import FileError, YamlFile, read_yaml
 from warehouse.messages import Message
 
-__all__ = ['ProfileError', 'ProfileFile', 'near_miss']
-
 M = TypeVar('M', bound=Message)
 
 

@@ -9,8 +9,6 @@ from warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
 from warehouse.domain.site import Product, Site
 from warehouse.messages import Line, OrderRequest
 
-__all__ = ['random_order']
-
 MOST_LINES: Final = 7
 MOST_PIECES: Final = 5
 MOST_KG: Final = 25.0  # of most lines: a load for the smaller robots

@@ -9,8 +9,6 @@ from warehouse.domain.referee_moves import Moves
 from warehouse.domain.rules import Frame, Rules
 from warehouse.messages import Violation
 
-__all__ = ['Referee']
-
 
 class Referee:
     """Looks at one frame after the other, and says what broke a rule.

@@ -6,8 +6,6 @@ from warehouse.domain.referee_moves import ANYTHING, Change, Moves, Say, stood
 from warehouse.domain.rules import Frame, Job, Seen, distance, is_near
 from warehouse.messages import Cell
 
-__all__ = ['Loads']
-
 MEMORY: Final = 100_000  # delivered loads that are remembered
 PATIENCE: Final = 200  # steps in which the task of a load has to become known
 OVERLAP: Final = 20  # steps after a change in which what was ordered before may still be taken

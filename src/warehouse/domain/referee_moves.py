@@ -6,8 +6,6 @@ from typing import Final, NamedTuple
 from warehouse.domain.rules import Frame, Limits, Rules, Seen, distance
 from warehouse.messages import Cell
 
-__all__ = ['ANYTHING', 'Change', 'Moves', 'Say', 'Track', 'stood']
-
 Say = Callable[..., None]
 """Notes a violation: its step, rule and description, and the robots that broke it."""
 

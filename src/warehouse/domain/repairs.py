@@ -5,8 +5,6 @@ from typing import Final
 
 from warehouse.messages import FailureEvent, FleetReport, OperatorCommand
 
-__all__ = ['Repairs']
-
 SPREAD: Final = 0.5  # of the times of repair (lognormal): half of them are within a third
 CALLS: Final = ('call_operator', 'out_of_service')
 BACK_S: Final = 2.0  # from the repair until the robot is let in again

@@ -12,8 +12,6 @@ from warehouse.domain.grid import Grid
 from warehouse.domain.standing import TAKES_TASKS
 from warehouse.messages import Cell, node_cell
 
-__all__ = ['Responder']
-
 STEPS_AT_ONCE: Final = 50  # profiles of others may escalate in a circle
 LONGEST_BLOCK: Final = 8  # times the time of the first one
 

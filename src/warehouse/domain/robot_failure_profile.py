@@ -25,18 +25,6 @@ import msgspec
 from warehouse.domain.profile_files import ProfileFile, near_miss
 from warehouse.messages import ActionStatus, ErrorLevel, Message
 
-__all__ = [
-    'KINDS',
-    'SIGNS',
-    'UNKNOWN',
-    'Evidence',
-    'FailureRow',
-    'Limits',
-    'RobotFailureProfile',
-    'diagnose',
-    'read_failure_profile',
-]
-
 DEFAULT_FILE: Final = Path(__file__).parent.parent / 'data' / 'robot_failure_profile.yaml'
 
 Fact = str | float | bool

@@ -29,8 +29,6 @@ from warehouse.messages import (
     RobotState,
 )
 
-__all__ = ['Fleet']
-
 _AWAY_STEPS: Final = 4  # at least, between taking a robot off the floor and putting it back
 _RESTART_STEPS: Final = 10  # between the last step that others may have seen and the next one
 _COMMANDS: Final = 50  # ids of commands that are remembered, to obey each once

@@ -23,8 +23,6 @@ from typing import NamedTuple
 
 from warehouse.messages import Cell
 
-__all__ = ['Frame', 'Job', 'Limits', 'Rules', 'Seen', 'distance', 'is_near']
-
 
 class Limits(NamedTuple):
     """What a type of robot can do.

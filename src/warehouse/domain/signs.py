@@ -9,8 +9,6 @@ from warehouse.domain.robot_failure_profile import Evidence
 if TYPE_CHECKING:
     from warehouse.domain.robot_failure_profile import Fact
 
-__all__ = ['BATTERY', 'CONTACT', 'NO_PROGRESS', 'SLOW', 'STUCK', 'Signs']
-
 CONTACT: Final = 'contact'
 NO_PROGRESS: Final = 'no_progress'
 SLOW: Final = 'slow'

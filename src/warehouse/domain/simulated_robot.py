@@ -24,8 +24,6 @@ from warehouse.messages import (
     node_id,
 )
 
-__all__ = ['SimulatedRobot', 'Work']
-
 _ENDED: Final = (ActionStatus.FINISHED, ActionStatus.FAILED)
 _RUNNING: Final = (ActionStatus.INITIALIZING, ActionStatus.RUNNING, ActionStatus.PAUSED)
 _SAFE: Final = SafetyState()

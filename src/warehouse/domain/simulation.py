@@ -40,8 +40,6 @@ from warehouse.messages import (
     Tasks,
 )
 
-__all__ = ['MODULES', 'Simulation']
-
 MODULES: Final = (
     'orders',
     'task_organizer',

@@ -5,8 +5,6 @@ from typing import NamedTuple
 from warehouse.domain.kpis import KpiView
 from warehouse.messages import OrderEvent, OrderStatus, Violation
 
-__all__ = ['Ends', 'Result']
-
 
 class Result(NamedTuple):
     """What became of a simulation.

@@ -28,20 +28,6 @@ from warehouse.domain.profile_files import near_miss
 from warehouse.domain.yaml_file import FileError, YamlFile, read_yaml
 from warehouse.messages import Cell, Message
 
-__all__ = [
-    'DEFAULT_SITE',
-    'WALL',
-    'Product',
-    'RobotPlace',
-    'Site',
-    'SiteError',
-    'check_robot_types',
-    'choose_site',
-    'make_site',
-    'read_site',
-    'site_yaml',
-]
-
 DEFAULT_SITE: Final = Path(__file__).parent.parent / 'data' / 'site.yaml'
 
 _SHORTEST_S: Final = 0.001  # of a step

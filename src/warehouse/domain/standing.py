@@ -10,8 +10,6 @@ from warehouse.domain.failures import LEVELS, Failure
 from warehouse.domain.monitor_memory import Memory
 from warehouse.messages import Cell, ErrorLevel, RobotReport, node_cell
 
-__all__ = ['RISK_S', 'TAKES_TASKS', 'WELL', 'Standing', 'report_of', 'standings_of']
-
 RISK_S: Final = 3600.0  # failures of the last hour make a robot a risk
 RISK_EACH: Final = 0.1
 RISK_SLOW: Final = 0.3

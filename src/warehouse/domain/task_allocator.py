@@ -32,8 +32,6 @@ from warehouse.messages import (
     TaskStatus,
 )
 
-__all__ = ['TaskAllocator']
-
 Table = NDArray[np.float64]
 
 STAYS_S: Final = (

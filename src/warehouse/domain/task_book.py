@@ -15,8 +15,6 @@ from warehouse.messages import (
     TaskStatus,
 )
 
-__all__ = ['Entry', 'TaskBook']
-
 _PAST: Final = 1000  # ended tasks of ended orders that are remembered, should one come back
 
 

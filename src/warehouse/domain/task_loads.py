@@ -7,8 +7,6 @@ from warehouse.domain.task_book import Entry, TaskBook
 from warehouse.domain.task_maker import TaskMaker
 from warehouse.messages import FleetState, RobotState, TaskStatus
 
-__all__ = ['TaskLoads']
-
 _LOST_STEPS: Final = 4  # that a load has to be gone before it is believed
 
 

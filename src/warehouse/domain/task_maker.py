@@ -17,8 +17,6 @@ from warehouse.messages import (
     TaskStatus,
 )
 
-__all__ = ['TaskMaker']
-
 _LINE_ENDS: Final = {
     LineStatus.DELIVERED: TaskStatus.DELIVERED,
     LineStatus.FAILED: TaskStatus.FAILED,

@@ -29,8 +29,6 @@ from warehouse.messages import (
     TaskStatus,
 )
 
-__all__ = ['TaskOrganizer']
-
 _TRIES: Final = 3  # picks of a task that may fail, before its line does
 _ENDED_ACTIONS: Final = frozenset({ActionStatus.FINISHED, ActionStatus.FAILED})
 

@@ -11,8 +11,6 @@ from warehouse.domain.task_book import Entry, TaskBook
 from warehouse.domain.task_maker import TaskMaker
 from warehouse.messages import Assignments, Costs, Task, TaskStatus
 
-__all__ = ['TaskStatuses']
-
 _WITHDRAW_STEPS: Final = 6  # until a robot that was sent before would be seen to pick
 
 

@@ -9,8 +9,6 @@ from warehouse.domain.grid import Grid
 from warehouse.domain.signs import NO_PROGRESS, Signs
 from warehouse.messages import Cell, Task, Tasks, TaskStatus
 
-__all__ = ['TaskWatch']
-
 BLOCKED_TASKS_SHOWN: Final = 20
 DETOUR: Final = 1.5  # ways are longer than they look from above
 

@@ -10,8 +10,6 @@ from warehouse.domain.referee import Referee
 from warehouse.domain.rules import Frame, Job, Rules, Seen
 from warehouse.messages import Cell, Violation
 
-__all__ = ['TraceError', 'validate_trace']
-
 SILENT: Final = 20  # steps until a floor that tells of failures tells of a silent robot
 
 

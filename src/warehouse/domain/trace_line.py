@@ -12,8 +12,6 @@ from warehouse.messages import (
     RobotState,
 )
 
-__all__ = ['trace_line']
-
 
 def trace_line(
     state: FleetState,

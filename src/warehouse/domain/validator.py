@@ -31,8 +31,6 @@ from warehouse.messages import (
     Violation,
 )
 
-__all__ = ['Validator']
-
 KEPT: Final = 100  # violations in a report
 _NOTHING: Final[frozenset[str]] = frozenset()
 _FAULTS: Final = (ErrorLevel.CRITICAL, ErrorLevel.FATAL)

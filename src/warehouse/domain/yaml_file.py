@@ -11,8 +11,6 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 
-__all__ = ['FileError', 'YamlFile', 'read_yaml']
-
 _WHERE = re.compile(r' - at `\$(?P<path>.*)`$')
 _STEP = re.compile(r'\.([^.\[\]]+)|\[(\d+)\]')
 _TEXT: Final = 'tag:yaml.org,2002:str'

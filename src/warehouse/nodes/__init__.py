@@ -5,8 +5,6 @@ A node is thin: it hears, asks its domain object, and says what has changed (`no
 
 from typing import Final
 
-__all__ = ['MODULES']
-
 MODULES: Final = (
     'execution_profiles',
     'robot_failure_profile',

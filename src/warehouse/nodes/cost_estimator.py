@@ -5,8 +5,6 @@ from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.messages import FleetReport, Tasks
 from warehouse.nodes.node import Module
 
-__all__ = ['start']
-
 
 def start(module: Module) -> None:
     """Estimate when tasks, robots or profiles have changed."""

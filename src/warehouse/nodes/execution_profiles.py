@@ -4,8 +4,6 @@ from warehouse.domain.execution_profiles import read_execution_profiles
 from warehouse.nodes.files import say_file
 from warehouse.nodes.node import Module
 
-__all__ = ['start']
-
 
 def start(module: Module) -> None:
     """Say the file, and again when it has changed."""

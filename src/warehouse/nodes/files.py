@@ -8,8 +8,6 @@ from warehouse.domain.profile_files import ProfileError
 from warehouse.messages import Message
 from warehouse.nodes.node import Module
 
-__all__ = ['say_file']
-
 _LOOK_S: Final = 2.0
 
 

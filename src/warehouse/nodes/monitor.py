@@ -26,8 +26,6 @@ from warehouse.messages import (
 from warehouse.nodes.node import Gate, Module
 from warehouse.nodes.standard import ros_name
 
-__all__ = ['start']
-
 _KAFKA_TOPIC: Final = 'warehouse.fleet'
 _DIAGNOSTICS_S: Final = 1.0
 _QUIET_S: Final = 0.2

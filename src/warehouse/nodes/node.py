@@ -23,8 +23,6 @@ from warehouse.domain.site import Site, read_site
 from warehouse.messages import Message
 from warehouse.topics import TOPICS, Topic
 
-__all__ = ['Gate', 'Module', 'Newest', 'Queue', 'Settings', 'Speaker', 'qos_of']
-
 M = TypeVar('M', bound=Message)
 
 # With a depth of 1 a writer of Fast DDS 3.2 has fallen silent for good, to all its readers, after

@@ -41,8 +41,6 @@ from warehouse.nodes.node import Gate, Module
 if TYPE_CHECKING:
     from confluent_kafka import Message as Record
 
-__all__ = ['Asked', 'Ended', 'Memory', 'memory_of', 'start']
-
 _REQUESTS: Final = 'warehouse.orders'
 _EVENTS: Final = 'warehouse.order-events'
 _OPEN: Final = 'warehouse.open-orders'

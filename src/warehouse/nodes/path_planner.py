@@ -14,8 +14,6 @@ from warehouse.messages import Assignments, Cell, FleetReport, FleetState, Plans
 from warehouse.nodes.node import Module
 from warehouse.nodes.standard import FRAME, place, ros_name
 
-__all__ = ['start']
-
 _FREE: Final = 0
 _OCCUPIED: Final = 100
 

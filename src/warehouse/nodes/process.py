@@ -19,8 +19,6 @@ from rclpy.signals import SignalHandlerOptions
 
 from warehouse.nodes.node import Module, Settings
 
-__all__ = ['run']
-
 _DDS: Final = Path(__file__).parent.parent / 'data' / 'fastdds.xml'
 _DDS_VARIABLES: Final = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
 _ALIVE_S: Final = 2.0

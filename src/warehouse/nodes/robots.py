@@ -23,8 +23,6 @@ from warehouse.messages import (
 from warehouse.nodes.node import Gate, Module
 from warehouse.nodes.standard import FRAME, place, ros_name
 
-__all__ = ['start']
-
 _PERCENT: Final = 100.0
 _HOUR_S: Final = 3600.0
 

@@ -4,8 +4,6 @@ import math
 import re
 from typing import Any, Final
 
-__all__ = ['FRAME', 'place', 'ros_name']
-
 FRAME: Final = 'site'
 """The frame of the site: metres from the top left cell, x along a row, y down a column."""
 

@@ -5,8 +5,6 @@ from warehouse.domain.task_allocator import TaskAllocator
 from warehouse.messages import Costs, FleetReport, Tasks
 from warehouse.nodes.node import Module
 
-__all__ = ['start']
-
 
 def start(module: Module) -> None:
     """Allocate when there are new costs."""

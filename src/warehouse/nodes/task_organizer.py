@@ -5,8 +5,6 @@ from warehouse.domain.task_organizer import TaskOrganizer
 from warehouse.messages import Assignments, Costs, FleetReport, FleetState, OpenOrders
 from warehouse.nodes.node import Module
 
-__all__ = ['start']
-
 
 def start(module: Module) -> None:
     """Follow every state of the fleet, and what the others say of orders and robots."""

@@ -21,8 +21,6 @@ from warehouse.messages import (
 )
 from warehouse.nodes.node import Module
 
-__all__ = ['Before', 'new_ones', 'start']
-
 _QUIET_S: Final = 1.0
 _PATIENCE_S: Final = 2.0  # for the tasks and the report of a step: their module may be away
 _LOOK_S: Final = 0.5

@@ -26,8 +26,6 @@ from warehouse.page.outbox import NotSent, Outbox
 from warehouse.page.random_orders import RandomOrders
 from warehouse.page.view import View
 
-__all__ = ['Page', 'make_app', 'new_order_id']
-
 _LOG: Final = logging.getLogger(__name__)
 
 STATIC: Final = Path(__file__).parent / 'static'

@@ -9,8 +9,6 @@ import msgspec
 from warehouse.domain.order_requests import shortened
 from warehouse.messages import Line, OrderEvent, OrderRequest
 
-__all__ = ['SHOWN_LINES', 'keep', 'short_event', 'short_request', 'within']
-
 SHOWN_LINES = 100
 _SHOWN_SENTENCE = 500
 _SHOWN_NUMBER = 10**9

@@ -2,8 +2,6 @@
 
 from typing import Final
 
-__all__ = ['FAILURES']
-
 FAILURES: Final = {
     'MOTION_FAULT': 'Motor or wheel fails',
     'LOCALIZATION_ERROR': 'Loses its position',

@@ -10,8 +10,6 @@ from confluent_kafka import Consumer, KafkaError, KafkaException, Message, Topic
 
 from warehouse.page.view import SNAPSHOTS, STREAMS, View
 
-__all__ = ['Feed']
-
 _LOG: Final = logging.getLogger(__name__)
 
 # librdkafka's OFFSET_TAIL(n) is -2000 - n. The last offsets may be markers of transactions.

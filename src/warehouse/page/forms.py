@@ -8,8 +8,6 @@ import msgspec
 from warehouse.domain.site import WALL, Site
 from warehouse.messages import Cell, Line, OperatorCommand, OrderRequest
 
-__all__ = ['COMMANDS', 'BadForm', 'read_command', 'read_order', 'read_rate']
-
 _OF_A_ROBOT: Final = frozenset({'failRobot', 'repairRobot', 'removeRobot', 'rejoinRobot'})
 _OF_A_CELL: Final = frozenset({'blockCell', 'unblockCell'})
 _OF_ALL: Final = frozenset({'pause', 'resume', 'acknowledge'})

@@ -6,8 +6,6 @@ from typing import Final, NamedTuple
 from warehouse.domain.orders import BLOCKED_TIMES, MAX_OPEN
 from warehouse.messages import Message, OpenOrders, OrderEvent, OrderRequest, OrderStatus
 
-__all__ = ['Intake', 'Standstill']
-
 _PATIENCE_S: Final = 10.0
 # A desk that is full lets orders wait in Kafka; those that wait for a person do not count. The
 # snapshot is a moment old: a few less are many, too.

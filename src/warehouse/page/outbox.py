@@ -10,8 +10,6 @@ from confluent_kafka import KafkaError, Message, Producer
 from warehouse.codec import encode
 from warehouse.messages import OperatorCommand, OrderRequest
 
-__all__ = ['COMMANDS', 'ORDERS', 'NotSent', 'Outbox']
-
 ORDERS: Final = 'warehouse.orders'
 COMMANDS: Final = 'warehouse.commands'
 

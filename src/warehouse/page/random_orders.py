@@ -9,8 +9,6 @@ from warehouse.domain.random_orders import random_order
 from warehouse.domain.site import Site
 from warehouse.page.outbox import NotSent, Outbox
 
-__all__ = ['RandomOrders']
-
 
 class RandomOrders:
     """Sends random orders, `per_minute` on average; 0 sends none.

@@ -20,18 +20,6 @@ from warehouse.messages import (
     Task,
 )
 
-__all__ = [
-    'FailureRow',
-    'FailureStep',
-    'LineRow',
-    'OrderRow',
-    'RobotRow',
-    'ended_row',
-    'failure_row',
-    'order_row',
-    'robot_row',
-]
-
 _BUSY = frozenset({ActionStatus.INITIALIZING, ActionStatus.RUNNING, ActionStatus.RETRIABLE})
 _STOPS = frozenset({ErrorLevel.CRITICAL, ErrorLevel.FATAL})
 

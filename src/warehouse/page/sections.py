@@ -10,8 +10,6 @@ from typing import Any, Final
 
 import msgspec
 
-__all__ = ['Sections']
-
 _LOG: Final = logging.getLogger(__name__)
 
 

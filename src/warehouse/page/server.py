@@ -13,8 +13,6 @@ from warehouse.domain.site import Site
 from warehouse.page.app import Page, make_app
 from warehouse.page.failures import FAILURES
 
-__all__ = ['CannotListen', 'PartFailed', 'Where', 'run']
-
 _BACKLOG: Final = 100
 _ENDINGS: Final = (signal.SIGINT, signal.SIGTERM)
 

@@ -34,8 +34,6 @@ from warehouse.page.intake import Intake
 from warehouse.page.rows import OrderRow, RobotRow, ended_row, failure_row, order_row, robot_row
 from warehouse.page.sections import Sections
 
-__all__ = ['SNAPSHOTS', 'STREAMS', 'View']
-
 SNAPSHOTS: Final = (
     'warehouse.open-orders',
     'warehouse.tasks',
