@@ -131,7 +131,6 @@ class Hall:
                     tuple(Assignment(name, (task,)) for name, task in self.assigned.items()),
                 ),
                 PROFILES,
-                0.0,
             )
 
     def restart(self, *orders: Order) -> None:

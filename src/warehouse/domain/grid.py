@@ -34,11 +34,6 @@ class Grid:
             symbol != '@' for row in self.rows for symbol in row.ljust(self.width, '@')
         )
 
-    @classmethod
-    def from_rows(cls, rows: Iterable[str]) -> 'Grid':
-        """A grid of the rows of a map."""
-        return cls(tuple(rows))
-
     def is_free(self, cell: Cell) -> bool:
         """Whether a robot can stand there: on the map, and no wall."""
         x, y = cell

@@ -201,7 +201,7 @@ class Fleet:
 
     # One step.
 
-    def step(self, now_s: float = 0.0) -> FleetState:  # noqa: ARG002 - steps are its only clock
+    def step(self) -> FleetState:
         """Moves the floor on by one step, and tells what it then looks like."""
         self._steps.now += 1
         if self._floor.waiting:

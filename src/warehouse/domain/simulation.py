@@ -271,7 +271,7 @@ class Simulation:
             self.monitor.operate(command, self.now_s)
 
     def _move(self) -> None:
-        self.state = self.fleet.step(self.now_s)
+        self.state = self.fleet.step()
         for states in self._states.values():
             states.append(self.state)
 
@@ -297,9 +297,7 @@ class Simulation:
     def _organize(self) -> None:
         self.organizer.take(self.open_orders)
         for state in self._new_states('task_organizer'):
-            self.organizer.follow(
-                state, self.report, self.costs, self.assignments, self.profiles, self.now_s
-            )
+            self.organizer.follow(state, self.report, self.costs, self.assignments, self.profiles)
         self.tasks = self.organizer.tasks()
 
     def _follow_orders(self) -> None:

@@ -257,7 +257,6 @@ def make_site(
     *,
     shelf_rows: int | None = None,
     shelf_columns: int | None = None,
-    products: tuple[str, ...] | None = None,
 ) -> Site:
     """A site for so many robots: shelf blocks, aisles two wide, stations right, chargers left.
 
@@ -268,7 +267,6 @@ def make_site(
         seed: Of what lies where.
         shelf_rows: Rows of shelf blocks; from the number of robots if not given.
         shelf_columns: Shelf blocks in a row.
-        products: Their names; four for each shelf block if not given.
     """
     random = Random(seed)  # noqa: S311 - a warehouse that can be made again, not a secret
     scale = sqrt(max(robots, 1) / 25)
@@ -279,9 +277,7 @@ def make_site(
     chargers = _spread(0, height, max(2, ceil(robots / 4) + 1))
     stations = _spread(width - 1, height, max(2, min(height // 3, round(robots / 3))))
     homes = _homes(rows, {*chargers, *stations}, robots)
-    names = products or tuple(
-        f'product-{number + 1:03d}' for number in range(4 * shelf_rows * shelf_columns)
-    )
+    names = [f'product-{number + 1:03d}' for number in range(4 * shelf_rows * shelf_columns)]
     places = [RobotPlace(*_robot(number), home) for number, home in enumerate(homes)]
     return Site(
         name=f'{robots} robots, seed {seed}',
@@ -338,7 +334,7 @@ def _robot(number: int) -> tuple[str, str]:
     return f'{kind}-{number + 1:02d}', kind
 
 
-def _products(rows: list[str], names: tuple[str, ...], random: Random) -> list[Product]:
+def _products(rows: list[str], names: list[str], random: Random) -> list[Product]:
     stock = [
         (column, row)
         for row, text in enumerate(rows)

@@ -34,6 +34,7 @@ from warehouse.messages import (
 
 Table = NDArray[np.float64]
 
+AHEAD: Final = 3  # tasks of a robot's sequence at most, with what it carries
 STAYS_S: Final = (
     1.0  # so much better another robot must be to take a task from the one that has it
 )
@@ -58,16 +59,10 @@ class Worker(NamedTuple):
 
 
 class TaskAllocator:
-    """Allocates the tasks of a site.
+    """Allocates the tasks of a site."""
 
-    Args:
-        site: The site.
-        ahead: How many tasks the sequence of a robot has at most, with what it carries.
-    """
-
-    def __init__(self, site: Site, ahead: int = 3) -> None:
+    def __init__(self, site: Site) -> None:
         self._site = site
-        self._ahead = ahead
         stock = (cell for product in site.products.values() for cell in product.cells)
         self._free = Distances(
             Grid(site.rows), targets=(*stock, *site.stations.values(), *site.chargers)
@@ -164,8 +159,8 @@ class TaskAllocator:
         waiting = {column: task for column, task in enumerate(tasks) if task is not None}
         table = np.array(costs.costs, dtype=float).reshape(len(costs.robots), len(costs.tasks))
         urgency = np.array(costs.urgency_s)
-        for _ in range(self._ahead):
-            able = [worker for worker in able if len(given[worker.name]) < self._ahead]
+        for _ in range(AHEAD):
+            able = [worker for worker in able if len(given[worker.name]) < AHEAD]
             if not able or not waiting:
                 break
             prices = self._prices(able, waiting, table, urgency)

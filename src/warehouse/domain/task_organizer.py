@@ -129,7 +129,6 @@ class TaskOrganizer:
         costs: Costs | None,
         assignments: Assignments | None,
         profiles: ExecutionProfiles,
-        now_s: float,  # noqa: ARG002 - the organizer counts steps
     ) -> None:
         """Finds out what has happened to each load and task, by the newest snapshots."""
         self._book.step = fleet.step

@@ -10,6 +10,7 @@ from warehouse.domain.referee import Referee
 from warehouse.domain.rules import Frame, Job, Rules, Seen
 from warehouse.messages import Cell, Violation
 
+WALLS: Final = '@TOW'
 SILENT: Final = 20  # steps until a floor that tells of failures tells of a silent robot
 
 
@@ -44,7 +45,6 @@ def validate_trace(
     *,
     crashed: Mapping[str, int] | None = None,
     unreachable: Collection[int] = (),
-    walls: str = '@TOW',
 ) -> tuple[Violation, ...]:
     """Judge a trace of unit steps: `{"step", "robots": [{"id", "x", "y", "load"}]}` a line.
 
@@ -58,13 +58,12 @@ def validate_trace(
         crashed: The step in which a robot crashed: from then it stands, and a robot next to it
             may take its load.
         unreachable: Tasks that need not be done.
-        walls: What marks a wall on the map.
 
     Raises:
         TraceError: A line is not what it should be.
     """
     crashed = {str(robot): step for robot, step in (crashed or {}).items()}
-    referee = Referee(Rules(tuple(rows), walls=walls))
+    referee = Referee(Rules(tuple(rows), walls=WALLS))
     jobs = {
         str(number): Job(str(number), frozenset([pickup]), delivery, release)
         for number, (release, pickup, delivery) in enumerate(tasks or ())

@@ -62,7 +62,7 @@ class _Robots:
 
     def _step(self) -> None:
         assert self._fleet is not None
-        state = self._fleet.step(self._module.now_s())
+        state = self._fleet.step()
         self._state.say(state)
         self._looks.show(state)
 

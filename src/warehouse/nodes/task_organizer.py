@@ -26,7 +26,6 @@ def start(module: Module) -> None:
                 costs.or_none,
                 assignments.or_none,
                 profiles.value,
-                module.now_s(),
             )
         tasks.say(organizer.tasks())
 

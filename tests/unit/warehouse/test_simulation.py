@@ -212,9 +212,9 @@ def test_a_broken_rule_stops_the_fleet_and_makes_the_result_wrong() -> None:
     world.run(50)
     state = world.fleet.step
 
-    def jump(now_s: float = 0.0) -> FleetState:
+    def jump() -> FleetState:
         """One state in which the first robot is somewhere else."""
-        fleet = state(now_s)
+        fleet = state()
         robot = fleet.states[0]
         far = replace(robot, last_node_id=node_id(fleet.states[1].cell))
         world.fleet.step = state  # type: ignore[method-assign]
