@@ -4,19 +4,10 @@ from typing import Any
 
 from warehouse.domain.execution_profiles import Battery, ExecutionProfiles, RobotType
 from warehouse.domain.site import Product, RobotPlace, Site
-from warehouse.messages import (
-    Cell,
-    FleetReport,
-    FleetState,
-    Load,
-    Position,
-    PowerSupply,
-    RobotReport,
-    RobotState,
-    Task,
-    Tasks,
-    node_id,
-)
+from warehouse.messages.message import Cell, node_id
+from warehouse.messages.monitor import FleetReport, RobotReport
+from warehouse.messages.robots import FleetState, Load, Position, PowerSupply, RobotState
+from warehouse.messages.tasks import Task, Tasks
 
 ROWS = (
     '..........',

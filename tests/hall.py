@@ -5,29 +5,20 @@ from typing import Any
 from warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
 from warehouse.domain.site import Product, RobotPlace, Site
 from warehouse.domain.task_organizer import TaskOrganizer
-from warehouse.messages import (
+from warehouse.messages.message import Cell, node_id
+from warehouse.messages.monitor import Blocked, FleetReport, RobotReport
+from warehouse.messages.orders import OpenOrders, Order, OrderLine
+from warehouse.messages.robots import (
     ActionState,
     ActionStatus,
-    Assignment,
-    Assignments,
-    Blocked,
-    Cell,
-    Costs,
     Error,
-    FleetReport,
     FleetState,
     Load,
-    OpenOrders,
-    Order,
-    OrderLine,
     Position,
     PowerSupply,
-    RobotReport,
     RobotState,
-    Task,
-    TaskStatus,
-    node_id,
 )
+from warehouse.messages.tasks import Assignment, Assignments, Costs, Task, TaskStatus
 
 PROFILES = ExecutionProfiles(
     {

@@ -9,17 +9,10 @@ from playwright.sync_api import Page
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 from warehouse.codec import encode
-from warehouse.messages import (
-    FleetReport,
-    FleetState,
-    Message,
-    Plan,
-    Plans,
-    Position,
-    PowerSupply,
-    RobotReport,
-    RobotState,
-)
+from warehouse.messages.message import Message
+from warehouse.messages.monitor import FleetReport, RobotReport
+from warehouse.messages.onlookers import Plan, Plans
+from warehouse.messages.robots import FleetState, Position, PowerSupply, RobotState
 
 PATIENCE_MS: Final = 60_000
 ROBOT: Final = 'carrier-01'

@@ -4,7 +4,7 @@ from typing import Any
 
 from warehouse.domain.referee import Referee
 from warehouse.domain.rules import Frame, Job, Limits, Rules, Seen
-from warehouse.messages import Cell
+from warehouse.messages.message import Cell
 
 ROWS = (
     '......',

@@ -4,17 +4,8 @@ from typing import Any
 
 from warehouse.domain.orders import OrderDesk
 from warehouse.domain.site import read_site
-from warehouse.messages import (
-    Assignments,
-    Line,
-    Order,
-    OrderEvent,
-    OrderRequest,
-    OrderStatus,
-    Task,
-    Tasks,
-    TaskStatus,
-)
+from warehouse.messages.orders import Line, Order, OrderEvent, OrderRequest, OrderStatus
+from warehouse.messages.tasks import Assignments, Task, Tasks, TaskStatus
 
 SITE = read_site()
 ENDS = {OrderStatus.DELIVERED, OrderStatus.PARTIAL, OrderStatus.FAILED, OrderStatus.CANCELLED}

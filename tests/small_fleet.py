@@ -6,22 +6,19 @@ from typing import Any
 from warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
 from warehouse.domain.robots import Fleet
 from warehouse.domain.site import Product, RobotPlace, Site
-from warehouse.messages import (
+from warehouse.messages.message import Cell, node_id
+from warehouse.messages.monitor import FleetReport, OperatorCommand, RobotReport
+from warehouse.messages.robots import (
     Action,
     ActionStatus,
-    Cell,
     ErrorLevel,
     FleetOrders,
-    FleetReport,
     FleetState,
     InstantAction,
     InstantActions,
-    OperatorCommand,
     OrderNode,
     RobotOrder,
-    RobotReport,
     RobotState,
-    node_id,
 )
 
 QUICK = RobotType('quick', max_load_kg=30, sizes=('small',), pick_steps=0, drop_steps=0)

@@ -19,16 +19,10 @@ from harness import Bench, Process, eventually
 
 from warehouse.codec import decode, encode
 from warehouse.domain.site import Site, make_site
-from warehouse.messages import (
-    ActionStatus,
-    FleetState,
-    LineStatus,
-    OperatorCommand,
-    OrderEvent,
-    OrderRequest,
-    OrderStatus,
-    ValidatorReport,
-)
+from warehouse.messages.monitor import OperatorCommand
+from warehouse.messages.onlookers import ValidatorReport
+from warehouse.messages.orders import LineStatus, OrderEvent, OrderRequest, OrderStatus
+from warehouse.messages.robots import ActionStatus, FleetState
 from warehouse.send import random_requests
 
 

@@ -9,26 +9,21 @@ from warehouse.domain.execution_profiles import read_execution_profiles
 from warehouse.domain.monitor import Monitor
 from warehouse.domain.robot_failure_profile import read_failure_profile
 from warehouse.domain.site import RobotPlace, Site
-from warehouse.messages import (
-    Cell,
+from warehouse.messages.message import Cell, node_id
+from warehouse.messages.monitor import FailureEvent, FleetReport, OperatorCommand, RobotReport
+from warehouse.messages.robots import (
     Error,
     ErrorLevel,
-    FailureEvent,
     FleetOrders,
-    FleetReport,
     FleetState,
     InstantAction,
-    OperatorCommand,
     OrderNode,
     Position,
     PowerSupply,
     RobotOrder,
-    RobotReport,
     RobotState,
-    Task,
-    TaskStatus,
-    node_id,
 )
+from warehouse.messages.tasks import Task, TaskStatus
 
 PROFILES = read_execution_profiles()
 TABLE = read_failure_profile()

@@ -226,7 +226,7 @@ def command(
     with a hint if the site of the package does not have it.
     """
     from warehouse.domain.faults import check_code  # noqa: PLC0415 (--help must be quick)
-    from warehouse.messages import OperatorCommand  # noqa: PLC0415
+    from warehouse.messages.monitor import OperatorCommand  # noqa: PLC0415
     from warehouse.send import send_command  # noqa: PLC0415
 
     if command not in _COMMANDS:

@@ -4,7 +4,7 @@ from typing import TypeVar
 
 import msgspec
 
-from warehouse.messages import Message
+from warehouse.messages.message import Message
 
 M = TypeVar('M', bound=Message)
 

@@ -12,7 +12,8 @@ from warehouse.domain.execution_profiles import read_execution_profiles
 from warehouse.domain.random_orders import random_order
 from warehouse.domain.site import Site
 from warehouse.kafka import Sender
-from warehouse.messages import OperatorCommand, OrderRequest
+from warehouse.messages.monitor import OperatorCommand
+from warehouse.messages.orders import OrderRequest
 
 _ORDERS = 'warehouse.orders'
 _COMMANDS = 'warehouse.commands'

@@ -12,7 +12,7 @@ from harness import Bench, Process
 from patience import patient
 
 from warehouse.codec import decode
-from warehouse.messages import OrderEvent, OrderStatus
+from warehouse.messages.orders import OrderEvent, OrderStatus
 
 
 def test_the_warehouse_delivers_whatever_comes_and_ctrl_c_ends_all_of_it(bench: Bench) -> None:

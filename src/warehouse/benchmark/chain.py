@@ -26,7 +26,8 @@ from rich.table import Table
 from warehouse.codec import decode, encode
 from warehouse.domain.site import Site, make_site
 from warehouse.kafka import Memory, Sender
-from warehouse.messages import FleetState, Line, OrderEvent, OrderRequest, OrderStatus, RobotState
+from warehouse.messages.orders import Line, OrderEvent, OrderRequest, OrderStatus
+from warehouse.messages.robots import FleetState, RobotState
 
 _EVENTS: Final = 'warehouse.order-events'
 _STATES: Final = 'warehouse.robots'

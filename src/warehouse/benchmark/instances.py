@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from warehouse.domain.grid import Grid
 from warehouse.domain.maps import FloorPlan, Job, read_map, read_scenario, read_tasks
-from warehouse.messages import Cell
+from warehouse.messages.message import Cell
 
 TASKS: Final = 500
 SHELF_ROWS: Final = 5

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from warehouse.benchmark.runner import Outcome, Throughput
 from warehouse.domain.trace_check import validate_trace
-from warehouse.messages import Violation
+from warehouse.messages.onlookers import Violation
 
 
 class Published(NamedTuple):

@@ -25,7 +25,7 @@ from warehouse.benchmark.instances import Instance
 from warehouse.domain.grid import Distances, Grid, one_way
 from warehouse.domain.matching import match, prices
 from warehouse.domain.pibt import Pibt, Robot
-from warehouse.messages import Cell
+from warehouse.messages.message import Cell
 
 # Nothing is picked or delivered for so long: the run is given up, which the result shows.
 GIVEN_UP_AFTER: Final = 3000

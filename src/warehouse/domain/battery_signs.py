@@ -11,7 +11,8 @@ if TYPE_CHECKING:
 
     from warehouse.domain.execution_profiles import Battery
     from warehouse.domain.signs import Signs
-    from warehouse.messages import Cell, RobotState
+    from warehouse.messages.message import Cell
+    from warehouse.messages.robots import RobotState
 
 _BANDS: Final = ('', 'low', 'critical', 'empty')
 

@@ -20,16 +20,10 @@ from warehouse.domain.robot_failure_profile import (
 )
 from warehouse.domain.signs import Signs
 from warehouse.domain.standing import RISK_S
-from warehouse.messages import (
-    TASK_ENDS,
-    Blocked,
-    Cell,
-    ErrorLevel,
-    FailureEvent,
-    InstantAction,
-    Task,
-    Tasks,
-)
+from warehouse.messages.message import Cell
+from warehouse.messages.monitor import Blocked, FailureEvent
+from warehouse.messages.robots import ErrorLevel, InstantAction
+from warehouse.messages.tasks import TASK_ENDS, Task, Tasks
 
 FLEET: Final = ''
 VIOLATION: Final = 'VIOLATION'

@@ -9,7 +9,8 @@ from scipy.optimize import linear_sum_assignment
 
 from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.grid import Distances
-from warehouse.messages import Cell, FleetReport, RobotReport
+from warehouse.messages.message import Cell
+from warehouse.messages.monitor import FleetReport, RobotReport
 
 NEAR_TARGET: Final = 5.0  # percent below the target at which an idle robot needs no charger
 

@@ -9,16 +9,10 @@ from typing import Final, NamedTuple
 
 from warehouse.domain.referee_loads import Loads
 from warehouse.domain.site import Site
-from warehouse.messages import (
-    TASK_ENDS,
-    LineStatus,
-    Load,
-    OpenOrders,
-    Order,
-    Task,
-    TaskStatus,
-    Violation,
-)
+from warehouse.messages.onlookers import Violation
+from warehouse.messages.orders import LineStatus, OpenOrders, Order
+from warehouse.messages.robots import Load
+from warehouse.messages.tasks import TASK_ENDS, Task, TaskStatus
 
 # In steps that were checked.
 GRACE: Final = 10  # for a delivery to be seen that is said to have happened

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from warehouse.messages import ActionState, ActionStatus, RobotState, SafetyState
+from warehouse.messages.robots import ActionState, ActionStatus, RobotState, SafetyState
 
 if TYPE_CHECKING:
     from collections.abc import Container

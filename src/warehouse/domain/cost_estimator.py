@@ -20,7 +20,9 @@ from warehouse.domain.grid import Distances, Grid
 from warehouse.domain.matching import DEFAULT
 from warehouse.domain.places import obstacles, pick_cells
 from warehouse.domain.site import Site
-from warehouse.messages import Cell, Costs, FleetReport, RobotReport, Task, Tasks, TaskStatus
+from warehouse.messages.message import Cell
+from warehouse.messages.monitor import FleetReport, RobotReport
+from warehouse.messages.tasks import Costs, Task, Tasks, TaskStatus
 
 Table = NDArray[np.float64]
 

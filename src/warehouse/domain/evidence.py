@@ -19,7 +19,8 @@ from warehouse.domain.complaints import (
     show_retriable,
 )
 from warehouse.domain.signs import BATTERY, CONTACT, NO_PROGRESS, SLOW, STUCK, Signs
-from warehouse.messages import Cell, ErrorLevel, RobotOrder, RobotState, node_cell
+from warehouse.messages.message import Cell, node_cell
+from warehouse.messages.robots import ErrorLevel, RobotOrder, RobotState
 
 if TYPE_CHECKING:
     from collections.abc import Container

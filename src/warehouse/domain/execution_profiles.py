@@ -6,7 +6,7 @@ from typing import Final
 import msgspec
 
 from warehouse.domain.profile_files import ProfileFile, near_miss
-from warehouse.messages import Message
+from warehouse.messages.message import Message
 
 DEFAULT_FILE: Final = Path(__file__).parent.parent / 'data' / 'execution_profiles.yaml'
 

@@ -10,7 +10,8 @@ from typing import Final
 import msgspec
 
 from warehouse.domain.execution_profiles import ExecutionProfiles, Response
-from warehouse.messages import Cell, ErrorLevel
+from warehouse.messages.message import Cell
+from warehouse.messages.robots import ErrorLevel
 
 ESCALATE: Final = 'escalate'
 NEVER_S: Final = 1e18

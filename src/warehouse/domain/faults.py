@@ -8,7 +8,7 @@ from random import Random
 from typing import Final, NamedTuple
 
 from warehouse.domain.profile_files import near_miss
-from warehouse.messages import Error, ErrorLevel
+from warehouse.messages.robots import Error, ErrorLevel
 
 CRASH_STEPS: Final = 10  # that a robot's software needs to start again
 REFUSALS: Final = 2  # orders in a row that a robot with ORDER_REJECTED refuses

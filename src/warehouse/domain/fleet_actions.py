@@ -9,7 +9,8 @@ from warehouse.domain.fleet_steps import Steps
 from warehouse.domain.floor import Floor, is_next
 from warehouse.domain.simulated_robot import SimulatedRobot, Work
 from warehouse.domain.site import Site
-from warehouse.messages import Action, ActionStatus, Cell, Error, ErrorLevel, Load
+from warehouse.messages.message import Cell
+from warehouse.messages.robots import Action, ActionStatus, Error, ErrorLevel, Load
 
 _ORDER_TEXTS: Final = {
     'PICK_FAILED': 'the gripper did not get the load',

@@ -6,7 +6,8 @@ from warehouse.domain.faults import CRASH_STEPS, REFUSALS, Schedule
 from warehouse.domain.fleet_steps import Steps
 from warehouse.domain.floor import Floor, is_next
 from warehouse.domain.simulated_robot import SimulatedRobot
-from warehouse.messages import Cell, RobotOrder
+from warehouse.messages.message import Cell
+from warehouse.messages.robots import RobotOrder
 
 
 class FleetFaults:

@@ -6,7 +6,8 @@ from typing import Final
 import msgspec
 
 from warehouse.domain.site import Site
-from warehouse.messages import Cell, Load
+from warehouse.messages.message import Cell
+from warehouse.messages.robots import Load
 
 _REMEMBERED: Final = 200  # loads that were delivered; far more than can be asked for again
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from warehouse.messages import Cell
+from warehouse.messages.message import Cell
 
 # What it costs to drive from one cell to the next one; 1.0 where it does not say.
 Guide = Mapping[tuple[Cell, Cell], float]

@@ -7,21 +7,12 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from warehouse.messages import (
-    ORDER_ENDS,
-    ActionStatus,
-    Assignments,
-    ErrorLevel,
-    FailureEvent,
-    FleetReport,
-    FleetState,
-    Message,
-    Order,
-    OrderEvent,
-    OrderStatus,
-    Plans,
-    RobotState,
-)
+from warehouse.messages.message import Message
+from warehouse.messages.monitor import FailureEvent, FleetReport
+from warehouse.messages.onlookers import Plans
+from warehouse.messages.orders import ORDER_ENDS, Order, OrderEvent, OrderStatus
+from warehouse.messages.robots import ActionStatus, ErrorLevel, FleetState, RobotState
+from warehouse.messages.tasks import Assignments
 
 ACTIVITIES: Final = ('working', 'travelling', 'waiting', 'idle', 'charging', 'failed')
 HOUR_S: Final = 3600.0

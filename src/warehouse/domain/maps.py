@@ -15,7 +15,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from warehouse.messages import Cell
+from warehouse.messages.message import Cell
 
 MAPD_SYMBOLS = frozenset('.er@')
 MOVINGAI_SYMBOLS = frozenset('.GSW@OT')

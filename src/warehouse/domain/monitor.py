@@ -23,20 +23,11 @@ from warehouse.domain.signs import CONTACT, NO_PROGRESS, Signs
 from warehouse.domain.site import Site
 from warehouse.domain.standing import WELL, Standing, report_of, standings_of
 from warehouse.domain.task_watch import TaskWatch
-from warehouse.messages import (
-    FailureEvent,
-    FleetOrders,
-    FleetReport,
-    FleetState,
-    InstantActions,
-    OperatorCommand,
-    RobotReport,
-    Tasks,
-    ValidatorReport,
-    Violation,
-    node_cell,
-    node_id,
-)
+from warehouse.messages.message import node_cell, node_id
+from warehouse.messages.monitor import FailureEvent, FleetReport, OperatorCommand, RobotReport
+from warehouse.messages.onlookers import ValidatorReport, Violation
+from warehouse.messages.robots import FleetOrders, FleetState, InstantActions
+from warehouse.messages.tasks import Tasks
 
 LOOK_STEPS: Final = 8  # how often what changes slowly is looked at
 COMMANDS_KEPT: Final = 200

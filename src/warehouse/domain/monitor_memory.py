@@ -7,7 +7,7 @@ import msgspec
 from warehouse.domain.failures import Failure
 from warehouse.domain.robot_failure_profile import Evidence
 from warehouse.domain.site import Site
-from warehouse.messages import FailureEvent, FleetReport
+from warehouse.messages.monitor import FailureEvent, FleetReport
 
 
 class SignsKept(msgspec.Struct, rename='camel', omit_defaults=True):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.random_orders import random_order
 from warehouse.domain.site import Site
-from warehouse.messages import OrderRequest
+from warehouse.messages.orders import OrderRequest
 
 
 class OrderPlan(NamedTuple):

@@ -5,16 +5,8 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from warehouse.messages import (
-    Assignments,
-    LineStatus,
-    Order,
-    OrderEvent,
-    OrderLine,
-    OrderStatus,
-    Task,
-    TaskStatus,
-)
+from warehouse.messages.orders import LineStatus, Order, OrderEvent, OrderLine, OrderStatus
+from warehouse.messages.tasks import Assignments, Task, TaskStatus
 
 _ETA_NEWS_S: Final = 5.0  # a smaller change of an ETA is no news
 _LINE_ENDS: Final = {

@@ -6,7 +6,7 @@ from typing import Final
 from msgspec.structs import replace
 
 from warehouse.domain.site import Site
-from warehouse.messages import (
+from warehouse.messages.orders import (
     Line,
     LineStatus,
     Order,

@@ -20,19 +20,16 @@ from warehouse.domain.order_progress import (
 )
 from warehouse.domain.order_requests import answer, changed, new_order, too_late, unusable, wrong
 from warehouse.domain.site import Site
-from warehouse.messages import (
+from warehouse.messages.orders import (
     ORDER_ENDS,
-    Assignments,
     LineStatus,
     OpenOrders,
     Order,
     OrderEvent,
     OrderRequest,
     OrderStatus,
-    Task,
-    Tasks,
-    TaskStatus,
 )
+from warehouse.messages.tasks import Assignments, Task, Tasks, TaskStatus
 
 _ENDED_KEPT: Final = 100_000  # ended and refused orders whose repeats are still known as such
 MAX_OPEN: Final = 200  # orders at a time

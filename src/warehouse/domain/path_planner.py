@@ -12,26 +12,19 @@ from warehouse.domain.grid import Distances, Grid, one_way
 from warehouse.domain.pibt import Pibt, Robot
 from warehouse.domain.places import obstacles, pick_cells
 from warehouse.domain.site import Site
-from warehouse.messages import (
+from warehouse.messages.message import Cell, node_id
+from warehouse.messages.monitor import FleetReport, RobotReport
+from warehouse.messages.onlookers import Plan, Plans
+from warehouse.messages.robots import (
     Action,
     ActionStatus,
-    Assignment,
-    Assignments,
-    Cell,
     FleetOrders,
-    FleetReport,
     FleetState,
     OrderNode,
-    Plan,
-    Plans,
     RobotOrder,
-    RobotReport,
     RobotState,
-    Task,
-    Tasks,
-    TaskStatus,
-    node_id,
 )
+from warehouse.messages.tasks import Assignment, Assignments, Task, Tasks, TaskStatus
 
 UNDER_WAY: Final = frozenset(
     (ActionStatus.WAITING, ActionStatus.INITIALIZING, ActionStatus.RUNNING, ActionStatus.PAUSED)

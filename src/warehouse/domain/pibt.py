@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from warehouse.domain.grid import Grid, Guide
-from warehouse.messages import Cell
+from warehouse.messages.message import Cell
 
 UNDECIDED = -1
 FAR = float('inf')

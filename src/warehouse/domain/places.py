@@ -1,7 +1,9 @@
 """Where robots cannot drive, and from where a load can be picked: what several modules ask."""
 
 from warehouse.domain.grid import Grid
-from warehouse.messages import Cell, FleetReport, Task
+from warehouse.messages.message import Cell
+from warehouse.messages.monitor import FleetReport
+from warehouse.messages.tasks import Task
 
 
 def obstacles(report: FleetReport) -> frozenset[Cell]:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from warehouse.domain.yaml_file import FileError, YamlFile, read_yaml
-from warehouse.messages import Message
+from warehouse.messages.message import Message
 
 M = TypeVar('M', bound=Message)
 

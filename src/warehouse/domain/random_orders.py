@@ -7,7 +7,7 @@ from typing import Final
 
 from warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
 from warehouse.domain.site import Product, Site
-from warehouse.messages import Line, OrderRequest
+from warehouse.messages.orders import Line, OrderRequest
 
 MOST_LINES: Final = 7
 MOST_PIECES: Final = 5

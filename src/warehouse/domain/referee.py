@@ -7,7 +7,7 @@ shares no code with the modules that do.
 from warehouse.domain.referee_loads import Loads
 from warehouse.domain.referee_moves import Moves
 from warehouse.domain.rules import Frame, Rules
-from warehouse.messages import Violation
+from warehouse.messages.onlookers import Violation
 
 
 class Referee:

@@ -4,7 +4,7 @@ from typing import Final, Literal, NamedTuple
 
 from warehouse.domain.referee_moves import ANYTHING, Change, Moves, Say, stood
 from warehouse.domain.rules import Frame, Job, Seen, distance, is_near
-from warehouse.messages import Cell
+from warehouse.messages.message import Cell
 
 MEMORY: Final = 100_000  # delivered loads that are remembered
 PATIENCE: Final = 200  # steps in which the task of a load has to become known

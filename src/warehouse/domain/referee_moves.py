@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from warehouse.domain.rules import Frame, Limits, Rules, Seen, distance
-from warehouse.messages import Cell
+from warehouse.messages.message import Cell
 
 Say = Callable[..., None]
 """Notes a violation: its step, rule and description, and the robots that broke it."""

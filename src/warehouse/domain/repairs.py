@@ -3,7 +3,7 @@
 from random import Random
 from typing import Final
 
-from warehouse.messages import FailureEvent, FleetReport, OperatorCommand
+from warehouse.messages.monitor import FailureEvent, FleetReport, OperatorCommand
 
 SPREAD: Final = 0.5  # of the times of repair (lognormal): half of them are within a third
 CALLS: Final = ('call_operator', 'out_of_service')

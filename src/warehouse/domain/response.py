@@ -10,7 +10,7 @@ from warehouse.domain.execution_profiles import STEPS, Response
 from warehouse.domain.failures import ESCALATE, NEVER_S, Failure, response_to, take_step
 from warehouse.domain.grid import Grid
 from warehouse.domain.standing import TAKES_TASKS
-from warehouse.messages import Cell, node_cell
+from warehouse.messages.message import Cell, node_cell
 
 STEPS_AT_ONCE: Final = 50  # profiles of others may escalate in a circle
 LONGEST_BLOCK: Final = 8  # times the time of the first one

@@ -23,7 +23,8 @@ from typing import Final
 import msgspec
 
 from warehouse.domain.profile_files import ProfileFile, near_miss
-from warehouse.messages import ActionStatus, ErrorLevel, Message
+from warehouse.messages.message import Message
+from warehouse.messages.robots import ActionStatus, ErrorLevel
 
 DEFAULT_FILE: Final = Path(__file__).parent.parent / 'data' / 'robot_failure_profile.yaml'
 

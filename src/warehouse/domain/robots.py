@@ -17,15 +17,14 @@ from warehouse.domain.fleet_steps import Steps
 from warehouse.domain.floor import Floor, granted, is_next
 from warehouse.domain.simulated_robot import SimulatedRobot
 from warehouse.domain.site import Site
-from warehouse.messages import (
+from warehouse.messages.message import Cell
+from warehouse.messages.monitor import FleetReport, OperatorCommand
+from warehouse.messages.robots import (
     ActionStatus,
-    Cell,
     FleetOrders,
-    FleetReport,
     FleetState,
     InstantAction,
     InstantActions,
-    OperatorCommand,
     RobotState,
 )
 

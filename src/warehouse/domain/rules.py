@@ -21,7 +21,7 @@ from collections.abc import Iterable, Mapping
 from math import inf
 from typing import NamedTuple
 
-from warehouse.messages import Cell
+from warehouse.messages.message import Cell
 
 
 class Limits(NamedTuple):

@@ -7,11 +7,11 @@ from typing import Final
 from warehouse.domain.execution_profiles import RobotType
 from warehouse.domain.faults import slowness, symptom
 from warehouse.domain.site import RobotPlace
-from warehouse.messages import (
+from warehouse.messages.message import Cell, node_cell, node_id
+from warehouse.messages.robots import (
     Action,
     ActionState,
     ActionStatus,
-    Cell,
     Error,
     ErrorLevel,
     Load,
@@ -20,8 +20,6 @@ from warehouse.messages import (
     RobotOrder,
     RobotState,
     SafetyState,
-    node_cell,
-    node_id,
 )
 
 _ENDED: Final = (ActionStatus.FINISHED, ActionStatus.FAILED)

@@ -26,19 +26,10 @@ from warehouse.domain.task_allocator import TaskAllocator
 from warehouse.domain.task_organizer import TaskOrganizer
 from warehouse.domain.trace_line import trace_line
 from warehouse.domain.validator import Validator
-from warehouse.messages import (
-    Assignments,
-    Costs,
-    FailureEvent,
-    FleetReport,
-    FleetState,
-    OpenOrders,
-    OperatorCommand,
-    OrderEvent,
-    OrderRequest,
-    RobotReport,
-    Tasks,
-)
+from warehouse.messages.monitor import FailureEvent, FleetReport, OperatorCommand, RobotReport
+from warehouse.messages.orders import OpenOrders, OrderEvent, OrderRequest
+from warehouse.messages.robots import FleetState
+from warehouse.messages.tasks import Assignments, Costs, Tasks
 
 MODULES: Final = (
     'orders',

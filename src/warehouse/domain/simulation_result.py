@@ -3,7 +3,8 @@
 from typing import NamedTuple
 
 from warehouse.domain.kpis import KpiView
-from warehouse.messages import OrderEvent, OrderStatus, Violation
+from warehouse.messages.onlookers import Violation
+from warehouse.messages.orders import OrderEvent, OrderStatus
 
 
 class Result(NamedTuple):

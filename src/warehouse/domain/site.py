@@ -26,7 +26,7 @@ import msgspec
 from warehouse.domain.maps import MapError, read_map
 from warehouse.domain.profile_files import near_miss
 from warehouse.domain.yaml_file import FileError, YamlFile, read_yaml
-from warehouse.messages import Cell, Message
+from warehouse.messages.message import Cell, Message
 
 DEFAULT_SITE: Final = Path(__file__).parent.parent / 'data' / 'site.yaml'
 

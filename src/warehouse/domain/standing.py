@@ -8,7 +8,9 @@ from typing import Final, NamedTuple
 from warehouse.domain.evidence import Watch
 from warehouse.domain.failures import LEVELS, Failure
 from warehouse.domain.monitor_memory import Memory
-from warehouse.messages import Cell, ErrorLevel, RobotReport, node_cell
+from warehouse.messages.message import Cell, node_cell
+from warehouse.messages.monitor import RobotReport
+from warehouse.messages.robots import ErrorLevel
 
 RISK_S: Final = 3600.0  # failures of the last hour make a robot a risk
 RISK_EACH: Final = 0.1

@@ -20,17 +20,9 @@ from warehouse.domain.grid import Distances, Grid
 from warehouse.domain.matching import match
 from warehouse.domain.places import obstacles
 from warehouse.domain.site import Site
-from warehouse.messages import (
-    Assignment,
-    Assignments,
-    Cell,
-    Costs,
-    FleetReport,
-    RobotReport,
-    Task,
-    Tasks,
-    TaskStatus,
-)
+from warehouse.messages.message import Cell
+from warehouse.messages.monitor import FleetReport, RobotReport
+from warehouse.messages.tasks import Assignment, Assignments, Costs, Task, Tasks, TaskStatus
 
 Table = NDArray[np.float64]
 

@@ -1,19 +1,16 @@
 """What the Task Organizer knows: its tasks, and what robots have shown of late."""
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from msgspec.structs import replace
 
-from warehouse.messages import (
-    TASK_ENDS,
-    Cell,
-    FleetReport,
-    Order,
-    RobotReport,
-    RobotState,
-    Task,
-    TaskStatus,
-)
+from warehouse.messages.message import Cell
+from warehouse.messages.tasks import TASK_ENDS, Task, TaskStatus
+
+if TYPE_CHECKING:
+    from warehouse.messages.monitor import FleetReport, RobotReport
+    from warehouse.messages.orders import Order
+    from warehouse.messages.robots import RobotState
 
 _PAST: Final = 1000  # ended tasks of ended orders that are remembered, should one come back
 

@@ -5,7 +5,8 @@ from typing import Final
 from warehouse.domain.site import Site
 from warehouse.domain.task_book import Entry, TaskBook
 from warehouse.domain.task_maker import TaskMaker
-from warehouse.messages import FleetState, RobotState, TaskStatus
+from warehouse.messages.robots import FleetState, RobotState
+from warehouse.messages.tasks import TaskStatus
 
 _LOST_STEPS: Final = 4  # that a load has to be gone before it is believed
 

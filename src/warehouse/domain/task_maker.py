@@ -6,16 +6,10 @@ from typing import Final
 from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.grid import Distances, Grid
 from warehouse.domain.site import Site
-from warehouse.messages import (
-    Cell,
-    LineStatus,
-    Load,
-    Order,
-    OrderLine,
-    RobotState,
-    Task,
-    TaskStatus,
-)
+from warehouse.messages.message import Cell
+from warehouse.messages.orders import LineStatus, Order, OrderLine
+from warehouse.messages.robots import Load, RobotState
+from warehouse.messages.tasks import Task, TaskStatus
 
 _LINE_ENDS: Final = {
     LineStatus.DELIVERED: TaskStatus.DELIVERED,

@@ -12,22 +12,11 @@ from warehouse.domain.task_book import Entry, TaskBook
 from warehouse.domain.task_loads import TaskLoads
 from warehouse.domain.task_maker import TaskMaker
 from warehouse.domain.task_status import TaskStatuses
-from warehouse.messages import (
-    ActionState,
-    ActionStatus,
-    Assignments,
-    Cell,
-    Costs,
-    FleetReport,
-    FleetState,
-    LineStatus,
-    OpenOrders,
-    Order,
-    OrderLine,
-    RobotState,
-    Tasks,
-    TaskStatus,
-)
+from warehouse.messages.message import Cell
+from warehouse.messages.monitor import FleetReport
+from warehouse.messages.orders import LineStatus, OpenOrders, Order, OrderLine
+from warehouse.messages.robots import ActionState, ActionStatus, FleetState, RobotState
+from warehouse.messages.tasks import Assignments, Costs, Tasks, TaskStatus
 
 _TRIES: Final = 3  # picks of a task that may fail, before its line does
 _ENDED_ACTIONS: Final = frozenset({ActionStatus.FINISHED, ActionStatus.FAILED})

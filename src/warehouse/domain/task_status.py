@@ -9,7 +9,7 @@ from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.places import obstacles
 from warehouse.domain.task_book import Entry, TaskBook
 from warehouse.domain.task_maker import TaskMaker
-from warehouse.messages import Assignments, Costs, Task, TaskStatus
+from warehouse.messages.tasks import Assignments, Costs, Task, TaskStatus
 
 _WITHDRAW_STEPS: Final = 6  # until a robot that was sent before would be seen to pick
 

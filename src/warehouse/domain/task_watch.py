@@ -7,7 +7,8 @@ from warehouse.domain.evidence import Watch
 from warehouse.domain.failures import NEVER_S
 from warehouse.domain.grid import Grid
 from warehouse.domain.signs import NO_PROGRESS, Signs
-from warehouse.messages import Cell, Task, Tasks, TaskStatus
+from warehouse.messages.message import Cell
+from warehouse.messages.tasks import Task, Tasks, TaskStatus
 
 BLOCKED_TASKS_SHOWN: Final = 20
 DETOUR: Final = 1.5  # ways are longer than they look from above

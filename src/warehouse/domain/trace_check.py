@@ -8,7 +8,8 @@ from msgspec.structs import replace
 
 from warehouse.domain.referee import Referee
 from warehouse.domain.rules import Frame, Job, Rules, Seen
-from warehouse.messages import Cell, Violation
+from warehouse.messages.message import Cell
+from warehouse.messages.onlookers import Violation
 
 WALLS: Final = '@TOW'
 SILENT: Final = 20  # steps until a floor that tells of failures tells of a silent robot

@@ -4,13 +4,9 @@ from collections.abc import Sequence
 
 import msgspec
 
-from warehouse.messages import (
-    FailureEvent,
-    FleetReport,
-    FleetState,
-    OrderEvent,
-    RobotState,
-)
+from warehouse.messages.monitor import FailureEvent, FleetReport
+from warehouse.messages.orders import OrderEvent
+from warehouse.messages.robots import FleetState, RobotState
 
 
 def trace_line(

@@ -16,20 +16,12 @@ from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.referee import Referee
 from warehouse.domain.rules import Frame, Job, Limits, Rules, Seen
 from warehouse.domain.site import Site
-from warehouse.messages import (
-    ActionStatus,
-    Cell,
-    ErrorLevel,
-    FleetReport,
-    FleetState,
-    OpenOrders,
-    RobotState,
-    Task,
-    Tasks,
-    TaskStatus,
-    ValidatorReport,
-    Violation,
-)
+from warehouse.messages.message import Cell
+from warehouse.messages.monitor import FleetReport
+from warehouse.messages.onlookers import ValidatorReport, Violation
+from warehouse.messages.orders import OpenOrders
+from warehouse.messages.robots import ActionStatus, ErrorLevel, FleetState, RobotState
+from warehouse.messages.tasks import Task, Tasks, TaskStatus
 
 KEPT: Final = 100  # violations in a report
 _NOTHING: Final[frozenset[str]] = frozenset()

@@ -2,7 +2,8 @@
 
 from warehouse.domain.cost_estimator import CostEstimator
 from warehouse.domain.execution_profiles import ExecutionProfiles
-from warehouse.messages import FleetReport, Tasks
+from warehouse.messages.monitor import FleetReport
+from warehouse.messages.tasks import Tasks
 from warehouse.nodes.node import Module
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from warehouse.domain.profile_files import ProfileError
-from warehouse.messages import Message
+from warehouse.messages.message import Message
 from warehouse.nodes.node import Module
 
 _LOOK_S: Final = 2.0

@@ -13,16 +13,10 @@ from warehouse.codec import MessageError, decode
 from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.monitor import Monitor
 from warehouse.domain.robot_failure_profile import RobotFailureProfile
-from warehouse.messages import (
-    ErrorLevel,
-    FleetOrders,
-    FleetReport,
-    FleetState,
-    OperatorCommand,
-    RobotReport,
-    Tasks,
-    ValidatorReport,
-)
+from warehouse.messages.monitor import FleetReport, OperatorCommand, RobotReport
+from warehouse.messages.onlookers import ValidatorReport
+from warehouse.messages.robots import ErrorLevel, FleetOrders, FleetState
+from warehouse.messages.tasks import Tasks
 from warehouse.nodes.node import Gate, Module
 from warehouse.nodes.standard import ros_name
 

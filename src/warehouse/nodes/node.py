@@ -20,7 +20,7 @@ from std_msgs.msg import String
 
 from warehouse.codec import MessageError, decode, encode
 from warehouse.domain.site import Site, read_site
-from warehouse.messages import Message
+from warehouse.messages.message import Message
 from warehouse.topics import TOPICS, Topic
 
 M = TypeVar('M', bound=Message)

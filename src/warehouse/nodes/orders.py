@@ -24,18 +24,17 @@ import msgspec
 from warehouse.codec import MessageError, decode
 from warehouse.domain.order_requests import shortened
 from warehouse.domain.orders import OrderDesk
-from warehouse.messages import (
+from warehouse.messages.message import Message
+from warehouse.messages.orders import (
     ORDER_ENDS,
-    Assignments,
     LineStatus,
-    Message,
     OpenOrders,
     Order,
     OrderEvent,
     OrderRequest,
     OrderStatus,
-    Tasks,
 )
+from warehouse.messages.tasks import Assignments, Tasks
 from warehouse.nodes.node import Gate, Module
 
 if TYPE_CHECKING:

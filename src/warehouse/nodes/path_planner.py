@@ -10,7 +10,11 @@ from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.path_planner import PathPlanner
 from warehouse.domain.places import obstacles
 from warehouse.domain.site import WALL, Site
-from warehouse.messages import Assignments, Cell, FleetReport, FleetState, Plans, Tasks
+from warehouse.messages.message import Cell
+from warehouse.messages.monitor import FleetReport
+from warehouse.messages.onlookers import Plans
+from warehouse.messages.robots import FleetState
+from warehouse.messages.tasks import Assignments, Tasks
 from warehouse.nodes.node import Module
 from warehouse.nodes.standard import FRAME, place, ros_name
 

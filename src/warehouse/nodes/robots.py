@@ -12,14 +12,8 @@ from sensor_msgs.msg import BatteryState
 from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.faults import FaultPlan, read_fault
 from warehouse.domain.robots import Fleet
-from warehouse.messages import (
-    FleetOrders,
-    FleetReport,
-    FleetState,
-    InstantActions,
-    OperatorCommand,
-    RobotState,
-)
+from warehouse.messages.monitor import FleetReport, OperatorCommand
+from warehouse.messages.robots import FleetOrders, FleetState, InstantActions, RobotState
 from warehouse.nodes.node import Gate, Module
 from warehouse.nodes.standard import FRAME, place, ros_name
 

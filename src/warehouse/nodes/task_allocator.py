@@ -2,7 +2,8 @@
 
 from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.task_allocator import TaskAllocator
-from warehouse.messages import Costs, FleetReport, Tasks
+from warehouse.messages.monitor import FleetReport
+from warehouse.messages.tasks import Costs, Tasks
 from warehouse.nodes.node import Module
 
 

@@ -2,7 +2,10 @@
 
 from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.task_organizer import TaskOrganizer
-from warehouse.messages import Assignments, Costs, FleetReport, FleetState, OpenOrders
+from warehouse.messages.monitor import FleetReport
+from warehouse.messages.orders import OpenOrders
+from warehouse.messages.robots import FleetState
+from warehouse.messages.tasks import Assignments, Costs
 from warehouse.nodes.node import Module
 
 

@@ -11,14 +11,11 @@ from typing import Final, Generic, NamedTuple, TypeVar
 
 from warehouse.domain.execution_profiles import ExecutionProfiles
 from warehouse.domain.validator import Validator
-from warehouse.messages import (
-    FleetReport,
-    FleetState,
-    OpenOrders,
-    Tasks,
-    ValidatorReport,
-    Violation,
-)
+from warehouse.messages.monitor import FleetReport
+from warehouse.messages.onlookers import ValidatorReport, Violation
+from warehouse.messages.orders import OpenOrders
+from warehouse.messages.robots import FleetState
+from warehouse.messages.tasks import Tasks
 from warehouse.nodes.node import Module
 
 _QUIET_S: Final = 1.0

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from warehouse.domain.order_requests import shortened
-from warehouse.messages import Line, OrderEvent, OrderRequest
+from warehouse.messages.orders import Line, OrderEvent, OrderRequest
 
 SHOWN_LINES = 100
 _SHOWN_SENTENCE = 500

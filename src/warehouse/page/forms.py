@@ -6,7 +6,9 @@ from typing import Annotated, Any, Final, TypeVar
 import msgspec
 
 from warehouse.domain.site import WALL, Site
-from warehouse.messages import Cell, Line, OperatorCommand, OrderRequest
+from warehouse.messages.message import Cell
+from warehouse.messages.monitor import OperatorCommand
+from warehouse.messages.orders import Line, OrderRequest
 
 _OF_A_ROBOT: Final = frozenset({'failRobot', 'repairRobot', 'removeRobot', 'rejoinRobot'})
 _OF_A_CELL: Final = frozenset({'blockCell', 'unblockCell'})

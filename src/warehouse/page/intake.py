@@ -4,7 +4,8 @@ from collections import OrderedDict
 from typing import Final, NamedTuple
 
 from warehouse.domain.orders import BLOCKED_TIMES, MAX_OPEN
-from warehouse.messages import Message, OpenOrders, OrderEvent, OrderRequest, OrderStatus
+from warehouse.messages.message import Message
+from warehouse.messages.orders import OpenOrders, OrderEvent, OrderRequest, OrderStatus
 
 _PATIENCE_S: Final = 10.0
 # A desk that is full lets orders wait in Kafka; those that wait for a person do not count. The

@@ -8,7 +8,8 @@ from typing import Any, Final
 from confluent_kafka import KafkaError, Message, Producer
 
 from warehouse.codec import encode
-from warehouse.messages import OperatorCommand, OrderRequest
+from warehouse.messages.monitor import OperatorCommand
+from warehouse.messages.orders import OrderRequest
 
 ORDERS: Final = 'warehouse.orders'
 COMMANDS: Final = 'warehouse.commands'

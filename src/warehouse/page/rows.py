@@ -3,22 +3,11 @@
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 
-from warehouse.messages import (
-    ActionStatus,
-    Assignment,
-    Cell,
-    ErrorLevel,
-    FailureEvent,
-    Line,
-    Message,
-    Order,
-    OrderEvent,
-    OrderLine,
-    OrderRequest,
-    RobotReport,
-    RobotState,
-    Task,
-)
+from warehouse.messages.message import Cell, Message
+from warehouse.messages.monitor import FailureEvent, RobotReport
+from warehouse.messages.orders import Line, Order, OrderEvent, OrderLine, OrderRequest
+from warehouse.messages.robots import ActionStatus, ErrorLevel, RobotState
+from warehouse.messages.tasks import Assignment, Task
 
 _BUSY = frozenset({ActionStatus.INITIALIZING, ActionStatus.RUNNING, ActionStatus.RETRIABLE})
 _STOPS = frozenset({ErrorLevel.CRITICAL, ErrorLevel.FATAL})

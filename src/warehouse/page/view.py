@@ -9,26 +9,12 @@ import msgspec
 from warehouse.codec import MessageError, decode
 from warehouse.domain.kpis import Kpis, KpiView
 from warehouse.domain.site import Site
-from warehouse.messages import (
-    Assignment,
-    Assignments,
-    Cell,
-    FailureEvent,
-    FleetReport,
-    FleetState,
-    Message,
-    OpenOrders,
-    OperatorCommand,
-    Order,
-    OrderEvent,
-    OrderRequest,
-    OrderStatus,
-    Plans,
-    Task,
-    Tasks,
-    ValidatorReport,
-    Violation,
-)
+from warehouse.messages.message import Cell, Message
+from warehouse.messages.monitor import FailureEvent, FleetReport, OperatorCommand
+from warehouse.messages.onlookers import Plans, ValidatorReport, Violation
+from warehouse.messages.orders import OpenOrders, Order, OrderEvent, OrderRequest, OrderStatus
+from warehouse.messages.robots import FleetState
+from warehouse.messages.tasks import Assignment, Assignments, Task, Tasks
 from warehouse.page.bounds import SHOWN_LINES, keep, short_event, short_request, within
 from warehouse.page.intake import Intake
 from warehouse.page.rows import OrderRow, RobotRow, ended_row, failure_row, order_row, robot_row

@@ -19,7 +19,9 @@ from warehouse.domain.robot_failure_profile import read_failure_profile
 from warehouse.domain.simulation import MODULES, Simulation
 from warehouse.domain.simulation_result import Result
 from warehouse.domain.site import make_site
-from warehouse.messages import FailureEvent, OrderStatus, RobotState
+from warehouse.messages.monitor import FailureEvent
+from warehouse.messages.orders import OrderStatus
+from warehouse.messages.robots import RobotState
 
 T = TypeVar('T')
 

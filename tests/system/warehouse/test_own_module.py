@@ -7,7 +7,8 @@ from pathlib import Path
 from harness import Bench, Process, eventually
 from warehouses import Warehouse
 
-from warehouse.messages import Line, OperatorCommand, OrderRequest, OrderStatus
+from warehouse.messages.monitor import OperatorCommand
+from warehouse.messages.orders import Line, OrderRequest, OrderStatus
 
 EXAMPLES = Path(__file__).parents[3] / 'examples'
 

@@ -16,19 +16,16 @@ from playwright.sync_api import Browser, expect, sync_playwright
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 from warehouse.codec import decode
-from warehouse.messages import (
-    FailureEvent,
-    FleetReport,
+from warehouse.messages.monitor import FailureEvent, FleetReport, OperatorCommand
+from warehouse.messages.onlookers import ValidatorReport, Violation
+from warehouse.messages.orders import (
     Line,
     OpenOrders,
-    OperatorCommand,
     Order,
     OrderEvent,
     OrderLine,
     OrderRequest,
     OrderStatus,
-    ValidatorReport,
-    Violation,
 )
 from warehouse.topics import KAFKA
 

@@ -4,7 +4,7 @@ from harness import Bench
 from warehouses import Warehouse
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
-from warehouse.messages import OrderStatus
+from warehouse.messages.orders import OrderStatus
 from warehouse.nodes import MODULES
 
 WITHOUT_MEMORY = (

@@ -16,7 +16,8 @@ import warehouse
 from warehouse.codec import decode, encode
 from warehouse.domain.faults import CODES
 from warehouse.domain.site import DEFAULT_SITE, make_site, read_site
-from warehouse.messages import Line, OperatorCommand, OrderRequest
+from warehouse.messages.monitor import OperatorCommand
+from warehouse.messages.orders import Line, OrderRequest
 from warehouse.nodes import MODULES
 from warehouse.page.failures import FAILURES
 from warehouse.run import programs_of, write_site

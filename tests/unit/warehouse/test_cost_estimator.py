@@ -5,7 +5,8 @@ from msgspec.structs import replace
 
 from warehouse.domain.cost_estimator import BATTERY_S, CARRY, SPARE_S, CostEstimator
 from warehouse.domain.execution_profiles import Battery
-from warehouse.messages import Blocked, Costs, FleetReport, RobotReport, Tasks, TaskStatus
+from warehouse.messages.monitor import Blocked, FleetReport, RobotReport
+from warehouse.messages.tasks import Costs, Tasks, TaskStatus
 
 HOME = (0, 0)
 

@@ -5,7 +5,8 @@ from small_fleet import PROFILES, STOCK, Floor, loaded, pick, report_of, site
 
 from warehouse.domain.faults import FaultPlan
 from warehouse.domain.robots import Fleet
-from warehouse.messages import ErrorLevel, FleetOrders, FleetState, OperatorCommand
+from warehouse.messages.monitor import OperatorCommand
+from warehouse.messages.robots import ErrorLevel, FleetOrders, FleetState
 
 
 def test_a_blocked_cell_is_driven_on_by_nobody_until_it_is_unblocked() -> None:

@@ -4,7 +4,7 @@ import pytest
 from small_fleet import CHARGER, QUICK, STOCK, Floor, loaded, pick
 
 from warehouse.domain.faults import CRASH_STEPS
-from warehouse.messages import Action, ActionStatus, ErrorLevel, FleetOrders
+from warehouse.messages.robots import Action, ActionStatus, ErrorLevel, FleetOrders
 
 
 def broken(code: str, floor: Floor | None = None) -> Floor:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from warehouse.domain.grid import Distances, Grid, one_way
-from warehouse.messages import Cell
+from warehouse.messages.message import Cell
 
 FLOORS = st.integers(1, 7).flatmap(
     lambda width: st.lists(st.text('..@', min_size=width, max_size=width), min_size=1, max_size=7)

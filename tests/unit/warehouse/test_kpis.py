@@ -4,26 +4,21 @@ import pytest
 
 from warehouse.codec import decode, encode
 from warehouse.domain.kpis import ACTIVITIES, Kpis, KpiView, percentile
-from warehouse.messages import (
+from warehouse.messages.message import node_id
+from warehouse.messages.monitor import FailureEvent, FleetReport, RobotReport
+from warehouse.messages.onlookers import Plans
+from warehouse.messages.orders import Order, OrderEvent, OrderStatus
+from warehouse.messages.robots import (
     ActionState,
     ActionStatus,
-    Assignment,
-    Assignments,
     ErrorLevel,
-    FailureEvent,
-    FleetReport,
     FleetState,
     Load,
-    Order,
-    OrderEvent,
-    OrderStatus,
-    Plans,
     Position,
     PowerSupply,
-    RobotReport,
     RobotState,
-    node_id,
 )
+from warehouse.messages.tasks import Assignment, Assignments
 
 S = OrderStatus
 

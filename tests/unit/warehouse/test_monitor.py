@@ -7,7 +7,8 @@ from watched import PROFILES, TABLE, Watched
 from warehouse.domain.order_plan import OrderPlan
 from warehouse.domain.simulation import Simulation
 from warehouse.domain.site import read_site
-from warehouse.messages import PowerSupply, RobotReport
+from warehouse.messages.monitor import RobotReport
+from warehouse.messages.robots import PowerSupply
 
 # Nothing, and contact.
 

@@ -6,15 +6,9 @@ from watched import SITE, Watched
 from warehouse.codec import decode, encode
 from warehouse.domain.monitor import Monitor
 from warehouse.domain.site import RobotPlace
-from warehouse.messages import (
-    ErrorLevel,
-    FailureEvent,
-    FleetReport,
-    OperatorCommand,
-    SafetyState,
-    ValidatorReport,
-    Violation,
-)
+from warehouse.messages.monitor import FailureEvent, FleetReport, OperatorCommand
+from warehouse.messages.onlookers import ValidatorReport, Violation
+from warehouse.messages.robots import ErrorLevel, SafetyState
 
 
 def test_an_emergency_stop_that_is_released_in_time_costs_nothing(watched: Watched) -> None:

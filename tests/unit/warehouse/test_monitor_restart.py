@@ -6,15 +6,9 @@ import msgspec
 import pytest
 from watched import Watched, block_ahead
 
-from warehouse.messages import (
-    FailureEvent,
-    FleetState,
-    OperatorCommand,
-    PowerSupply,
-    SafetyState,
-    ValidatorReport,
-    Violation,
-)
+from warehouse.messages.monitor import FailureEvent, OperatorCommand
+from warehouse.messages.onlookers import ValidatorReport, Violation
+from warehouse.messages.robots import FleetState, PowerSupply, SafetyState
 
 
 def _story(watched: Watched, restart_at: int) -> list[FailureEvent]:

@@ -4,17 +4,16 @@ import msgspec
 from watched import CHARGER, SITE, Watched, a_task
 
 from warehouse.domain.monitor import Monitor
-from warehouse.messages import (
+from warehouse.messages.message import node_id
+from warehouse.messages.robots import (
     ActionState,
     ActionStatus,
     Error,
     ErrorLevel,
     Load,
     PowerSupply,
-    Tasks,
-    TaskStatus,
-    node_id,
 )
+from warehouse.messages.tasks import Tasks, TaskStatus
 
 
 def test_a_low_battery_is_charged_soon_and_a_critical_one_at_once(watched: Watched) -> None:

@@ -11,7 +11,8 @@ from warehouse.domain.execution_profiles import read_execution_profiles
 from warehouse.domain.orders import OrderDesk
 from warehouse.domain.random_orders import random_order
 from warehouse.domain.site import make_site
-from warehouse.messages import Line, LineStatus, OrderEvent, OrderRequest, OrderStatus, TaskStatus
+from warehouse.messages.orders import Line, LineStatus, OrderEvent, OrderRequest, OrderStatus
+from warehouse.messages.tasks import TaskStatus
 
 
 def test_a_new_order_is_received_once_however_often_it_comes() -> None:

@@ -11,17 +11,8 @@ from msgspec.structs import replace
 from shop import ENDS, SITE, Shop, request, said, task
 
 from warehouse.domain.orders import OrderDesk, event_name
-from warehouse.messages import (
-    Assignment,
-    Assignments,
-    Line,
-    OrderEvent,
-    OrderRequest,
-    OrderStatus,
-    Task,
-    Tasks,
-    TaskStatus,
-)
+from warehouse.messages.orders import Line, OrderEvent, OrderRequest, OrderStatus
+from warehouse.messages.tasks import Assignment, Assignments, Task, Tasks, TaskStatus
 
 # What becomes of them
 

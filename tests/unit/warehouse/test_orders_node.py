@@ -12,7 +12,7 @@ import pytest
 from warehouse import kafka
 from warehouse.domain.orders import OrderDesk
 from warehouse.domain.site import read_site
-from warehouse.messages import (
+from warehouse.messages.orders import (
     Line,
     LineStatus,
     OpenOrders,

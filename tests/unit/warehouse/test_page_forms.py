@@ -7,7 +7,8 @@ import pytest
 
 from warehouse.domain.faults import CODES
 from warehouse.domain.site import Product, RobotPlace, Site
-from warehouse.messages import OperatorCommand, OrderRequest
+from warehouse.messages.monitor import OperatorCommand
+from warehouse.messages.orders import OrderRequest
 from warehouse.page.failures import FAILURES
 from warehouse.page.forms import BadForm, read_command, read_order, read_rate
 

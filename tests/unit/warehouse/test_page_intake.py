@@ -1,6 +1,6 @@
 """When orders wait that nobody answers, the page says so; and only then."""
 
-from warehouse.messages import OpenOrders, Order, OrderEvent, OrderRequest, OrderStatus
+from warehouse.messages.orders import OpenOrders, Order, OrderEvent, OrderRequest, OrderStatus
 from warehouse.page.intake import Intake, Standstill
 
 NOTHING = OpenOrders()

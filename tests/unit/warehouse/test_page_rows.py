@@ -4,28 +4,27 @@ from datetime import UTC, datetime
 
 import pytest
 
-from warehouse.messages import (
-    ActionState,
-    ActionStatus,
-    Assignment,
-    Error,
-    ErrorLevel,
-    FailureEvent,
+from warehouse.messages.monitor import FailureEvent, RobotReport
+from warehouse.messages.orders import (
     Line,
     LineStatus,
-    Load,
     Order,
     OrderEvent,
     OrderLine,
     OrderRequest,
     OrderStatus,
+)
+from warehouse.messages.robots import (
+    ActionState,
+    ActionStatus,
+    Error,
+    ErrorLevel,
+    Load,
     Position,
     PowerSupply,
-    RobotReport,
     RobotState,
-    Task,
-    TaskStatus,
 )
+from warehouse.messages.tasks import Assignment, Task, TaskStatus
 from warehouse.page.rows import RobotRow, ended_row, failure_row, order_row, robot_row
 
 

@@ -12,28 +12,19 @@ from hypothesis import strategies as st
 from warehouse.codec import encode
 from warehouse.domain.order_requests import shortened
 from warehouse.domain.site import Site
-from warehouse.messages import (
-    ErrorLevel,
-    FailureEvent,
-    FleetReport,
-    FleetState,
+from warehouse.messages.message import Message
+from warehouse.messages.monitor import FailureEvent, FleetReport, OperatorCommand, RobotReport
+from warehouse.messages.onlookers import Plans, ValidatorReport, Violation
+from warehouse.messages.orders import (
     Line,
-    Message,
     OpenOrders,
-    OperatorCommand,
     Order,
     OrderEvent,
     OrderLine,
     OrderRequest,
     OrderStatus,
-    Plans,
-    Position,
-    PowerSupply,
-    RobotReport,
-    RobotState,
-    ValidatorReport,
-    Violation,
 )
+from warehouse.messages.robots import ErrorLevel, FleetState, Position, PowerSupply, RobotState
 from warehouse.page.app import new_order_id
 from warehouse.page.view import SNAPSHOTS, STREAMS, View
 from warehouse.topics import KAFKA

@@ -5,22 +5,16 @@ from collections.abc import Sequence
 from floors import CHARGER, PACKING, PROFILES, TEA, fleet, report, site, state, task, tasks
 
 from warehouse.domain.path_planner import PathPlanner
-from warehouse.messages import (
+from warehouse.messages.message import Cell, node_cell
+from warehouse.messages.monitor import Blocked, FleetReport, RobotReport
+from warehouse.messages.robots import (
     ActionState,
     ActionStatus,
-    Assignment,
-    Assignments,
-    Blocked,
-    Cell,
     FleetOrders,
-    FleetReport,
     RobotOrder,
-    RobotReport,
     RobotState,
-    Task,
-    TaskStatus,
-    node_cell,
 )
+from warehouse.messages.tasks import Assignment, Assignments, Task, TaskStatus
 
 START = (0, 0)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from warehouse.domain.grid import Distances, Grid, one_way
 from warehouse.domain.pibt import Pibt, Robot
-from warehouse.messages import Cell
+from warehouse.messages.message import Cell
 
 DRIVE_STEPS = 3  # of a slow robot, from cell to cell
 

@@ -12,7 +12,7 @@ from refereed import AT_STOCK, FREE, HOMES, RULES, TEA, WITH_TEA, judged, robot
 
 from warehouse.domain.referee import Referee
 from warehouse.domain.rules import Frame, Job, Seen
-from warehouse.messages import Cell
+from warehouse.messages.message import Cell
 
 
 def test_a_floor_that_started_again_is_taken_as_it_is() -> None:

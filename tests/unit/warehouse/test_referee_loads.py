@@ -7,7 +7,7 @@ from refereed import AT_STOCK, RULES, TEA, WITH_TEA, judged, robot
 
 from warehouse.domain.referee import Referee
 from warehouse.domain.rules import Frame, Job, Limits, Seen
-from warehouse.messages import Cell
+from warehouse.messages.message import Cell
 
 
 def carried(*frames: tuple[Seen, ...], job: Job = TEA) -> list[str]:

@@ -5,7 +5,7 @@ from refereed import HOMES, judged, robot
 
 from warehouse.domain.referee import Referee
 from warehouse.domain.rules import Frame, Rules
-from warehouse.messages import Cell
+from warehouse.messages.message import Cell
 
 
 def test_driving_to_a_neighbour_breaks_nothing() -> None:

@@ -16,7 +16,7 @@ from warehouse.domain.robot_failure_profile import (
     diagnose,
     read_failure_profile,
 )
-from warehouse.messages import ErrorLevel
+from warehouse.messages.robots import ErrorLevel
 
 SHIPPED = read_failure_profile()
 

@@ -9,10 +9,10 @@ from small_fleet import CHARGER, PROFILES, ROWS, STOCK, Floor, drop, loaded, pic
 
 from warehouse.domain.faults import CODES
 from warehouse.domain.robots import Fleet
-from warehouse.messages import (
+from warehouse.messages.message import Cell
+from warehouse.messages.robots import (
     Action,
     ActionStatus,
-    Cell,
     ErrorLevel,
     FleetOrders,
     RobotOrder,

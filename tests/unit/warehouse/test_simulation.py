@@ -21,7 +21,9 @@ from warehouse.domain.simulation import MODULES, Simulation
 from warehouse.domain.simulation_result import Result
 from warehouse.domain.site import Site, make_site, read_site
 from warehouse.domain.trace_check import validate_trace
-from warehouse.messages import FleetState, Line, OrderRequest, OrderStatus, node_id
+from warehouse.messages.message import node_id
+from warehouse.messages.orders import Line, OrderRequest, OrderStatus
+from warehouse.messages.robots import FleetState
 from warehouse.simulate import simulate
 from warehouse.validate import validate
 

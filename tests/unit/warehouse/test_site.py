@@ -20,7 +20,7 @@ from warehouse.domain.site import (
     read_site,
     site_yaml,
 )
-from warehouse.messages import OrderRequest, OrderStatus
+from warehouse.messages.orders import OrderRequest, OrderStatus
 
 DOCS = Path(__file__).parents[3] / 'docs' / 'warehouse.md'
 STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))

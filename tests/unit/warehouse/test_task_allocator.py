@@ -4,15 +4,9 @@ from floors import CHARGER, PACKING, PROFILES, SAFE, report, site, state, task, 
 
 from warehouse.domain.cost_estimator import CostEstimator
 from warehouse.domain.task_allocator import TaskAllocator
-from warehouse.messages import (
-    Assignment,
-    Blocked,
-    Cell,
-    FleetReport,
-    RobotReport,
-    Task,
-    TaskStatus,
-)
+from warehouse.messages.message import Cell
+from warehouse.messages.monitor import Blocked, FleetReport, RobotReport
+from warehouse.messages.tasks import Assignment, Task, TaskStatus
 
 LEFT, RIGHT = (0, 0), (9, 3)
 OTHER_CHARGER = (9, 1)

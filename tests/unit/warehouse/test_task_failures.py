@@ -5,7 +5,9 @@ from msgspec.structs import replace
 
 from warehouse.domain.site import RobotPlace
 from warehouse.domain.task_organizer import TaskOrganizer
-from warehouse.messages import ActionStatus, Error, ErrorLevel, OrderLine, TaskStatus
+from warehouse.messages.orders import OrderLine
+from warehouse.messages.robots import ActionStatus, Error, ErrorLevel
+from warehouse.messages.tasks import TaskStatus
 
 
 def test_a_missing_load_is_looked_for_in_the_other_stock_cell_and_then_the_line_fails() -> None:

@@ -5,15 +5,9 @@ from hall import FAILED, FAR, FINISHED, NEAR, SITE, STATION, UNDER_WAY, Hall, ca
 from msgspec.structs import replace
 
 from warehouse.domain.task_organizer import TaskOrganizer
-from warehouse.messages import (
-    ActionStatus,
-    LineStatus,
-    Load,
-    OpenOrders,
-    Order,
-    OrderLine,
-    TaskStatus,
-)
+from warehouse.messages.orders import LineStatus, OpenOrders, Order, OrderLine
+from warehouse.messages.robots import ActionStatus, Load
+from warehouse.messages.tasks import TaskStatus
 
 # Orders
 

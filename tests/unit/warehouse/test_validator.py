@@ -9,28 +9,21 @@ from warehouse.domain.claims import GRACE
 from warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
 from warehouse.domain.site import Product, RobotPlace, Site
 from warehouse.domain.validator import Validator
-from warehouse.messages import (
+from warehouse.messages.message import Cell, node_id
+from warehouse.messages.monitor import FleetReport, RobotReport
+from warehouse.messages.orders import LineStatus, OpenOrders, Order, OrderLine
+from warehouse.messages.robots import (
     ActionState,
     ActionStatus,
-    Cell,
     Error,
     ErrorLevel,
-    FleetReport,
     FleetState,
-    LineStatus,
     Load,
-    OpenOrders,
-    Order,
-    OrderLine,
     Position,
     PowerSupply,
-    RobotReport,
     RobotState,
-    Task,
-    Tasks,
-    TaskStatus,
-    node_id,
 )
+from warehouse.messages.tasks import Task, Tasks, TaskStatus
 
 SITE = Site(
     'small',

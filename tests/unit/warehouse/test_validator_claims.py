@@ -9,26 +9,20 @@ from msgspec.structs import replace
 from warehouse.domain.claims import FORMER, GRACE, QUIET
 from warehouse.domain.robots import Fleet
 from warehouse.domain.validator import Validator
-from warehouse.messages import (
+from warehouse.messages.message import Cell, node_id
+from warehouse.messages.monitor import OperatorCommand
+from warehouse.messages.orders import LineStatus, OpenOrders, Order, OrderLine
+from warehouse.messages.robots import (
     ActionState,
     ActionStatus,
-    Cell,
     FleetOrders,
     FleetState,
-    LineStatus,
     Load,
-    OpenOrders,
-    OperatorCommand,
-    Order,
-    OrderLine,
     OrderNode,
     RobotOrder,
     RobotState,
-    Task,
-    Tasks,
-    TaskStatus,
-    node_id,
 )
+from warehouse.messages.tasks import Task, Tasks, TaskStatus
 
 RETURNS: Cell = (9, 3)
 SITE = replace(

@@ -1,6 +1,7 @@
 """In which order the Validator node hands on what it hears, and what it writes to its log."""
 
-from warehouse.messages import Tasks, ValidatorReport, Violation
+from warehouse.messages.onlookers import ValidatorReport, Violation
+from warehouse.messages.tasks import Tasks
 from warehouse.nodes.validator import Before, new_ones
 
 
