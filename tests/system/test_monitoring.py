@@ -15,7 +15,6 @@ from scrapes import PREFIX, ROUTES, Watched, settings, under_load, watched
 from workers import pids
 
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.kafka.cluster import Cluster
 from ros2_kafka_bridge.kafka.overview import Overview
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka, free_port
 
@@ -131,9 +130,9 @@ def test_a_look_at_a_cluster_tells_the_topics_asked_for_and_creates_none(
     there, missing = unique('there'), unique('missing')
     bench.create_topic(there, partitions=3)
     properties = {'bootstrap.servers': kafka.bootstrap_servers}
-    cluster = Cluster(properties)
+    overview = Overview(properties)
     for _ in range(3):
-        seen = cluster.look([there, missing, there])
+        seen = overview.look([there, missing, there])
     assert list(seen.brokers.values()) == [kafka.bootstrap_servers]
     assert seen.controller in seen.brokers
     assert seen.cluster_id
@@ -141,8 +140,8 @@ def test_a_look_at_a_cluster_tells_the_topics_asked_for_and_creates_none(
     assert list(found) == sorted([there, missing])
     assert found[there] == (there, 3, '', 0, 0)
     assert 'it is not there' in found[missing].problem
-    assert cluster.look([]).topics == []
-    known = {topic.name for topic in Overview(properties).topics()}
+    assert overview.look([]).topics == []
+    known = {topic.name for topic in overview.topics()}
     assert there in known
     assert missing not in known
 
@@ -150,7 +149,7 @@ def test_a_look_at_a_cluster_tells_the_topics_asked_for_and_creates_none(
 def test_a_look_at_a_cluster_that_is_away_says_why() -> None:
     nobody = f'127.0.0.1:{free_port()}'
     with pytest.raises(TransportError, match='refused'):
-        Cluster({'bootstrap.servers': nobody}).look(['orders'])
+        Overview({'bootstrap.servers': nobody}).look(['orders'])
 
 
 def test_a_bridge_that_does_not_answer_is_said_to_be_away(bench: Bench, unique: Unique) -> None:

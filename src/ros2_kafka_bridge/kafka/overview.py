@@ -1,18 +1,31 @@
-"""All topics of a cluster, and how far they reach; nothing is read from them or changed."""
+"""A cluster, its topics and how far they reach; nothing is read from them or changed."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+import contextlib
+import time
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any, Final, NamedTuple
 
-from confluent_kafka import KafkaException, TopicPartition
+from confluent_kafka import (
+    Consumer,
+    KafkaError,
+    KafkaException,
+    TopicCollection,
+    TopicPartition,
+)
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     ConfigResource,
     OffsetSpec,
     ResourceType,
 )
 
+from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.admin import Admin
+from ros2_kafka_bridge.kafka.errors import translate
+from ros2_kafka_bridge.kafka.properties import consumer_properties
+from ros2_kafka_bridge.logs.lines import client_log
+from ros2_kafka_bridge.logs.text import count
 
-_REQUEST_S = 5.0
+_REQUEST_S: Final = 5.0
 
 
 class KafkaTopic(NamedTuple):
@@ -27,25 +40,119 @@ class KafkaTopic(NamedTuple):
     problem: str
 
 
+class TopicView(NamedTuple):
+    """What is seen of a topic.
+
+    Args:
+        rights: Operations that this user may do (READ, WRITE, ...); None if the broker does not
+            tell.
+        problem: Why it is not there, in the broker's words.
+    """
+
+    exists: bool
+    partitions: int
+    rights: frozenset[str] | None
+    problem: str
+
+
+class TopicState(NamedTuple):
+    """A topic at this moment.
+
+    Args:
+        problem: Why nothing more is known of it, in the broker's words; empty if it is well.
+        leaderless: Partitions that nobody leads: they take and give nothing.
+        under_replicated: Partitions of which a replica is behind or away.
+    """
+
+    name: str
+    partitions: int
+    problem: str
+    leaderless: int
+    under_replicated: int
+
+
+class ClusterState(NamedTuple):
+    """A cluster at this moment.
+
+    Args:
+        brokers: `host:port` of each that the cluster knows, by its id.
+        controller: The id of the one that leads.
+        round_trip_s: How long it took to ask.
+        topics: Those that were asked for, sorted.
+    """
+
+    cluster_id: str
+    brokers: dict[int, str]
+    controller: int
+    round_trip_s: float
+    topics: list[TopicState]
+
+
 class Overview:
-    """A cluster, looked at with the user's own properties."""
+    """A cluster, looked at with the user's own properties, as often as one likes.
+
+    Args:
+        properties: librdkafka properties that all clients have.
+
+    Raises:
+        RouteError: A file that they name cannot be read.
+    """
 
     def __init__(self, properties: Mapping[str, Any]) -> None:
+        self._properties = properties
         self._admin = Admin(properties, __name__)
 
-    def topics(self) -> list[KafkaTopic]:
-        """All topics that this user may see, sorted.
+    def greeting(self) -> str:
+        """Say who answers.
 
         Raises:
-            TransportError: No broker answers.
+            TransportError: Nobody does.
             RouteError: This user is not let in.
         """
-        with self._admin.translated('the broker does not answer'):
-            found = self._admin.requests.list_topics(timeout=_REQUEST_S).topics
+        metadata = self._metadata()
+        brokers = count(len(metadata.brokers), 'broker')
+        verb = 'answers' if len(metadata.brokers) == 1 else 'answer'
+        return f'{brokers} of cluster {metadata.cluster_id} {verb}'
+
+    def topics(self) -> list[KafkaTopic]:
+        """All topics that this user may see, sorted; errors as of `greeting`."""
         return [
             KafkaTopic(name, len(topic.partitions), topic.error.str() if topic.error else '')
-            for name, topic in sorted(found.items())
+            for name, topic in sorted(self._metadata().topics.items())
         ]
+
+    def topic(self, name: str) -> TopicView:
+        """Look at one topic."""
+        try:
+            answer = self._admin.requests.describe_topics(
+                TopicCollection([name]),
+                include_authorized_operations=True,
+                request_timeout=_REQUEST_S,
+            )[name].result()
+        except KafkaException as error:
+            return TopicView(exists=False, partitions=0, rights=None, problem=error.args[0].str())
+        rights = answer.authorized_operations
+        names = None if rights is None else frozenset(right.name for right in rights)
+        return TopicView(exists=True, partitions=len(answer.partitions), rights=names, problem='')
+
+    def look(self, topics: Collection[str]) -> ClusterState:
+        """Ask for brokers and these topics: not for all that a cluster has, and creating none.
+
+        Errors as of `greeting`.
+        """
+        began_s = time.monotonic()
+        with self._admin.translated('the broker does not answer'):
+            asked = self._admin.requests.describe_cluster(request_timeout=_REQUEST_S)
+            answers = self._ask_for(sorted(set(topics)))
+            cluster = asked.result()
+            states = [_state(name, answer) for name, answer in answers.items()]
+        return ClusterState(
+            cluster_id=str(cluster.cluster_id),
+            brokers={n.id: f'{n.host}:{n.port}' for n in sorted(cluster.nodes, key=_number)},
+            controller=cluster.controller.id if cluster.controller else -1,
+            round_trip_s=time.monotonic() - began_s,
+            topics=states,
+        )
 
     def begins(self, topics: Iterable[KafkaTopic]) -> dict[tuple[str, int], int]:
         """The first offset of each partition; those that do not answer are left out."""
@@ -54,6 +161,31 @@ class Overview:
     def ends(self, topics: Iterable[KafkaTopic]) -> dict[tuple[str, int], int]:
         """The offset behind the last record of each partition, as `begins`."""
         return self._offsets(topics, OffsetSpec.latest())  # type: ignore[no-untyped-call]
+
+    def committed(self, group: str, topic: str, partitions: int) -> dict[int, int]:
+        """Look up the committed offsets of a group.
+
+        Raises:
+            RouteError: This user may not see the group.
+            TransportError: The coordinator does not answer.
+        """
+        asked = [TopicPartition(topic, number) for number in range(partitions)]
+        deadline_s = time.monotonic() + _REQUEST_S
+        # A consumer asks, because librdkafka's admin request can end the process while the
+        # coordinator of a broker that has just started loads its groups.
+        properties = consumer_properties(self._properties, group=group, client_id=__name__)
+        client = Consumer(properties, logger=client_log(__name__))
+        with contextlib.closing(client):
+            while True:
+                try:
+                    answer = client.committed(asked, timeout=_REQUEST_S)
+                    break
+                except KafkaException as error:
+                    problem = translate(error.args[0], 'its offsets cannot be read')
+                    if not isinstance(problem, TransportError) or time.monotonic() > deadline_s:
+                        raise problem from error
+                    time.sleep(0.2)
+        return {p.partition: p.offset for p in answer if p.offset >= 0}
 
     def creates_topics(self) -> bool | None:
         """Whether the brokers create a topic that is written to; None where they do not tell."""
@@ -66,6 +198,16 @@ class Overview:
         except (KafkaException, TimeoutError, ValueError):
             return None
         return None if value is None else value.value == 'true'
+
+    def _metadata(self) -> Any:
+        with self._admin.translated('the broker does not answer'):
+            return self._admin.requests.list_topics(timeout=_REQUEST_S)
+
+    def _ask_for(self, topics: list[str]) -> Mapping[str, Any]:
+        if not topics:
+            return {}
+        wanted = TopicCollection(topics)
+        return self._admin.requests.describe_topics(wanted, request_timeout=_REQUEST_S)
 
     def _offsets(
         self, topics: Iterable[KafkaTopic], spec: OffsetSpec
@@ -85,6 +227,38 @@ class Overview:
             except KafkaException:
                 continue  # its leader is away just now, or this user may not see it
         return found
+
+
+def _number(node: Any) -> int:
+    return int(node.id)
+
+
+def _state(name: str, answer: Any) -> TopicState:
+    try:
+        partitions = answer.result().partitions
+    except KafkaException as error:
+        return TopicState(name, 0, _problem(error), 0, 0)
+    return TopicState(
+        name=name,
+        partitions=len(partitions),
+        problem='',
+        leaderless=sum(one.leader is None or one.leader.id < 0 for one in partitions),
+        under_replicated=sum(len(one.isr) < len(one.replicas) for one in partitions),
+    )
+
+
+def _problem(error: KafkaException) -> str:
+    """What the broker says of a topic.
+
+    Raises:
+        KafkaException: It is no word of a broker: none has answered.
+    """
+    found = error.args[0]
+    if found.code() < 0:
+        raise error
+    if found.code() == KafkaError.UNKNOWN_TOPIC_OR_PART:
+        return 'it is not there, or this user may not see it'
+    return str(found.str())
 
 
 def records(

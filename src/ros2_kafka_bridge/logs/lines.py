@@ -122,7 +122,6 @@ def set_up(log_format: LogFormat, worker: int = 0) -> None:
     logger.propagate = False
     # The client's own lines repeat what the bridge says with the route and the cure.
     for client in (
-        'broker',
         'member',
         'overview',
         'producer',

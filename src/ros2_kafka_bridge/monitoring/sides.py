@@ -9,7 +9,6 @@ from typing import Any, Final, Self
 from ros2_kafka_bridge.config.routes import ends_of
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError
-from ros2_kafka_bridge.kafka.cluster import Cluster
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
 from ros2_kafka_bridge.kafka.properties import common_properties
 from ros2_kafka_bridge.monitoring import graph
@@ -86,27 +85,27 @@ class Sides:
     # Kafka
 
     def _watch_kafka(self) -> None:
-        known: tuple[Config, Cluster, Overview] | None = None
+        known: tuple[Config, Overview] | None = None
         while not self._ended.is_set():
             config = self._watch.config
             try:
                 if known is None or known[0] is not config:
                     properties = common_properties(config.kafka, client_id=f'{config.name}-page')
-                    known = config, Cluster(properties), Overview(properties)
-                self._look_at_kafka(known[1], known[2])
+                    known = config, Overview(properties)
+                self._look_at_kafka(known[1])
             except BridgeError as error:
                 known = None  # a new client tells the cause as it is then
                 self._broker = {**(self._broker or {}), 'problem': str(error)}
                 self._broker['seen_s'] = self._broker.get('seen_s')
             self._wanted['kafka'].wait(_OFTEN_S, _SELDOM_S)
 
-    def _look_at_kafka(self, cluster: Cluster, overview: Overview) -> None:
+    def _look_at_kafka(self, overview: Overview) -> None:
         routes = self._watch.routes
         joined = {end for route in routes for end in ends_of(route) if not end.startswith('/')}
         by_topic: dict[str, list[str]] = {}
         for route in routes:
             by_topic.setdefault(route.dead_letter_topic, []).append(route.name)
-        state = cluster.look({*joined, *by_topic})
+        state = overview.look({*joined, *by_topic})
         there = {topic.name: topic for topic in state.topics if topic.partitions}
         letters = [KafkaTopic(n, there[n].partitions, '') for n in by_topic if n in there]
         begins, ends = overview.begins(letters), overview.ends(letters)

@@ -7,9 +7,8 @@ from ros2_kafka_bridge.commands.screen import Finding
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.errors import BridgeError, TransportError
-from ros2_kafka_bridge.kafka.broker import Broker, TopicView
 from ros2_kafka_bridge.kafka.names import lock_group, lock_topic
-from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
+from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, TopicView, records
 from ros2_kafka_bridge.kafka.properties import common_properties
 from ros2_kafka_bridge.logs.text import count
 
@@ -22,7 +21,6 @@ class CheckedCluster(NamedTuple):
         creates_topics: Whether it creates what is written to; None where it does not tell.
     """
 
-    broker: Broker
     overview: Overview
     problem: str
     creates_topics: bool | None
@@ -31,16 +29,16 @@ class CheckedCluster(NamedTuple):
 def ask(config: Config) -> tuple[CheckedCluster, list[Finding]]:
     """Look who answers."""
     properties = common_properties(config.kafka, client_id=config.name)
-    broker, overview = Broker(properties), Overview(properties)
+    overview = Overview(properties)
     try:
-        greeting = broker.greeting()
+        greeting = overview.greeting()
     except BridgeError as error:
         where = config.kafka.get('bootstrap.servers')
         away = isinstance(error, TransportError)
         cure = f'is bootstrap.servers ({where}) right, does the broker run?' if away else ''
-        kafka = CheckedCluster(broker, overview, str(error), None)
+        kafka = CheckedCluster(overview, str(error), None)
         return kafka, [Finding('bad', 'brokers', str(error), cure)]
-    kafka = CheckedCluster(broker, overview, '', overview.creates_topics())
+    kafka = CheckedCluster(overview, '', overview.creates_topics())
     return kafka, [Finding('ok', 'brokers', greeting)]
 
 
@@ -49,13 +47,13 @@ def source_findings(
 ) -> Iterator[Finding]:
     """What a route from Kafka would read, and from where on."""
     topic = route.source.kafka
-    view = kafka.broker.topic(topic)
+    view = kafka.overview.topic(topic)
     yield _topic_finding('source', topic, view, 'READ')
     if not view.exists:
         return
     group = route.group(config.name)
     try:
-        committed = kafka.broker.committed(group, topic, view.partitions)
+        committed = kafka.overview.committed(group, topic, view.partitions)
     except BridgeError as error:
         yield Finding('bad', 'group', f'group {group}: {error}', 'add the ACL READ on the group')
         return
@@ -78,7 +76,7 @@ def source_findings(
 def sink_findings(route: RosToKafkaRoute, kafka: CheckedCluster) -> Iterator[Finding]:
     """What a route to Kafka would write to."""
     topic = route.sink.kafka
-    view = kafka.broker.topic(topic)
+    view = kafka.overview.topic(topic)
     if not view.exists:
         yield _missing_sink(topic, kafka.creates_topics)
         return
@@ -98,7 +96,7 @@ def lock_findings(
     if not route.exclusive:
         return
     topic, group = lock_topic(config.name), lock_group(config.name, route.name)
-    view = kafka.broker.topic(topic)
+    view = kafka.overview.topic(topic)
     if not view.exists:
         text = f'lock topic {topic} is not there: it is created at the start, if this user may'
         yield Finding('note', 'lock', text)
@@ -109,7 +107,7 @@ def lock_findings(
         return
     yield _topic_finding('lock', topic, view, 'READ')
     try:
-        kafka.broker.committed(group, topic, view.partitions)
+        kafka.overview.committed(group, topic, view.partitions)
     except BridgeError as error:
         yield Finding('bad', 'lock', f'group {group}: {error}', 'add the ACL READ on the group')
 
@@ -140,7 +138,7 @@ def dead_letter_findings(route: AnyRoute, kafka: CheckedCluster) -> Iterator[Fin
         yield Finding('note', 'dead letters', text)
         return
     topic = route.dead_letter_topic
-    view = kafka.broker.topic(topic)
+    view = kafka.overview.topic(topic)
     if view.exists:
         yield _topic_finding('dead letters', topic, view, 'WRITE')
     else:
