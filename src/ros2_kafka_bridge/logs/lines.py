@@ -111,6 +111,7 @@ def set_up(log_format: LogFormat, worker: int = 0) -> None:
         worker: Number of this process among the workers of one bridge; 0 where it is none.
     """
     handler = logging.StreamHandler(sys.stderr)
+    handler.addFilter(_is_no_repetition)
     handler.setFormatter(
         _JsonFormatter(worker)
         if log_format == 'json'
@@ -120,17 +121,11 @@ def set_up(log_format: LogFormat, worker: int = 0) -> None:
     logger.handlers = [handler]
     logger.setLevel(logging.INFO)
     logger.propagate = False
-    # The client's own lines repeat what the bridge says with the route and the cure.
-    for client in (
-        'member',
-        'overview',
-        'producer',
-        'tail',
-        'topics',
-    ):
-        logging.getLogger(f'ros2_kafka_bridge.kafka.{client}.librdkafka').setLevel(
-            logging.CRITICAL
-        )
+
+
+def _is_no_repetition(record: logging.LogRecord) -> bool:
+    """A Kafka client's own lines repeat what the bridge says with the route and the cure."""
+    return record.levelno >= logging.CRITICAL or not record.name.endswith('.librdkafka')
 
 
 def client_log(module: str, level: int = logging.CRITICAL) -> logging.Logger:

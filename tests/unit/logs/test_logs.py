@@ -183,6 +183,18 @@ def test_a_sum_tells_how_many_it_stands_for(capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.mark.usefixtures('_own_handlers')
+def test_of_the_lines_of_a_kafka_client_only_the_end_of_it_is_said(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    logs.set_up('text')
+    client = logging.getLogger('ros2_kafka_bridge.kafka.member.librdkafka')
+    client.error('connect failed')
+    client.critical('fenced')
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith('CRITICAL fenced')
+
+
+@pytest.mark.usefixtures('_own_handlers')
 def test_a_line_of_text_names_the_trace_where_there_is_one(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
