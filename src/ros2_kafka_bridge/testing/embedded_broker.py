@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Mapping
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Final, Self
 
 from confluent_kafka import KafkaException, Producer
@@ -70,12 +70,7 @@ class EmbeddedBroker:
         self._bootstrap_servers = ','.join(f'{broker.host}:{broker.port}' for broker in brokers)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._close()
 
     def _close(self) -> None:
