@@ -19,7 +19,6 @@ from ros2_kafka_bridge.ros.matching import (
 from ros2_kafka_bridge.ros.node import Peer, Topic, domain_in_words, middleware, own_nodes
 
 _NO_TIME_NS = 2**31 * 10**9 - 1
-_TOPICS_OF_ROS = '/rosout', '/parameter_events'
 
 Json = dict[str, Any]
 
@@ -46,7 +45,7 @@ def _topic(config: Config, routes: Sequence[AnyRoute], topic: Topic) -> Json:
     return {
         'name': topic.name,
         'types': topic.types,
-        'of_ros': is_of_ros_itself(topic.name) or topic.name in _TOPICS_OF_ROS,
+        'of_ros': is_of_ros_itself(topic.name),
         'publishers': [_peer(peer, bool(own.fullmatch(peer.node))) for peer in topic.publishers],
         'subscribers': [_peer(peer, bool(own.fullmatch(peer.node))) for peer in topic.subscribers],
         'routes': [
