@@ -8,9 +8,13 @@ from typing import Any, Final
 
 from confluent_kafka import Consumer, KafkaError, KafkaException, Message, TopicPartition
 
-from warehouse.page.view import SNAPSHOTS, STREAMS, View
+from warehouse.page.view import View
+from warehouse.topics import KAFKA
 
 _LOG: Final = logging.getLogger(__name__)
+
+_TOPICS: Final = frozenset(topic.name for topic in KAFKA)
+_SNAPSHOTS: Final = frozenset(topic.name for topic in KAFKA if topic.compacted)
 
 # librdkafka's OFFSET_TAIL(n) is -2000 - n. The last offsets may be markers of transactions.
 _NEWEST: Final = -2000 - 10
@@ -76,7 +80,7 @@ class Feed:
         await asyncio.to_thread(self._consumer.close)
 
     def _look_again_s(self, silent_s: float) -> float:
-        complete = {name for name, _ in self._known} == {*SNAPSHOTS, *STREAMS}
+        complete = {name for name, _ in self._known} == _TOPICS
         return _SELDOM_S if complete and silent_s < _SILENT_S else _LOOK_AGAIN_S
 
     def _find_partitions(self) -> None:
@@ -87,7 +91,7 @@ class Feed:
             self._away = self._away or error.args[0].str()
             return
         self._away = ''
-        wanted = {*SNAPSHOTS, *STREAMS} & topics.keys()
+        wanted = _TOPICS & topics.keys()
         found = {(name, number) for name in wanted for number in topics[name].partitions}
         new = sorted(found - self._known)
         if new:
@@ -102,7 +106,7 @@ class Feed:
             if record.error() is not None or topic is None:
                 continue
             count += 1
-            if topic in SNAPSHOTS:
+            if topic in _SNAPSHOTS:
                 newest[topic] = record
             else:
                 self._hand_on(topic, record)
@@ -135,5 +139,5 @@ class Feed:
 
 
 def _from_where(topic: str, partition: int) -> Any:
-    offset = _NEWEST if topic in SNAPSHOTS else _LAST_OF_STREAM
+    offset = _NEWEST if topic in _SNAPSHOTS else _LAST_OF_STREAM
     return TopicPartition(topic, partition, offset)

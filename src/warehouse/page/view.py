@@ -2,7 +2,7 @@
 
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -19,22 +19,6 @@ from warehouse.page.bounds import SHOWN_LINES, keep, short_event, short_request,
 from warehouse.page.intake import Intake
 from warehouse.page.rows import OrderRow, RobotRow, ended_row, failure_row, order_row, robot_row
 from warehouse.page.sections import Sections
-
-SNAPSHOTS: Final = (
-    'warehouse.open-orders',
-    'warehouse.tasks',
-    'warehouse.assignments',
-    'warehouse.robots',
-    'warehouse.fleet',
-    'warehouse.plans',
-    'warehouse.validator',
-)
-STREAMS: Final = (
-    'warehouse.orders',
-    'warehouse.commands',
-    'warehouse.order-events',
-    'warehouse.failures',
-)
 
 _KEPT_ENDS = 100
 _KEPT_FAILURES = 200
