@@ -313,11 +313,8 @@ def _not_on_site(path: Path | None, robot: str, cell: tuple[int, int] | None) ->
     where = path or 'the site of the package'
     if robot and robot not in site.robots:
         return f'no robot {robot} in {where}; {near_miss(robot, list(site.robots))}'
-    if cell is None:
-        return ''
-    column, row = cell
-    if not (0 <= row < len(site.rows) and 0 <= column < len(site.rows[row])):
-        return f'no cell {column}, {row} on the map of {where}'
+    if cell is not None and not site.is_on_map(cell):
+        return f'no cell {cell[0]}, {cell[1]} on the map of {where}'
     return ''
 
 

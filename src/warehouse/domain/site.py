@@ -76,6 +76,11 @@ class Site(Message, frozen=True):
     cell_m: float = 1.0
     step_s: float = 0.5
 
+    def is_on_map(self, cell: Cell) -> bool:
+        """Whether the map has such a cell, free or not."""
+        column, row = cell
+        return 0 <= row < len(self.rows) and 0 <= column < len(self.rows[row])
+
 
 class _ProductEntry(msgspec.Struct, forbid_unknown_fields=True):
     cells: tuple[Cell, ...]
@@ -217,7 +222,7 @@ def _check_places(file: YamlFile, site: Site) -> None:
     ]
     reached = _reached(site.rows, places[0][0])
     for (column, row), field in places:
-        if not (0 <= row < len(site.rows) and 0 <= column < len(site.rows[row])):
+        if not site.is_on_map((column, row)):
             raise file.error(f'{column}, {row} (column, row) is not on the map', *field)
         if site.rows[row][column] == WALL:
             raise file.error(f'{column}, {row} (column, row) is a wall or a shelf', *field)

@@ -132,8 +132,7 @@ def _must_be_free(cell: Cell | None, site: Site) -> None:
     if cell is None:
         raise BadForm('cell: [column, row] is missing')
     column, row = cell
-    on_map = 0 <= row < len(site.rows) and 0 <= column < len(site.rows[row])
-    if not on_map:
+    if not site.is_on_map(cell):
         raise BadForm(f'cell: {column},{row} is not on the map')
     if site.rows[row][column] == WALL:
         raise BadForm(f'cell: {column},{row} is a wall or a shelf')

@@ -194,13 +194,16 @@ class View:
 
     def _take_command(self, command: OperatorCommand) -> None:
         """Remember what people have seen, and put where no robot may have found it yet."""
+        cell = command.cell
         if command.command == 'acknowledge':
             self._acknowledge()
-        elif command.command == 'blockCell' and self._is_on_map(command.cell):
-            keep(self._placed, command.cell, None, _KEPT_PLACED)
+        elif cell is None:
+            return
+        elif command.command == 'blockCell' and self._site.is_on_map(cell):
+            keep(self._placed, cell, None, _KEPT_PLACED)
             self._sections.change('floor')
-        elif command.command == 'unblockCell' and command.cell is not None:
-            self._placed.pop(command.cell, None)
+        elif command.command == 'unblockCell':
+            self._placed.pop(cell, None)
             self._sections.change('floor')
 
     def _acknowledge(self) -> None:
@@ -210,12 +213,6 @@ class View:
         if self._validator is not None and not is_old:
             self._acknowledged = frozenset(map(_violation_name, self._validator.violations))
             self._sections.change('validator')
-
-    def _is_on_map(self, cell: Cell | None) -> bool:
-        if cell is None:
-            return False
-        column, row = cell
-        return 0 <= row < len(self._site.rows) and 0 <= column < len(self._site.rows[row])
 
     def _take_event(self, event: OrderEvent) -> None:
         event = short_event(event)
