@@ -3,6 +3,7 @@
 import contextlib
 import time
 from collections.abc import Collection, Iterable, Mapping
+from operator import attrgetter
 from typing import Any, Final, NamedTuple
 
 from confluent_kafka import (
@@ -146,9 +147,10 @@ class Overview:
             answers = self._ask_for(sorted(set(topics)))
             cluster = asked.result()
             states = [_state(name, answer) for name, answer in answers.items()]
+        nodes = sorted(cluster.nodes, key=attrgetter('id'))
         return ClusterState(
             cluster_id=str(cluster.cluster_id),
-            brokers={n.id: f'{n.host}:{n.port}' for n in sorted(cluster.nodes, key=_number)},
+            brokers={node.id: f'{node.host}:{node.port}' for node in nodes},
             controller=cluster.controller.id if cluster.controller else -1,
             round_trip_s=time.monotonic() - began_s,
             topics=states,
@@ -227,10 +229,6 @@ class Overview:
             except KafkaException:
                 continue  # its leader is away just now, or this user may not see it
         return found
-
-
-def _number(node: Any) -> int:
-    return int(node.id)
 
 
 def _state(name: str, answer: Any) -> TopicState:

@@ -134,7 +134,7 @@ class RosSource:
         """
         if gid and gid not in self._hashes and time.monotonic() >= self._asked_at_s + _ASK_S:
             self._asked_at_s = time.monotonic()
-            self._offers_if_told()
+            self._ask_for_hashes()
         if gid and gid not in self._hashes:
             return None
         return self._hashes.get(gid) or self._message_type.type_hash or ''
@@ -166,13 +166,12 @@ class RosSource:
         self.matches = Matches(matched, len(peers) - matched)
         return {peer.gid: self._offer(peer) for peer in right}
 
-    def _offers_if_told(self) -> dict[bytes, Offer]:
-        """The same in the middle of a batch, where no message may be lost for it."""
+    def _ask_for_hashes(self) -> None:
+        """Look at the graph in the middle of a batch, where no message may be lost for it."""
         try:
-            return self._offers()
+            self._offers()
         except BridgeError as error:
             self._failure = error
-            return {}
 
     def _close_unwanted(self, wanted: set[Offer]) -> None:
         """Close what was found empty after its last publisher had gone."""
