@@ -315,9 +315,6 @@ METRICS: Final = (
 )  # fmt: skip
 """Every metric, in the order in which they are told."""
 
-TABLE: Final = {it.full_name: (it.kind, ('bridge', *it.labels)) for it in METRICS}
-"""Type and labels of each metric, by the name that a query spells."""
-
 
 class BridgeCollector(Collector):
     """Makes the metrics of one report at each scrape: their balance is that of its snapshots.

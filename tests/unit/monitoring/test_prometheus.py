@@ -10,7 +10,7 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families 
 from prometheus_client.parser import text_string_to_metric_families as prometheus
 from prometheus_client.registry import CollectorRegistry
 
-from ros2_kafka_bridge.monitoring.prometheus import METRICS, PREFIX, TABLE, BridgeCollector
+from ros2_kafka_bridge.monitoring.prometheus import METRICS, PREFIX, BridgeCollector
 from ros2_kafka_bridge.protocol.monitor import Reload
 from ros2_kafka_bridge.route.counters import Measures, Outcome, State
 
@@ -68,9 +68,8 @@ def test_names_follow_the_conventions_of_prometheus() -> None:
             assert metric.name.endswith('_seconds')
         if metric.kind == 'gauge':
             assert metric.name.endswith(UNITS), metric.name
-    assert TABLE['ros2_kafka_bridge_messages_ended_total'] == (
-        'counter', ('bridge', 'route', 'outcome'),
-    )  # fmt: skip
+    [ended] = [it for it in METRICS if it.full_name == 'ros2_kafka_bridge_messages_ended_total']
+    assert (ended.kind, ended.labels) == ('counter', ('route', 'outcome'))
 
 
 def test_what_was_taken_is_what_has_ended_and_what_is_held(told: Told) -> None:
