@@ -21,7 +21,7 @@ from ros2_kafka_bridge.turns.life import (
     StandingBy,
     waits_for_spool,
 )
-from ros2_kafka_bridge.turns.term import OVERLAP_S
+from ros2_kafka_bridge.turns.overlap import MOST_S
 from ros2_kafka_bridge.turns.totals import Totals
 from ros2_kafka_bridge.wiring import Direction
 
@@ -215,7 +215,7 @@ class Lane:
         if since_s is None:
             since_s = now_s
             self.log.info('%s', waits_for_spool(in_use.short))
-        if now_s - since_s > OVERLAP_S + self.route.drain_s + _SPOOL_S:
+        if now_s - since_s > MOST_S + self.route.drain_s + _SPOOL_S:
             raise in_use
 
     # What this bridge has on disk while another runs the route

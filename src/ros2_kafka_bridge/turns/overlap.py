@@ -12,15 +12,17 @@ process had begun, seven were sent to 1.4 to 2.4 s later, the others within 0.4 
 process that was known within 15 ms (Fast DDS, one machine).
 """
 
+MOST_S: Final = 30.0
+"""How long an overlap may last; the next bridge may wait for the spool of this one meanwhile."""
+
 MOST_AT_END_S: Final = 10.0
-"""How long an overlap may last where the bridge stops: somebody waits for its end."""
+"""The same where the bridge stops: somebody waits for its end."""
 
 # A publisher sends again what a reader has missed at its next heartbeat, every 3 s by default. One
 # that has stood still may miss two of them: Fast DDS took its shared memory for that of a dead
 # process, and makes it anew (of 24 on a machine with ten times the load it bears, one heard the
 # first after 7.2 s).
 _QUIET_S: Final = 10.0
-_MOST_S: Final = 60.0
 _HELD_UP_S: Final = 1.0
 
 
@@ -67,7 +69,7 @@ class Overlap:
             is_end: Whether the bridge stops; one that goes on has more time.
         """
         now_s = time.monotonic()
-        most_s, quiet_s = (MOST_AT_END_S, KNOWN_S) if is_end else (_MOST_S, _QUIET_S)
+        most_s, quiet_s = (MOST_AT_END_S, KNOWN_S) if is_end else (MOST_S, _QUIET_S)
         since_s = self._older_at_s if self._older else self._began_s
         quiet_since_s = max(since_s, self._listens_since_s)
         heard_s = now_s if self._taken_at_s is None else self._taken_at_s

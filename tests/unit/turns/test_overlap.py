@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from ros2_kafka_bridge.turns.overlap import KNOWN_S, MOST_AT_END_S, Overlap
+from ros2_kafka_bridge.turns.overlap import KNOWN_S, MOST_AT_END_S, MOST_S, Overlap
 
 BEGAN_S = 1000.0
 BEFORE, AFTER = BEGAN_S - 60, BEGAN_S + KNOWN_S
@@ -93,7 +93,7 @@ def test_nothing_is_heard_while_nothing_can_be_taken(clock: Clock, first: int) -
     assert lasts_s(clock, {}, held_up=range(first, 5)) == pytest.approx(5.0 + KNOWN_S, abs=0.2)
 
 
-@pytest.mark.parametrize(('is_end', 'most_s'), [(True, MOST_AT_END_S), (False, 60.0)])
+@pytest.mark.parametrize(('is_end', 'most_s'), [(True, MOST_AT_END_S), (False, MOST_S)])
 def test_an_overlap_has_an_end_also_where_a_publisher_is_always_behind(
     clock: Clock, *, is_end: bool, most_s: float
 ) -> None:

@@ -76,7 +76,7 @@ def test_guarantee_8_a_turn_without_the_spool_goes_back_to_a_bridge_that_stands_
 ) -> None:
     """Who has the spool may still run the route, and be held back by an endpoint that is idle."""
     monkeypatch.setattr('ros2_kafka_bridge.turns.lane._SPOOL_S', 0.0)
-    monkeypatch.setattr('ros2_kafka_bridge.turns.lane.OVERLAP_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.turns.lane.MOST_S', 0.0)
     lock = MemoryLock('ours')
     house = House(lock, MemoryDirection(0, fail))
     house.in_use = IN_USE
@@ -104,7 +104,7 @@ def test_a_turn_without_the_spool_is_kept_where_no_other_bridge_stands_by(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.turns.lane._SPOOL_S', 0.0)
-    monkeypatch.setattr('ros2_kafka_bridge.turns.lane.OVERLAP_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.turns.lane.MOST_S', 0.0)
     lock = MemoryLock('ours')
     house = House(lock)
     house.directions.append(MemoryDirection(2, house.stop))
