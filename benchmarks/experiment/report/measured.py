@@ -117,7 +117,7 @@ def sort(experiment: Experiment) -> Measured:
     bare = cells[cells['contestant'] == 'bare'].droplevel('Contestant')
     cells['bare_median_ms'] = loads.map(bare['latency_median_ms'].to_dict()).astype(float)
     cells['bare_p99_ms'] = loads.map(bare['latency_p99_ms'].to_dict()).astype(float)
-    cells['ratio'] = cells['latency_p99_ms'] / cells['bare_p99_ms']
+    cells['ratio'] = cells['latency_p99_ms'] / cells['bare_p99_ms'].where(cells['bare_p99_ms'] > 0)
     cells['lost_before_ros'] = cells['producer_orders'] - cells['kafka_ros_orders']
     cells['lost_in_ros'] = cells['kafka_ros_orders'] - cells['ros_kafka_orders']
     cells['lost_behind_ros'] = cells['ros_kafka_orders'] - cells['consumer_orders']
