@@ -31,10 +31,10 @@ def records(bootstrap_servers: str, topic: str, partitions: int = 1) -> Iterator
             yield from _of_partition(consumer, topic, partition)
 
 
-def headers(record: Message) -> dict[str, str]:
-    """The headers of a record as text."""
+def headers(record: Message, errors: str = 'strict') -> dict[str, str]:
+    """The headers of a record as text; `errors` as in `bytes.decode`."""
     pairs: Any = record.headers() or []  # a list, though its type says more
-    return {name: bytes(value or b'').decode(errors='replace') for name, value in pairs}
+    return {name: bytes(value or b'').decode(errors=errors) for name, value in pairs}
 
 
 def _of_partition(consumer: Consumer, topic: str, partition: int) -> Iterator[Message]:

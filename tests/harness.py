@@ -21,6 +21,7 @@ from processes import PATIENCE_S, Process, eventually, within
 from ruamel.yaml import YAML
 
 from rig.hosts import Host
+from rig.topics import headers
 from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Histories, make_profile
 
 __all__ = [
@@ -347,12 +348,6 @@ def values(records: list[Message]) -> list[bytes]:
     found = [record.value() for record in records]
     assert all(value is not None for value in found)
     return [value for value in found if value is not None]
-
-
-def headers(record: Message) -> dict[str, str]:
-    """The headers of a record as text."""
-    found: Any = record.headers() or []  # a list, though its type says more
-    return {name: bytes(value or b'').decode() for name, value in found}
 
 
 def lines(file: Path) -> list[str]:

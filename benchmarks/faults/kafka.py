@@ -179,11 +179,11 @@ def dead_lettered(
     if stream.is_from_kafka and letters:
         for record in records(bootstrap_servers, stream.kafka_topic, stream.lines):
             place = _origin(record.partition(), record.offset())
-            numbers[place] = int(headers(record)[orders.NUMBER_HEADER])
+            numbers[place] = int(headers(record, 'replace')[orders.NUMBER_HEADER])
     found = []
     for record in letters:
         kept = _kept(record)
-        told = headers(record)
+        told = headers(record, 'replace')
         number = None
         if kept.place is not None and kept.place[0] in firsts:
             number = firsts[kept.place[0]] + kept.place[1]
@@ -199,7 +199,7 @@ def _origin(partition: object, offset: object) -> tuple[int, int]:
 
 
 def _kept(record: Message) -> Kept:
-    told = headers(record)
+    told = headers(record, 'replace')
     gid, seq = told.get('ros.gid'), told.get('ros.seq')
     place = (gid, int(seq)) if gid is not None and seq is not None else None
     number = orders.number_of(record.value() or b'')
