@@ -25,9 +25,10 @@ from rich.table import Table
 
 from benchmarks.machine import machine, versions
 from benchmarks.numbers import BOTH_WAYS, Count, count_topic
-from benchmarks.processes import Process, ProcessError
+from benchmarks.processes import programs
 from benchmarks.topics import EndOffset, topics
 from benchmarks.vitals import Slope, Vitals, slope, vitals
+from rig.processes import Process, ProcessError, Programs
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Histories, make_profile
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
@@ -82,12 +83,11 @@ def play(servers: str, place: Path, domain: int, times: int) -> Result:
         times: How often.
     """
     mark = f'churn_{uuid.uuid4().hex[:8]}'
-    environ = {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    at = programs(place, domain)
     read, write = f'/to_ros_{mark}', f'/to_kafka_{mark}'
 
     def peer(part: str, *words: str) -> Process:
-        command = [sys.executable, '-m', 'benchmarks.numbers', part, *words]
-        return Process(part, command, place / f'{part}.log', environ)
+        return at.python(part, '-m', 'benchmarks.numbers', part, *words)
 
     with ExitStack() as stack:
         stack.enter_context(topics(servers, [f'{mark}.source', f'{mark}.sink']))
@@ -95,8 +95,7 @@ def play(servers: str, place: Path, domain: int, times: int) -> Result:
         file.write_text(
             f'defaults: {{drain_s: 60}}\n{BOTH_WAYS.format(servers=servers, mark=mark)}'
         )
-        command = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(file)]
-        bridge = stack.enter_context(Process('bridge', command, place / 'bridge.log', environ))
+        bridge = stack.enter_context(at.bridge('bridge', file))
         for what in ('subscribes to', 'reads '):
             bridge.wait_for(what, START_S)
         counted = place / 'counted.json'
@@ -107,7 +106,7 @@ def play(servers: str, place: Path, domain: int, times: int) -> Result:
         for process in (counter, to_kafka, to_ros):
             process.wait_for('ready', START_S)
         seen = [vitals(bridge.pid)]
-        visitors = _Visitors(place, environ, read, write)
+        visitors = _Visitors(at, read, write)
         for first in range(0, times, ROUND):
             visitors.come_and_go(min(ROUND, times - first), seed=first)
             bridge.check()
@@ -125,26 +124,26 @@ def play(servers: str, place: Path, domain: int, times: int) -> Result:
 class _Visitors:
     """Processes whose nodes come and go."""
 
-    def __init__(self, place: Path, environ: Mapping[str, str], *topics: str) -> None:
-        profile = place / 'visitor.xml'
+    def __init__(self, at: Programs, *topics: str) -> None:
+        profile = at.logs / 'visitor.xml'
         profile.write_text(make_profile(Histories({}, {}, LEASE_S)))
-        self._place = place
-        self._environ = {**environ, FASTDDS_3.variable: str(profile)}
-        self._command = [sys.executable, '-m', 'benchmarks.visitor', *topics]
+        self._at = at
+        self._profile = {FASTDDS_3.variable: str(profile)}
+        self._command = ['-m', 'benchmarks.visitor', *topics]
         self.killed = 0
 
     def come_and_go(self, times: int, seed: int) -> None:
         """So often, the last time by a kill."""
-        log = self._place / f'visitor-{seed}.log'
-        words = ['--times', str(times - 1), '--seed', str(seed)]
-        with Process('visitor', [*self._command, *words], log, self._environ) as visitor:
+        with self._visitor('visitor', seed, '--times', str(times - 1)) as visitor:
             visitor.wait_for(f'gone {times - 1}', VISITS_S)
-        log = self._place / f'killed-{seed}.log'
-        words = ['--stay', '--seed', str(seed)]
-        with Process('visitor', [*self._command, *words], log, self._environ) as visitor:
+        with self._visitor('killed', seed, '--stay') as visitor:
             visitor.wait_for('ready', START_S)
             visitor.kill()
         self.killed += 1
+
+    def _visitor(self, name: str, seed: int, *words: str) -> Process:
+        words = *self._command, *words, '--seed', str(seed)
+        return self._at.python(f'{name}-{seed}', *words, **self._profile)
 
 
 def _end_of(sender: Process) -> int:

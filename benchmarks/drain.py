@@ -38,8 +38,9 @@ from benchmarks.contestants import CONTESTANTS, Commands, Ends
 from benchmarks.drain_table import Result, Side, report, show
 from benchmarks.machine import show_machine
 from benchmarks.options import broker, domains, some_of, whole_number
-from benchmarks.processes import Process, ProcessError, Usage, usage
+from benchmarks.processes import Usage, programs, usage
 from benchmarks.topics import EndOffset, count, fill, topics
+from rig.processes import Process, ProcessError, direct
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.testing.orders import encode, orders
 
@@ -148,10 +149,10 @@ def _started(
     what: str, commands: Commands, place: Path, domain: int
 ) -> Iterator[tuple[Watched, Watched]]:
     """Start the two processes, the one that publishes last."""
-    environ = {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    at = programs(place, domain, direct)
 
     def process(name: str, command: list[str]) -> Process:
-        return Process(f'{what}, {name},', command, place / name, environ)
+        return at.command(f'{what}, {name}', *command)
 
     with process('ROS -> Kafka', commands.ros_to_kafka) as ros_to_kafka:
         ros_to_kafka.wait_for(commands.subscribed, START_S)

@@ -34,10 +34,11 @@ from rich.table import Table
 from benchmarks.hash_reader import DIGEST_BYTES, digest
 from benchmarks.hostile import CDR_TYPE, LIMIT_BYTES, TEXT_TYPE, Hostile, messages, texts
 from benchmarks.machine import machine, versions
-from benchmarks.processes import Process, ProcessError
+from benchmarks.processes import programs
 from benchmarks.raw_producer import RawProducer
 from benchmarks.topics import EndOffset
 from benchmarks.vitals import watched
+from rig.processes import Process, ProcessError, direct
 from ros2_kafka_bridge.errors import ConfigError, RecordError, TransportError
 from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.scope import Scope
@@ -197,16 +198,14 @@ def play(servers: str, place: Path, domain: int, seed: int, count: int) -> Outco
     file.write_text(
         FILE.format(servers=servers, mark=mark, text_type=TEXT_TYPE, cdr_type=CDR_TYPE)
     )
-    environ = {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    at = programs(place, domain)
     with ExitStack() as stack:
         for lane in both:
-            module = [sys.executable, '-m', 'benchmarks.hash_reader', str(place / lane.name)]
             topic = f'/{lane.name}_{mark}={lane.message_type}'
-            log = place / f'{lane.name}.log'
-            reader = Process(f'reader of {lane.name}', [*module, topic], log, environ)
+            words = '-m', 'benchmarks.hash_reader', str(place / lane.name), topic
+            reader = at.python(f'reader of {lane.name}', *words)
             stack.enter_context(reader).wait_for('ready', START_S)
-        command = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(file)]
-        bridge = Process('bridge', command, place / 'bridge.log', environ)
+        bridge = programs(place, domain, direct).bridge('bridge', file)
         begun_s = time.monotonic()
         with bridge, watched(lambda: bridge.pid, LOOK_S) as seen:
             bug = _wait_until_read(servers, mark, both, bridge)

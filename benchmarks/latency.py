@@ -32,7 +32,7 @@ from benchmarks.experiment.parts import Place
 from benchmarks.experiment.results import Cell, Latency, Load
 from benchmarks.machine import machine, show_machine, versions
 from benchmarks.options import broker, domains, positive, some_of, whole_number
-from benchmarks.processes import ProcessError
+from rig.processes import ProcessError
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 
 RATES: Final = (163.0, 2000.0, 10_000.0)

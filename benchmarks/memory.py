@@ -24,8 +24,10 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.machine import machine, versions
-from benchmarks.processes import Process, ProcessError
+from benchmarks.processes import programs
 from benchmarks.topics import EndOffset, fill, topics
+from benchmarks.vitals import watched
+from rig.processes import ProcessError, Programs
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 from ros2_kafka_bridge.testing.orders import encode, orders
@@ -78,15 +80,15 @@ class Stage(NamedTuple):
 
     kafka: LocalKafka
     mark: str
-    place: Path
+    at: Programs
     sent: int
     delivered: EndOffset
 
     @contextmanager
     def peer(self, part: str, topic: str, *options: str) -> Iterator[None]:
         """Run a ROS node beside (benchmarks/peer.py)."""
-        command = [sys.executable, '-m', 'benchmarks.peer', part, f'/{topic}_{self.mark}']
-        with Process(part, [*command, *options], self.place / f'{part}.log', _environ()) as node:
+        words = '-m', 'benchmarks.peer', part, f'/{topic}_{self.mark}', *options
+        with self.at.python(part, *words) as node:
             node.wait_for('ready', START_S)
             yield
 
@@ -165,39 +167,15 @@ def measure(case: Case, kafka: LocalKafka) -> Result:
                 samples=samples,
             )
         )
-        command = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(file)]
-        bridge = stack.enter_context(Process('bridge', command, place / 'log', _environ()))
+        at = programs(place, DOMAIN)
+        bridge = stack.enter_context(at.bridge('bridge', file))
         bridge.wait_for('reads', START_S)
         delivered = stack.enter_context(closing(EndOffset(servers, sink)))
-        stage = Stage(kafka, mark, place, len(values), delivered)
-        seen = stack.enter_context(_watched(bridge))
+        stage = Stage(kafka, mark, at, len(values), delivered)
+        seen = stack.enter_context(watched(lambda: bridge.pid, LOOK_S))
         case.play(stage)
-        return Result(case.what, seen[-1], max(seen))
-
-
-@contextmanager
-def _watched(process: Process) -> Iterator[list[float]]:
-    """Look at the memory of a process again and again, in a thread."""
-    import threading  # noqa: PLC0415 (here only)
-
-    seen = [process.usage().anon_mib]
-    end = threading.Event()
-
-    def look() -> None:
-        while not end.wait(LOOK_S):
-            seen.append(process.usage().anon_mib)
-
-    thread = threading.Thread(target=look, daemon=True)
-    thread.start()
-    try:
-        yield seen
-    finally:
-        end.set()
-        thread.join()
-
-
-def _environ() -> dict[str, str]:
-    return {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        most_kib = max(vitals.anon_kib for vitals in seen)
+        return Result(case.what, seen[-1].anon_kib / 1024, most_kib / 1024)
 
 
 def main() -> int:

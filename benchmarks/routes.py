@@ -23,9 +23,10 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.machine import machine, versions
-from benchmarks.processes import Process, ProcessError
+from benchmarks.processes import programs
 from benchmarks.topics import topics
 from benchmarks.vitals import Vitals, vitals
+from rig.processes import ProcessError, direct
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
@@ -92,30 +93,32 @@ def measure(servers: str, routes: int) -> Result:
     names = {way: [f'{mark}.{way}.{number}' for number in range(half)] for way in WAYS}
     with ExitStack() as stack:
         place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='routes-')))
+        at = programs(place, DOMAIN, direct)
         stack.enter_context(topics(servers, [name for way in WAYS for name in names[way]]))
         file = place / 'routes.yaml'
         file.write_text(_file(servers, mark, half))
         begun_s = time.monotonic()
-        check = Process('check', [*BRIDGE, 'check', str(file)], place / 'check.log', _environ())
-        with check:
-            check.ends(END_S)
+        with at.python('check', *BRIDGE, 'check', str(file)) as check:
+            check.wait(END_S)
         checked_s = time.monotonic() - begun_s
         begun_s = time.monotonic()
-        bridge = Process('bridge', [*BRIDGE, 'run', str(file)], place / 'bridge.log', _environ())
-        stack.enter_context(bridge)
+        bridge = stack.enter_context(at.bridge('bridge', file))
         bridge.wait_for(' reads ', START_S, half)
         bridge.wait_for(' subscribes to ', START_S, half)
         ready_s = time.monotonic() - begun_s
         time.sleep(SETTLE_S)
         held = vitals(bridge.pid)
-        reader = stack.enter_context(_peer(place, 'read', f'/to_ros_{mark}/n', half))
+        reader = stack.enter_context(
+            at.python('read', *PEER, 'read', f'/to_ros_{mark}/n', str(half))
+        )
         reader.wait_for('ready', START_S)
         begun_s = time.monotonic()
         _produce(servers, names['to_ros'])
         reader.wait_for('all', ARRIVE_S)
         to_ros_s = time.monotonic() - begun_s
         begun_s = time.monotonic()
-        stack.enter_context(_peer(place, 'write', f'/to_kafka_{mark}/n', half))
+        words = 'write', f'/to_kafka_{mark}/n', str(half)
+        stack.enter_context(at.python('write', *PEER, *words))
         found = _consume(servers, names['to_kafka'])
         to_kafka_s = time.monotonic() - begun_s
         begun_s = time.monotonic()
@@ -132,7 +135,8 @@ def measure(servers: str, routes: int) -> Result:
 
 
 WAYS: Final = ('to_ros', 'to_kafka')
-BRIDGE: Final = [sys.executable, '-m', 'ros2_kafka_bridge']
+BRIDGE: Final = ('-m', 'ros2_kafka_bridge')
+PEER: Final = ('-m', 'benchmarks.many_topics')
 
 
 def _file(servers: str, mark: str, half: int) -> str:
@@ -140,15 +144,6 @@ def _file(servers: str, mark: str, half: int) -> str:
     for number in range(half):
         parts += [form.format(mark=mark, number=number) for form in (TO_ROS, TO_KAFKA)]
     return ''.join(parts)
-
-
-def _peer(place: Path, part: str, stem: str, count: int) -> Process:
-    command = [sys.executable, '-m', 'benchmarks.many_topics', part, stem, str(count)]
-    return Process(part, command, place / f'{part}.log', _environ())
-
-
-def _environ() -> dict[str, str]:
-    return {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 
 
 def _produce(servers: str, names: Sequence[str]) -> None:

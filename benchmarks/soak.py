@@ -28,9 +28,10 @@ from rich.table import Table
 
 from benchmarks.machine import machine, versions
 from benchmarks.numbers import BOTH_WAYS, Count, count_topic
-from benchmarks.processes import Process, ProcessError
+from benchmarks.processes import programs
 from benchmarks.topics import EndOffset, topics
 from benchmarks.vitals import Slope, Vitals, means, slope, watched
+from rig.processes import Process, ProcessError
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode, open_node
@@ -161,8 +162,7 @@ def staged(servers: str) -> Iterator[Stage]:
         stack.enter_context(topics(servers, [f'{mark}.source', f'{mark}.sink']))
         file = place / 'bridge.yaml'
         file.write_text(BOTH_WAYS.format(servers=servers, mark=mark))
-        command = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(file)]
-        bridge = stack.enter_context(Process('bridge', command, place / 'bridge.log', _environ()))
+        bridge = stack.enter_context(programs(place, DOMAIN).bridge('bridge', file))
         bridge.wait_for('subscribes to', START_S)
         bridge.wait_for(' reads ', START_S)
         counted = place / 'counted.json'
@@ -172,12 +172,8 @@ def staged(servers: str) -> Iterator[Stage]:
 
 
 def _peer(place: Path, part: str, *words: str) -> Process:
-    command = [sys.executable, '-m', 'benchmarks.numbers', part, *words]
-    return Process(part, command, place / f'{part}-{uuid.uuid4().hex[:8]}.log', _environ())
-
-
-def _environ() -> dict[str, str]:
-    return {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    name = f'{part}-{uuid.uuid4().hex[:8]}'
+    return programs(place, DOMAIN).python(name, '-m', 'benchmarks.numbers', part, *words)
 
 
 def most(servers: str) -> float:

@@ -25,8 +25,9 @@ from rich.table import Table
 
 from benchmarks.contestants import BRIDGE_FILE
 from benchmarks.machine import machine
-from benchmarks.processes import Process, Usage
+from benchmarks.processes import Usage, programs
 from benchmarks.topics import EndOffset, count, fill, topics
+from rig.processes import Process, direct
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 from ros2_kafka_bridge.testing.orders import encode, orders
 
@@ -72,9 +73,8 @@ def drain(bootstrap_servers: str, workers: int, values: Sequence[bytes]) -> Resu
             ros_topic=f'/w_{mark}',
         )
         file.write_text(f'workers: {workers}\n{text}', encoding='utf-8')
-        command = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(file)]
-        environ = {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-        with Process(f'workers: {workers}', command, Path(place, 'log'), environ) as process:
+        at = programs(Path(place), DOMAIN, direct)
+        with at.bridge(f'workers: {workers}', file) as process:
             seen, last = _watch(process, str(file), end_offset)
         tally = count(bootstrap_servers, sink, end_offset())
     return Result(

@@ -19,9 +19,9 @@ class Driven:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if self._process is not None:
-            self._process.__exit__(kind)
+            self._process.__exit__(kind, error, trace)
 
     def start(self, routes: list[dict[str, Any]], *paused: str, **more: Any) -> None:
         """Start it, with some routes paused."""

@@ -7,7 +7,7 @@ from typing import AnyStr
 
 from patience import patient
 
-KILLED_S = 30.0  # until the kernel has ended what was killed
+from rig.processes import KILLED_S
 
 
 @contextmanager

@@ -16,11 +16,13 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     AdminClient,
     NewTopic,
 )
-from patience import patient
-from processes import PATIENCE_S, Process, eventually, within
+from patience import eventually, patient, within
 from ruamel.yaml import YAML
+from warm import Warm
 
 from rig.hosts import Host
+from rig.processes import WAIT_S as PATIENCE_S
+from rig.processes import Process, Programs
 from rig.topics import headers
 from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Histories, make_profile
 
@@ -54,6 +56,11 @@ READ_AT_THE_START = frozenset({'PYTHONPATH', 'LD_LIBRARY_PATH'})  # by Python an
 WORKER = ('-P', '-m', 'ros2_kafka_bridge.process.worker', '--log-format=text', '--routes=')
 
 
+def _started(process: Process) -> Process:
+    process.start()
+    return process
+
+
 def wait_until_it_reads(bridge: Process, topic: str) -> None:
     """Wait until a bridge has got a partition: a group begins with giving it none."""
     reads = re.compile(rf'reads {re.escape(topic)}\[\d')
@@ -84,8 +91,7 @@ class Bench:
         self.bootstrap_servers = bootstrap_servers
         self.domain = domain
         self.name = name or f'test-{uuid.uuid4().hex[:8]}'
-        self._environ = {'ROS_DOMAIN_ID': str(domain)}
-        self._host = host
+        self._programs = Programs(place, {'ROS_DOMAIN_ID': str(domain)}, host)
         self._count = 0
         self._clients: dict[str, Consumer] = {}
         self._producers: list[Producer] = []
@@ -117,7 +123,7 @@ class Bench:
     @property
     def environ(self) -> dict[str, str]:
         """The environment of what the test starts."""
-        return {**os.environ, **self._environ}
+        return {**os.environ, **self._programs.environ}
 
     def config(self, routes: list[dict[str, Any]], name: str = '', **more: Any) -> Path:
         """Write a configuration file; returns its path."""
@@ -143,12 +149,12 @@ class Bench:
             return self._begin(*command, **environ)
         # The wheels of ROS 2 have set these to their own libraries.
         own = {'_ROS_WHEELS_BOOTSTRAP_COMPLETE': '', 'LD_LIBRARY_PATH': ''}
-        environ = {**self._environ, **own, **environ}
-        return Process([str(python), *command], self._file('log'), environ)
+        program = self._programs.command(self._name(), str(python), *command, **own, **environ)
+        return _started(program)
 
     def run(self, config: Path, *options: str, **environ: str) -> Process:
         """Start the bridge by the command line."""
-        return self._start('-m', 'ros2_kafka_bridge', 'run', str(config), *options, **environ)
+        return _started(self._programs.bridge(self._name(), config, *options, **environ))
 
     def command(self, *arguments: str, timeout_s: float = 120.0) -> tuple[int, str, str]:
         """Run the command line to its end; returns status, standard output, standard error."""
@@ -159,7 +165,7 @@ class Bench:
             timeout=patient(timeout_s),
             stdin=subprocess.DEVNULL,
             check=False,
-            env={**os.environ, **self._environ},
+            env=self.environ,
         )
         return done.returncode, done.stdout, done.stderr
 
@@ -193,20 +199,20 @@ class Bench:
         return self._begin(str(PEERS / name), *arguments)
 
     def _begin(self, *arguments: str, **environ: str) -> Process:
-        if self._host is not None or not READ_AT_THE_START.isdisjoint(environ):
+        if self._programs.host is not None or not READ_AT_THE_START.isdisjoint(environ):
             return self._start(*arguments, **environ)
-        log = self._file('log')
-        return Process([*arguments], log, {**self._environ, **environ}, warm=True)
+        program = self._programs._replace(begin=Warm).command(self._name(), *arguments, **environ)
+        return _started(program)
 
     def _start(self, *arguments: str, **environ: str) -> Process:
-        command = [sys.executable, *arguments]
-        if self._host is not None:
-            command = self._host.command(*command)
-        return Process(command, self._file('log'), {**self._environ, **environ})
+        return _started(self._programs.python(self._name(), *arguments, **environ))
 
     def _file(self, suffix: str) -> Path:
+        return self.place / f'{self._name()}.{suffix}'
+
+    def _name(self) -> str:
         self._count += 1
-        return self.place / f'{self._count}.{suffix}'
+        return str(self._count)
 
     # Kafka
 

@@ -1,15 +1,30 @@
-"""How long a test waits for something.
+"""How long a test waits, and for what."""
 
-`TEST_PATIENCE` stretches it on a machine that is busy: 1 by default, 3 where CI=true.
-"""
+import time
+from collections.abc import Callable
 
-import os
-from typing import Final
+from rig.patience import IS_CI, PATIENCE, patient
 
-IS_CI: Final = os.environ.get('CI') == 'true'
-PATIENCE: Final = float(os.environ.get('TEST_PATIENCE') or (3 if IS_CI else 1))
+__all__ = ['IS_CI', 'PATIENCE', 'eventually', 'patient', 'within']
 
 
-def patient(seconds: float) -> float:
-    """So many seconds on a quiet machine, more on one that is busy."""
-    return seconds * PATIENCE
+def eventually(
+    condition: Callable[[], bool], timeout_s: float, what: Callable[[], str] = lambda: 'never'
+) -> None:
+    """Wait until a condition holds."""
+    deadline = time.monotonic() + patient(timeout_s)
+    while not condition():
+        assert time.monotonic() < deadline, what()
+        time.sleep(0.02)
+
+
+def within(condition: Callable[[], bool], seconds: float, what: Callable[[], str]) -> None:
+    """Wait until a condition holds, as long as is said to a user.
+
+    It counts its own looks: a machine that stands still costs nobody time.
+    """
+    for _ in range(int(seconds / 0.02)):
+        if condition():
+            return
+        time.sleep(0.02)
+    raise AssertionError(what())

@@ -39,6 +39,7 @@ class Warehouse:
             *options,
         )  # fmt: skip
         self.process = Process(list(command), bench.place / 'run.log', bench.environ)
+        self.process.start()
         self._readers: dict[str, _Reader] = {}
         self._found: dict[str, list[Any]] = {}
 

@@ -17,6 +17,7 @@ import runpy
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from multiprocessing import forkserver, util
 from pathlib import Path
 from typing import Final
@@ -34,14 +35,17 @@ class Warm:
     Args:
         arguments: Those of Python: `-P -m MODULE ...` or a script and its own.
         log: Its output goes to the end of this file.
-        environ: Its environment.
+        environ: Added to the environment of the tests.
     """
 
-    def __init__(self, arguments: list[str], log: Path, environ: dict[str, str]) -> None:
-        self.args = arguments
+    def __init__(self, arguments: Sequence[str], log: Path, environ: Mapping[str, str]) -> None:
+        self._arguments = list(arguments)
+        log.touch()  # it is read before the process has begun
         _ensure_template()
         self._process = _CONTEXT.Process(
-            target=_become, args=(arguments, log, environ, Path.cwd()), daemon=True
+            target=_become,
+            args=(self._arguments, log, {**os.environ, **environ}, Path.cwd()),
+            daemon=True,
         )
         self._process.start()
         # One that a test has lost is not waited for: at its end Python asks, and waits for ever.
@@ -62,22 +66,14 @@ class Warm:
         self._process.join(timeout)
         if self._process.exitcode is None:
             assert timeout is not None
-            raise subprocess.TimeoutExpired(self.args, timeout)
+            raise subprocess.TimeoutExpired(self._arguments, timeout)
         return self._process.exitcode
 
-    def send_signal(self, number: int) -> None:
+    def send_signal(self, number: int, /) -> None:
         """Send a signal, if it runs."""
         if self.poll() is None:
             with contextlib.suppress(ProcessLookupError):  # its status is on the way
                 os.kill(self.pid, number)
-
-    def kill(self) -> None:
-        """SIGKILL."""
-        self.send_signal(signal.SIGKILL)
-
-    def terminate(self) -> None:
-        """SIGTERM."""
-        self.send_signal(signal.SIGTERM)
 
 
 def _ensure_template() -> None:

@@ -11,9 +11,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
-from ending import KILLED_S
 from harness import Bench, Process, eventually, to_kafka, to_ros
 from patience import patient
+
+from rig.processes import KILLED_S
 
 
 def there_and_back(kafka: str, **more: Any) -> list[dict[str, Any]]:

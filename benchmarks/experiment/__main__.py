@@ -45,7 +45,7 @@ from benchmarks.experiment.report import write_report
 from benchmarks.experiment.results import Cell, Experiment, Load, Result, Setting, StartUp
 from benchmarks.machine import machine, versions
 from benchmarks.options import broker, domains, positive, some_of, whole_number, whole_numbers
-from benchmarks.processes import ProcessError
+from rig.processes import ProcessError
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 
 OUT: Final = Path('build/experiment')

@@ -25,8 +25,8 @@ from benchmarks.experiment.results import (
     Usage,
 )
 from benchmarks.experiment.traffic import PROBE, Received, Sending
-from benchmarks.processes import ProcessError
 from benchmarks.topics import topics
+from rig.processes import ProcessError
 
 # The queue of a recording holds whatever comes; the paper's nodes are otherwise as printed.
 _NO_LIMIT: Final = 1_000_000

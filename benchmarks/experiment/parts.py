@@ -12,8 +12,9 @@ from typing import Any, Final, NamedTuple
 from benchmarks.contestants import Contestant, Ends
 from benchmarks.experiment.results import Usage
 from benchmarks.experiment.traffic import Received, Sending, Sent, consume, produce
-from benchmarks.processes import ProcessError, usage
+from benchmarks.processes import usage
 from benchmarks.topics import reading
+from rig.processes import ProcessError, ros_here
 from ros2_kafka_bridge.demo.children import Child
 from ros2_kafka_bridge.demo.contestants import Program
 
@@ -58,10 +59,7 @@ class Run:
 
     def __init__(self, contestant: Contestant, ends: Ends, sending: Sending, place: Place) -> None:
         commands = contestant.commands(ends)
-        environ = {
-            'ROS_DOMAIN_ID': str(place.domain),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        }
+        environ = ros_here(place.domain)
         self.problems: list[str] = []
         self.sent = Sent(0, 0.0)
         self.received = Received([], [], [], [], 0)

@@ -35,8 +35,8 @@ from benchmarks.faults.run import run
 from benchmarks.faults.setting import Setting
 from benchmarks.faults.streams import STREAMS
 from benchmarks.faults.world import SPOOLS
-from benchmarks.processes import ProcessError
 from rig.hosts import Hosts, Network
+from rig.processes import ProcessError
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 
 OUT: Final = Path('build/faults')

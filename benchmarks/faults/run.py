@@ -19,6 +19,7 @@ from benchmarks.faults.checker import (
 )
 from benchmarks.faults.faults import FAULTS
 from benchmarks.faults.kinds.fault import NOTHING
+from benchmarks.faults.parts import tell_stacks
 from benchmarks.faults.plan import Step
 from benchmarks.faults.setting import Setting
 from benchmarks.faults.streams import Stream
@@ -91,7 +92,7 @@ def _inject(world: World, plan: Sequence[Step], tell: Tell) -> list[Window]:
         if window.late:
             tell(f'    but for {", ".join(window.late)}: the run ends here')
             for bridge in world.bridges:
-                bridge.write_stacks()
+                tell_stacks(bridge)
             for name in window.late:
                 for words in world.says(name):
                     tell(f'        {words}')

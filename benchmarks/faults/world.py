@@ -12,13 +12,13 @@ from ruamel.yaml import YAML
 from benchmarks.faults import journal, kafka, said
 from benchmarks.faults.checker import Ends, Seen
 from benchmarks.faults.journal import Entry
-from benchmarks.faults.parts import Part
+from benchmarks.faults.parts import end
 from benchmarks.faults.progress import Progress
 from benchmarks.faults.setting import Setting
 from benchmarks.faults.streams import SUBSCRIBER_CACHE, Stream, configuration
-from benchmarks.processes import ProcessError
-from rig.hosts import Host, Hosts
+from rig.hosts import Hosts
 from rig.local_cluster import LocalCluster
+from rig.processes import Process, ProcessError, Programs, ros_here
 from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Histories, make_profile
 from ros2_kafka_bridge.testing.kafka_node import HOST
 
@@ -48,12 +48,17 @@ class World:
         self.place = setting.place
         self.spools = setting.place / SPOOLS
         self.config_file = self._write_config()
+        robot, edge, _ = setting.hosts or (None, None, None)
+        logs, ros = self.place / 'logs', ros_here(setting.domain)  # a host has its own range
+        self._here = Programs(logs, {})
+        self._robot = Programs(logs, ros, robot)
+        self._edge = Programs(logs, ros, edge)
         self.bridges = [self.make_bridge(f'bridge-{n}') for n in range(setting.bridges)]
-        self.extra: list[Part] = []
+        self.extra: list[Process] = []
         self.away_ns: tuple[int, int] | None = None  # when no bridge took from publishers
-        self.publishers: dict[str, Part] = {}
+        self.publishers: dict[str, Process] = {}
         self.progress: dict[str, Progress] = {}
-        self._peers: list[Part] = []
+        self._peers: list[Process] = []
         for stream in setting.streams:
             arrived = self.place / 'journals' / 'arrived' / stream.kafka_topic
             self.progress[stream.name] = Progress(stream, self._sent(stream), arrived)
@@ -66,11 +71,9 @@ class World:
 
     # Parts
 
-    def make_bridge(self, name: str, *options: str) -> Part:
+    def make_bridge(self, name: str, *options: str) -> Process:
         """A bridge that runs the file of all, not started."""
-        command = ['-m', 'ros2_kafka_bridge', 'run', str(self.config_file), *options]
-        host = self.setting.hosts.edge if self.setting.hosts else None
-        return Part(name, command, self._log(name), self._ros(), host)
+        return self._edge.bridge(name, self.config_file, *options)
 
     @property
     def hosts(self) -> Hosts:
@@ -151,7 +154,7 @@ class World:
             time.sleep(min(_LOOK_S, left_s))
             self.check()
 
-    def wait_until_subscribed(self, bridge: Part, from_place: int) -> None:
+    def wait_until_subscribed(self, bridge: Process, from_place: int) -> None:
         """Wait until a bridge says that it has subscribed to every VOLATILE publisher.
 
         The others can wait with what they have: before it is read, Kafka has to be asked what it
@@ -206,11 +209,11 @@ class World:
     def end(self) -> list[int | None]:
         """End every process, the bridges in order; returns their exit statuses.
 
-        None says that one did not run any more, or had to be killed.
+        None says that one was never started, or had to be killed.
         """
         for part in self.extra:
-            part.end(DRAIN_S)
-        statuses = [bridge.end(DRAIN_S) for bridge in self.bridges]
+            end(part, DRAIN_S)
+        statuses = [end(bridge, DRAIN_S) for bridge in self.bridges]
         for part in (*self.publishers.values(), *self._peers):
             part.kill()
         return statuses
@@ -265,53 +268,42 @@ class World:
 
     # How parts are made
 
-    def _producer(self, stream: Stream) -> Part:
+    def _producer(self, stream: Stream) -> Process:
         options = ['--partitions', str(stream.lines), *self._pace()]
         arguments = [
             self.cluster.bootstrap_servers, stream.kafka_topic, str(self._sent(stream)),
             str(self._commands(stream.name)),
         ]  # fmt: skip
-        return self._peer('kafka_producer', [*arguments, *options], {})
+        return self._peer(self._here, 'kafka_producer', *arguments, *options)
 
-    def _subscriber(self, stream: Stream) -> Part:
+    def _subscriber(self, stream: Stream) -> Process:
         profile = self._profile('subscriber', Histories({}, {stream.ros_topic: SUBSCRIBER_CACHE}))
         arguments = [stream.ros_topic, str(self.progress[stream.name].arrived_file)]
-        return self._peer('ros_subscriber', arguments, self._ros() | profile, self._robot)
+        return self._peer(self._robot, 'ros_subscriber', *arguments, **profile)
 
-    def _publisher(self, stream: Stream) -> Part:
+    def _publisher(self, stream: Stream) -> Process:
         assert stream.durability is not None
         history = Histories({stream.ros_topic: PUBLISHER_HISTORY}, {})
-        environ = self._ros() | self._profile(stream.name, history)
         command = [
             '-m', f'{_PEER}.ros_publisher', stream.ros_topic, str(self._sent(stream)),
             str(self._commands(stream.name)), '--durability', stream.durability, *self._pace(),
         ]  # fmt: skip
-        name = f'publisher {stream.name}'
-        return Part(name, command, self._log(f'publisher-{stream.name}'), environ, self._robot)
+        profile = self._profile(stream.name, history)
+        return self._robot.python(f'publisher-{stream.name}', *command, **profile)
 
-    def _recorder(self) -> Part:
+    def _recorder(self) -> Process:
         topics = [stream.kafka_topic for stream in self.setting.streams if stream.durability]
         place = self.place / 'journals' / 'arrived'
         arguments = [self.cluster.bootstrap_servers, str(place), *topics]
-        return self._peer('kafka_recorder', arguments, {})
+        return self._peer(self._here, 'kafka_recorder', *arguments)
 
-    def _peer(
-        self, name: str, arguments: list[str], environ: dict[str, str], host: Host | None = None
-    ) -> Part:
-        part = Part(name, ['-m', f'{_PEER}.{name}', *arguments], self._log(name), environ, host)
+    def _peer(self, at: Programs, name: str, *arguments: str, **environ: str) -> Process:
+        part = at.python(name, '-m', f'{_PEER}.{name}', *arguments, **environ)
         self._peers.append(part)
         return part
 
     def _pace(self) -> list[str]:
         return ['--rate', str(self.setting.rate), '--seed', str(self.setting.seed)]
-
-    @property
-    def _robot(self) -> Host | None:
-        return self.setting.hosts.robot if self.setting.hosts else None
-
-    def _ros(self) -> dict[str, str]:
-        near = {} if self.setting.hosts else {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-        return {'ROS_DOMAIN_ID': str(self.setting.domain), **near}
 
     def _profile(self, name: str, histories: Histories) -> dict[str, str]:
         """With a quick heartbeat: what is acknowledged is known at once."""
@@ -339,9 +331,6 @@ class World:
 
     def _commands(self, stream: str) -> Path:
         return self.place / 'journals' / 'commands' / stream
-
-    def _log(self, name: str) -> Path:
-        return self.place / 'logs' / f'{name}.log'
 
 
 @contextmanager

@@ -9,6 +9,9 @@ from typing import Final
 
 import pytest
 from harness import Process, eventually
+from warm import Warm
+
+from rig.processes import ProcessError
 
 SCRIPT: Final = """
 import os, pathlib, signal, sys
@@ -35,7 +38,7 @@ def script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_it_has_the_words_environment_place_and_signals_that_a_command_gives(
     script: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    warm = partial(Process, [str(script), 'end'], warm=True)
+    warm = partial(Process, [str(script), 'end'], begin=Warm)
     monkeypatch.setenv('GONE', 'here')
     with warm(tmp_path / 'first') as first:
         assert first.wait() == 7
@@ -54,7 +57,7 @@ def test_it_has_the_words_environment_place_and_signals_that_a_command_gives(
 def test_it_has_imported_what_a_bridge_needs_and_has_no_path_of_the_tests(tmp_path: Path) -> None:
     script = tmp_path / 'script.py'
     script.write_text('import sys; print("pytest" in sys.modules, *sys.path, *sys.modules)')
-    with Process([str(script)], tmp_path / 'log', warm=True) as process:
+    with Process([str(script)], tmp_path / 'log', begin=Warm) as process:
         assert process.wait() == 0
     is_under_pytest, *words = process.output().split()
     assert is_under_pytest == 'False'
@@ -89,10 +92,10 @@ def shown(pid: int) -> bytes:
 
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
 def test_it_ends_by_a_signal(script: Path, tmp_path: Path, number: signal.Signals) -> None:
-    with Process([str(script), 'stay'], tmp_path / 'log', warm=True) as process:
+    with Process([str(script), 'stay'], tmp_path / 'log', begin=Warm) as process:
         process.wait_for('for children')
         assert process.running
-        with pytest.raises(AssertionError, match='still running'):
+        with pytest.raises(ProcessError, match='did not end'):
             process.wait(0.01)
         process.send(number)
         assert process.wait() == -number
@@ -101,6 +104,6 @@ def test_it_ends_by_a_signal(script: Path, tmp_path: Path, number: signal.Signal
 
 
 def test_it_has_ended_with_its_with(script: Path, tmp_path: Path) -> None:
-    with Process([str(script), 'stay'], tmp_path / 'log', warm=True) as process:
+    with Process([str(script), 'stay'], tmp_path / 'log', begin=Warm) as process:
         assert shown(process.pid)
     eventually(lambda: not shown(process.pid), 10)

@@ -11,10 +11,11 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from ending import KILLED_S
 from harness import Bench, Process, eventually, values
 from patience import patient
 from workers import there_and_back
+
+from rig.processes import KILLED_S
 
 COUNT = 20_000
 COMMAND = (sys.executable, '-m', 'ros2_kafka_bridge')
@@ -99,7 +100,7 @@ def test_a_bridge_under_nohup_outlives_its_terminal(
     bench.create_topic(topic_name)
     bench.create_topic(returned)
     bench.produce(topic_name, [b'before'])
-    command = ['nohup', 'setsid', *COMMAND, 'run', str(config)]
+    command = ['nohup', *COMMAND, 'run', str(config)]
     with Process(command, bench.place / 'nohup.log', {'ROS_DOMAIN_ID': str(bench.domain)}) as it:
         eventually(partial(bench.reaches, returned, 1), 60, it.output)
         os.killpg(it.pid, signal.SIGHUP)

@@ -60,12 +60,12 @@ def test_a_signal_that_reaches_every_process_is_one_drain(
     bench.create_topic(topic_name)
     bench.create_topic(returned)
     bench.produce(topic_name, list(sent))
-    command = ['setsid', sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(config)]
+    command = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(config)]
     with Process(command, bench.place / 'terminal.log') as process:
         eventually(partial(bench.reaches, returned, 1500), 60, process.output)
         for worker in (1, 2):
-            assert os.getpgid(pids(process, worker)[0]) == process._popen.pid
-        os.killpg(process._popen.pid, number)
+            assert os.getpgid(pids(process, worker)[0]) == process.pid
+        os.killpg(process.pid, number)
         assert process.wait(40) == 0, process.output()
     assert 'Traceback' not in process.output()
     committed = bench.committed(bench.group, topic_name)
@@ -220,7 +220,7 @@ def test_what_runs_for_long_has_none_of_the_command_lines_libraries_and_keeps_th
     config = bench.config([to_kafka('/orders', topic_name)])
     with bench.run(config, PYTHONPROFILEIMPORTTIME='1') as process:
         process.wait_for('subscribes to', 60)
-        command = Path(f'/proc/{process._popen.pid}/cmdline').read_bytes().split(b'\0')
+        command = Path(f'/proc/{process.pid}/cmdline').read_bytes().split(b'\0')
         assert process.end() == 0
     assert b'ros2_kafka_bridge.process.worker' in command
     *_, worker = process.output().split('imported package\n')
@@ -275,7 +275,7 @@ def test_a_reload_that_is_asked_for_in_the_start_is_done_after_it(
 
 
 def runs(process: Process, module: bytes) -> bool:
-    return module in Path(f'/proc/{process._popen.pid}/cmdline').read_bytes().split(b'\0')
+    return module in Path(f'/proc/{process.pid}/cmdline').read_bytes().split(b'\0')
 
 
 # Snapshots

@@ -81,7 +81,7 @@ def tree(tmp_path: Path) -> Path:
 def run(tree: Path, *options: str, deaf: bool = False, **environ: str) -> tuple[int, str]:
     """The status of a run, and what it printed."""
     command = [sys.executable, '-m', 'pytest', *PLUGINS, *options, str(tree)]
-    alone = {'PYTHONPATH': str(tree), 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
+    alone = {'PYTHONPATH': f'{tree}:{TESTS.parent}', 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
     done = subprocess.run(
         command, cwd=tree, env={'PATH': '/usr/bin:/bin', **alone, **environ},
         stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=patient(25),

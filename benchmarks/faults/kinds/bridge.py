@@ -14,15 +14,16 @@ from benchmarks.faults.kinds.fault import (
     Fault,
     back_as_it_begins,
 )
-from benchmarks.faults.parts import Part
+from benchmarks.faults.parts import end
 from benchmarks.faults.streams import READER_CACHE, Stream
 from benchmarks.faults.world import World
+from rig.processes import Process
 
 _WAITING_S: Final = 5.0
 _MATCH_S: Final = 3.0
 
 
-def _bridge(world: World, target: int) -> Part:
+def _bridge(world: World, target: int) -> Process:
     return world.bridges[target % len(world.bridges)]
 
 
@@ -125,7 +126,7 @@ FAULTS: Final = (
         'bridge_restart',
         'bridge stopped in order (SIGTERM), and started again',
         (0.0, 2.0),
-        lambda world, target: _bridge(world, target).end(30.0),
+        lambda world, target: end(_bridge(world, target), 30.0),
         _start_bridge,
         _bridge_restarts,
         required_s=BRIDGE_S,

@@ -3,6 +3,7 @@
 from typing import Final
 
 from benchmarks.faults.kinds.fault import Fault, repeats_from_kafka
+from benchmarks.faults.parts import end
 from benchmarks.faults.world import World
 
 _BRIDGES: Final = 2
@@ -18,7 +19,7 @@ def _join(world: World, target: int) -> None:
         world.pause(_STAY_S)
     # One goes in order, the other one does not.
     order = [world.extra[target % _BRIDGES], world.extra[(target + 1) % _BRIDGES]]
-    order[0].end(30.0)
+    end(order[0], 30.0)
     world.pause(_STAY_S / 2)
     order[0].start()
     order[1].kill()
@@ -26,7 +27,7 @@ def _join(world: World, target: int) -> None:
 
 def _leave(world: World, _target: int) -> None:
     for bridge in world.extra:
-        bridge.end(30.0)
+        end(bridge, 30.0)
     world.extra.clear()
 
 

@@ -8,8 +8,9 @@ import pytest
 
 from benchmarks.faults.compare import main
 from benchmarks.faults.memberships import MEMBERSHIPS
-from benchmarks.faults.parts import Part
+from benchmarks.faults.parts import end
 from benchmarks.faults.streams import STREAMS, configuration
+from rig.processes import Programs
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.kafka.properties import property_problems
 
@@ -42,12 +43,11 @@ def test_a_part_that_does_not_end_leaves_what_it_was_at_beside_its_log(
 ) -> None:
     which = shutil.which
     monkeypatch.setattr(shutil, 'which', lambda name: None if name == 'gdb' else which(name))
-    part = Part('bridge', ['-c', STANDS_STILL], tmp_path / 'bridge.log', {})
+    part = Programs(tmp_path, {}).python('bridge', '-c', STANDS_STILL)
     part.start()
-    while 'here' not in (tmp_path / 'bridge.log').read_text():
-        part.check()
-    assert part.end(0.2) is None
-    assert not part.is_running
+    part.wait_for('here')
+    assert end(part, 0.2) is None
+    assert not part.running
     told = (tmp_path / 'bridge.stacks').read_text()
     if 'Permission denied' in told:
         pytest.skip('this machine lets nobody look into a process (ptrace)')
