@@ -16,10 +16,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
+from rig.processes import Process
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.testing.kafka_jars import JARS_VARIABLE, java
 from ros2_kafka_bridge.testing.kafka_node import HOST, free_port
-from ros2_kafka_bridge.testing.owned import start_owned
 
 VERSION: Final = '3.0.9'  # the last one that runs on Java 17
 _ARTIFACT: Final = f'io.apicurio:apicurio-registry-app:{VERSION}:tar.gz:all'
@@ -44,18 +44,15 @@ def local_registry() -> Iterator[str]:
         raise NoRegistryError(str(error)) from None
     jar = _install() / f'apicurio-registry-app-{VERSION}-runner.jar'
     port = free_port()
-    with tempfile.TemporaryDirectory() as place:
-        log = Path(place, 'registry.log')
-        flags = [f'-Dquarkus.http.host={HOST}', f'-Dquarkus.http.port={port}']
-        command = [java_path, '-Xmx512m', '-XX:TieredStopAtLevel=1', *flags, '-jar', str(jar)]
-        process = start_owned(command, log)
-        try:
-            url = f'http://{HOST}:{port}/apis/ccompat/v7'
-            _wait(process, url, log)
-            yield url
-        finally:
-            process.terminate()
-            process.wait(30)
+    flags = [f'-Dquarkus.http.host={HOST}', f'-Dquarkus.http.port={port}']
+    command = [java_path, '-Xmx512m', '-XX:TieredStopAtLevel=1', *flags, '-jar', str(jar)]
+    with (
+        tempfile.TemporaryDirectory() as place,
+        Process(command, Path(place, 'registry.log'), grace_s=30) as process,
+    ):
+        url = f'http://{HOST}:{port}/apis/ccompat/v7'
+        _wait(process, url)
+        yield url
 
 
 def _install() -> Path:
@@ -91,14 +88,13 @@ def _fetch(place: Path) -> None:
         Path(scratch, 'files').rename(place)
 
 
-def _wait(process: subprocess.Popen[bytes], url: str, log: Path) -> None:
+def _wait(process: Process, url: str) -> None:
     deadline = time.monotonic() + _START_S
     while True:
         try:
             with urllib.request.urlopen(f'{url}/subjects', timeout=5):  # noqa: S310 -- our own
                 return
         except OSError:
-            ended = process.poll() is not None
-            assert not ended, log.read_text(encoding='utf-8')
-            assert time.monotonic() < deadline, log.read_text(encoding='utf-8')
+            process.check()
+            assert time.monotonic() < deadline, process.output()
             time.sleep(0.1)
