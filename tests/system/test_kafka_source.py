@@ -76,7 +76,8 @@ def test_guarantee_1_what_is_deleted_faster_than_it_is_read_is_counted_once_and_
 
     def read_to(end: int) -> bool:
         read(500)
-        return source._partitions[0].end == end
+        partition = source._partitions.get(0)  # none before it is assigned
+        return partition is not None and partition.end == end
 
     with opened(bench, topic_name) as source:
         eventually(
