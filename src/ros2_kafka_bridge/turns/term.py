@@ -198,12 +198,13 @@ class Term(Stop):
         if self._overlap is not None:
             return not self._overlap.is_over(is_end=self.is_end)
         now_s = time.monotonic()
-        if (self._left or self._over) and now_s >= self._look_at_s:
+        if now_s >= self._waits_until_s:
+            return False
+        if now_s >= self._look_at_s:
             self._look_at_s = now_s + _LOOK_S
             if self._successor.has_come():
                 self._overlap = Overlap()
-                return True
-        return time.monotonic() < self._waits_until_s
+        return True
 
     def _leave(self) -> float:
         """Leave the lock to a bridge that stands by; returns for how long to wait for it."""

@@ -217,6 +217,14 @@ def test_a_stop_waits_for_no_successor_where_none_is_there_or_needed(missing: st
     assert lock.held
 
 
+def test_a_term_that_is_over_runs_on_for_nobody_where_no_message_would_be_lost() -> None:
+    """As where all publishers are TRANSIENT_LOCAL: the other one gets their history."""
+    lock, successor = MemoryLock(), MemorySuccessor(needed=False)
+    term = Term(Stop(), lock, successor)
+    lock.lost = successor.come = True
+    assert term.look()
+
+
 def test_a_stop_waits_for_its_successor_for_a_while_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.turns.term._COMING_S', 0.2)
     stop = Stop()
