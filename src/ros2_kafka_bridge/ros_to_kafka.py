@@ -33,7 +33,8 @@ from ros2_kafka_bridge.route.status import given_up
 from ros2_kafka_bridge.route.telling import Telling
 from ros2_kafka_bridge.route.type_hash import CheckHeaders
 from ros2_kafka_bridge.spool.backlog import Backlog
-from ros2_kafka_bridge.spool.spooling import InKafka, Spooling
+from ros2_kafka_bridge.spool.doubt import InKafka
+from ros2_kafka_bridge.spool.spooling import Spooling
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.tracing.messages import NO_MESSAGE_TRACES, MessageTraces

@@ -102,11 +102,11 @@ class MessageWindow:
 
     def drop_oldest(self) -> list[MessageEntry]:
         """Forget what is too much of that which waits, where that is meant; returns it."""
+        if not self._drops:
+            return []
         pending, dropped = self.pending, []
-        while (
-            self._drops
-            and len(pending) > 1
-            and (len(pending) > self.max_entries or self.size_bytes > self.max_bytes)
+        while len(pending) > 1 and (
+            len(pending) > self.max_entries or self.size_bytes > self.max_bytes
         ):
             entry = pending.popleft()
             self.remove(entry)

@@ -125,10 +125,7 @@ class SpoolFile:
                 self._lock.keep(self.ledger)
                 self.first, self.last = database.ends(self._db)
         except DamagedError as error:
-            raise RouteError(
-                f'the spool {self._path} is damaged again as soon as it is repaired ({error}): '
-                'is the disk or the memory of this machine failing?'
-            ) from error
+            raise _damaged_again(self._path, error) from error
         except OSError as error:
             raise database.no_room(self._path, 'cannot be opened', error) from error
 
@@ -174,10 +171,7 @@ class SpoolFile:
         try:
             return self._try(work, what)
         except DamagedError as error:
-            raise RouteError(
-                f'the spool {self._path} is damaged again as soon as it is repaired ({error}): '
-                'is the disk or the memory of this machine failing?'
-            ) from error
+            raise _damaged_again(self._path, error) from error
 
     def _try(self, work: Callable[[sqlite3.Connection], Result], what: str) -> Result:
         assert self._db is not None
@@ -231,6 +225,13 @@ class SpoolFile:
                     self._lock.keep(before)
             raise database.no_room(self._path, 'cannot be deleted', error) from error
         self._open_database()
+
+
+def _damaged_again(path: Path, error: DamagedError) -> RouteError:
+    return RouteError(
+        f'the spool {path} is damaged again as soon as it is repaired ({error}): is the disk or '
+        'the memory of this machine failing?'
+    )
 
 
 def _make_directory(path: Path) -> None:

@@ -21,8 +21,6 @@ from ros2_kafka_bridge.spool.backlog import BATCH, Backlog
 from ros2_kafka_bridge.spool.doubt import Doubt, InKafka
 from ros2_kafka_bridge.spool.rows import Row
 
-__all__ = ['InKafka', 'Spooling']
-
 _S_PER_NS: Final = 1e-9
 _PATIENCE_S: Final = 1.0  # with a full window, before new messages go to disk
 

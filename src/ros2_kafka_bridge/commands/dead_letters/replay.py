@@ -111,12 +111,12 @@ def replay(query: LetterQuery, options: ReplayOptions) -> int:
         except BridgeError as error:
             if not run.began:
                 raise
-            told = (
-                f'{tally.text(dry_run=False)}, perhaps the batch in hand, too; {_GO_ON}, exactly'
+            rest = (
+                f'; {_GO_ON}, some of it perhaps again'
+                if options.to_ros
+                else f', perhaps the batch in hand, too; {_GO_ON}, exactly'
             )
-            if options.to_ros:
-                told = f'{tally.text(dry_run=False)}; {_GO_ON}, some of it perhaps again'
-            text = f'{escaped(str(error))}; {told}'
+            text = f'{escaped(str(error))}; {tally.text(dry_run=False)}{rest}'
             print(text, file=sys.stderr)  # noqa: T201 (the words for the user)
             return 1
     return _end(query, options, tally, there, cut=run.cut)
