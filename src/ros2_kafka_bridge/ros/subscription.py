@@ -22,8 +22,10 @@ _GRAPH_S = 0.1
 _ASK_S = 0.02
 _MOST_HASHES = 1000
 # Asking holds the thread of the route for seconds where Kafka is away: most of the time is for
-# taking from the other publishers.
+# taking from the other publishers. Where there are none, one more try holds up nothing, and what
+# a publisher's history holds runs out.
 _POSTPONED_S = 10.0
+_POSTPONED_ALONE_S = 1.0
 
 
 DEFAULT = Offer('reliable', 'volatile')
@@ -211,7 +213,8 @@ class RosSource:
             self._on_offer(offer)
         except TransportError as error:
             # The others are taken meanwhile; this one keeps its history.
-            self._postponed[offer] = time.monotonic() + _POSTPONED_S
+            wait_s = _POSTPONED_S if self._subscriptions else _POSTPONED_ALONE_S
+            self._postponed[offer] = time.monotonic() + wait_s
             self._log.warning('%s, so %s (%s, %s) is read later', error, self._topic, *offer)
             return
         with translated(f'subscription of {self._topic}'):

@@ -154,6 +154,33 @@ def test_what_was_taken_is_kept_when_an_unknown_publisher_comes_up_and_kafka_is_
     assert look(source) == [101], 'the others are taken while Kafka is away'
 
 
+def test_a_subscription_waits_less_for_kafka_where_no_other_publisher_waits_for_its_take(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr('ros2_kafka_bridge.ros.subscription.time.monotonic', lambda: clock[0])
+    asked: list[str] = []
+
+    def away(offer: Offer) -> None:
+        if offer.durability == 'transient_local':
+            asked.append(offer.durability)
+            raise TransportError('Kafka is away')
+
+    def tries(seconds: int) -> int:
+        asked.clear()
+        for _ in range(10 * seconds):
+            clock[0] += 0.1
+            source.take(10, 0.0)
+        return len(asked)
+
+    graph.peers = [peer(LATCHED, 'transient_local')]
+    source = make(graph, away)
+    assert tries(20) >= 15
+    graph.peers.append(peer(VOLATILE, 'volatile'))
+    tries(2)
+    assert 1 <= tries(20) <= 3
+
+
 def test_a_subscription_that_had_to_wait_for_kafka_opens_when_it_is_back(graph: Graph) -> None:
     answers: list[Exception | None] = [TransportError('Kafka is away'), None]
 
