@@ -6,7 +6,8 @@ type and the settings alone; from outside only a Schema Registry is asked.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol, TypeVar
+from importlib import import_module
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from ros2_kafka_bridge.errors import (
     BridgeError,
@@ -15,7 +16,7 @@ from ros2_kafka_bridge.errors import (
     RecordTooLargeError,
     error_of_bug,
 )
-from ros2_kafka_bridge.formats import avro, cdr, json, protobuf, text
+from ros2_kafka_bridge.formats import cdr, text
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.message_types.layout import Layout
 
@@ -63,12 +64,29 @@ class Format(NamedTuple):
     message_types: frozenset[str] | None
 
 
+def _late(name: str) -> Format:
+    """A format of any type, loaded when the first route of it starts: others do without."""
+
+    def module() -> Any:
+        return import_module(f'{__name__}.{name}')
+
+    def make_decode(layout: Layout, scope: Scope, /) -> Decode:
+        made: Decode = module().make_decode(layout, scope)
+        return made
+
+    def make_encode(layout: Layout, scope: Scope, /) -> Encode:
+        made: Encode = module().make_encode(layout, scope)
+        return made
+
+    return Format(make_decode, make_encode, None)
+
+
 FORMATS: dict[str, Format] = {
     'text': Format(text.make_decode, text.make_encode, frozenset({'std_msgs/msg/String'})),
     'cdr': Format(cdr.make_decode, cdr.make_encode, None),
-    'json': Format(json.make_decode, json.make_encode, None),
-    'avro': Format(avro.make_decode, avro.make_encode, None),
-    'protobuf': Format(protobuf.make_decode, protobuf.make_encode, None),
+    'json': _late('json'),
+    'avro': _late('avro'),
+    'protobuf': _late('protobuf'),
 }
 
 

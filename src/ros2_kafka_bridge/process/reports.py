@@ -2,17 +2,20 @@
 
 import time
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
-from ros2_kafka_bridge.process.crew import Crew
-from ros2_kafka_bridge.process.plan import Plan
 from ros2_kafka_bridge.protocol.limits import STUCK_S
 from ros2_kafka_bridge.protocol.monitor import Lifecycle, Reload, Report, RouteReport, Worker
 from ros2_kafka_bridge.route.counters import Counters, Snapshot, State
 
+if TYPE_CHECKING:  # a bridge in one process has no crew
+    from ros2_kafka_bridge.process.crew import Crew
+    from ros2_kafka_bridge.process.plan import Plan
+
 
 def report_of(
-    plan: Plan,
-    crew: Crew,
+    plan: 'Plan',
+    crew: 'Crew',
     lifecycle: Lifecycle,
     started_s: float,
     reload: Reload | None,
@@ -36,7 +39,7 @@ def report_of(
     )
 
 
-def _route(name: str, crew: Crew, now_s: float) -> RouteReport:
+def _route(name: str, crew: 'Crew', now_s: float) -> RouteReport:
     worker = crew.worker_of(name)
     if worker is None:
         snapshot = crew.last.get(name) or Counters(name).snapshot(0)

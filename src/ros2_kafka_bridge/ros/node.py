@@ -7,7 +7,6 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +24,7 @@ from ros2_kafka_bridge.ros.fastdds_profile import (
 
 _FIRST_WITH_FASTDDS_3 = 8
 _PREFIX = 'kafka_bridge_'
+_VERSION = re.compile(r'rclpy-(\d+)\.')
 _STARTING = threading.Lock()  # two starts in one process would mix their environments
 
 
@@ -247,7 +247,9 @@ def _profile(histories: Histories) -> Iterator[None]:
 
 def _dialect() -> Dialect:
     """Jazzy (rclpy 7) and older come with Fast DDS 2, Kilted (rclpy 9) with Fast DDS 3."""
-    major = int(metadata.version('rclpy').split('.', maxsplit=1)[0])
+    # Not by importlib.metadata: it would load a parser of mail, for as long as the bridge runs.
+    installed = (path.name for path in rclpy_folder().parent.glob('rclpy-*-info'))
+    major = next((int(found[1]) for n in installed if (found := _VERSION.match(n))), 0)
     return FASTDDS_3 if major >= _FIRST_WITH_FASTDDS_3 else FASTDDS_2
 
 
