@@ -1,10 +1,12 @@
-"""How much memory a bridge with two routes takes, in five situations.
+"""How much memory a bridge with two routes takes, in five situations, and a bare node before it.
 
     python -m benchmarks.memory
 
 One process runs both routes, Kafka -> ROS -> Kafka, on a real Kafka, with default settings
 (`max_samples: 50` where messages have 1 MB). Each situation has a process of its own. Measured
-is anonymous memory: what no other process shares and no file backs.
+is anonymous memory: what no other process shares and no file backs. (PYTHONDONTWRITEBYTECODE must
+not be set: where Python compiles what it imports, that takes memory, too.) The bare node has a
+publisher, a subscription, a consumer and a producer, and moves nothing.
 """
 
 import argparse
@@ -17,6 +19,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -178,6 +181,23 @@ def measure(case: Case, kafka: LocalKafka) -> Result:
         return Result(case.what, seen[-1].anon_kib / 1024, most_kib / 1024)
 
 
+def measure_bare(kafka: LocalKafka) -> Result:
+    """Let a node be there that moves nothing."""
+    mark = uuid.uuid4().hex[:8]
+    topic = f'memory-{mark}.source'
+    with ExitStack() as stack:
+        place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='memory-')))
+        stack.enter_context(topics(kafka.bootstrap_servers, [topic]))
+        words = '-m', 'benchmarks.peer', 'bare', f'/orders_{mark}'
+        ends = '--brokers', kafka.bootstrap_servers, '--kafka', topic
+        node = stack.enter_context(programs(place, DOMAIN).python('bare', *words, *ends))
+        node.wait_for('ready', START_S)
+        seen = stack.enter_context(watched(lambda: node.pid, LOOK_S))
+        time.sleep(SETTLE_S)
+        most_kib = max(vitals.anon_kib for vitals in seen)
+        return Result('a bare node, idle', seen[-1].anon_kib / 1024, most_kib / 1024)
+
+
 def main() -> int:
     """Measure all situations and print the table; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -187,8 +207,10 @@ def main() -> int:
     table = Table('situation', 'MiB at the end', 'MiB at most')
     try:
         with LocalKafka() as kafka:
-            for number in chosen:
-                result = measure(CASES[number - 1], kafka)
+            measures: list[Callable[[LocalKafka], Result]] = [measure_bare]
+            measures += [partial(measure, CASES[number - 1]) for number in chosen]
+            for one in measures:
+                result = one(kafka)
                 table.add_row(result.what, f'{result.last_mib:.1f}', f'{result.peak_mib:.1f}')
                 console.print(f'{result.what}: {result.peak_mib:.1f} MiB at most')
     except (ConfigError, TransportError, ProcessError, TimeoutError) as error:
