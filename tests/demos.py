@@ -32,7 +32,8 @@ def children_in(place: Path) -> list[int]:
             environ = (entry / 'environ').read_bytes()
         except OSError:  # it has ended meanwhile
             continue
-        if b'--snapshots' in words and f'TMPDIR={place}\0'.encode() in environ:
+        tells = any(word.startswith(b'--snapshots') for word in words)
+        if tells and f'TMPDIR={place}\0'.encode() in environ:
             found.append(int(entry.name))
     return found
 

@@ -30,7 +30,7 @@ __all__ = [
     'CALM',
     'PATIENCE_S',
     'PEERS',
-    'WORKER',
+    'START',
     'Bench',
     'Process',
     'eventually',
@@ -53,7 +53,7 @@ CALM = {
     'metadata.max.idle.interval.ms': '5000',
 }
 READ_AT_THE_START = frozenset({'PYTHONPATH', 'LD_LIBRARY_PATH'})  # by Python and the linker
-WORKER = ('-P', '-m', 'ros2_kafka_bridge.process.worker', '--log-format=text', '--routes=')
+START = ('-P', '-m', 'ros2_kafka_bridge.process.start', '--log-format=text', '--routes=')
 
 
 def _started(process: Process) -> Process:
@@ -144,7 +144,7 @@ class Bench:
         It begins as the process that `run` becomes (`test_cli` looks at its words), and warm:
         hundreds of times from nothing would be a third of what all tests take.
         """
-        command = (*WORKER, '--', str(config))
+        command = (*START, '--', str(config))
         if python is None:
             return self._begin(*command, **environ)
         # The wheels of ROS 2 have set these to their own libraries.

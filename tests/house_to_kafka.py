@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
+from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.errors import (
@@ -66,14 +67,15 @@ class House:
         self.source = MemoryMessageSource()
         self.sink: MemoryRecordSink[MessageEntry] = MemoryRecordSink()
         self.letters: MemoryRecordSink[Any] = MemoryRecordSink()
-        route = RosToKafkaRoute.model_validate(
+        route = validated(
+            RosToKafkaRoute,
             {
                 'name': 'orders',
                 'from': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
                 'to': {'kafka': 'orders'},
                 'format': 'text',
                 **settings,
-            }
+            },
         )
         dead: DeadLetters[MessageEntry] = DeadLetters(
             'orders.dead', self.letters, lambda: None, LOG

@@ -4,6 +4,7 @@ import logging
 from typing import TYPE_CHECKING, Any
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
+from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.errors import DecodeError, RouteError
 from ros2_kafka_bridge.formats import guarded
@@ -51,14 +52,15 @@ class House:
         self.source = MemoryRecordSource()
         self.sink = MemoryMessageSink()
         self.letters: MemoryRecordSink[Any] = MemoryRecordSink()
-        route = KafkaToRosRoute.model_validate(
+        route = validated(
+            KafkaToRosRoute,
             {
                 'name': 'orders',
                 'from': {'kafka': 'orders'},
                 'to': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
                 'format': 'text',
                 **settings,
-            }
+            },
         )
         dead: DeadLetters[RecordEntry] = DeadLetters(
             'orders.dead', self.letters, lambda: None, LOG

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
+from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.dedup import Numbers
 from ros2_kafka_bridge.endpoints import Message, Reports
@@ -75,7 +76,8 @@ class House:
         self.tail = NoTail()
         self.letters: MemoryRecordSink[Any] = MemoryRecordSink()
         self.clock = 0
-        route = RosToKafkaRoute.model_validate(
+        route = validated(
+            RosToKafkaRoute,
             {
                 'name': 'orders',
                 'from': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
@@ -83,7 +85,7 @@ class House:
                 'format': 'text',
                 'spool': {'path': str(place), **(spool or {})},
                 **more,
-            }
+            },
         )
         self.sink.room = route.max_in_flight  # as that of the real producer
         self.spool = Spool(file_of(place, 'test', route.name), sync=False, log=LOG)

@@ -5,6 +5,7 @@ from typing import Any
 
 from ros2_kafka_bridge.commands.dead_letters.restore import Restorer
 from ros2_kafka_bridge.config.settings import Config
+from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.letter import Letter, parse
 from ros2_kafka_bridge.dead_letters.writer import explain, from_kafka, from_ros
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing
@@ -69,7 +70,7 @@ def read(record: Outgoing, at: int = 7, time_ms: int = 1_000_000) -> Letter:
 
 def config(**changes: Any) -> Config:
     routes = [{**route, **changes} for route in CONFIG['routes']]
-    return Config.model_validate({**CONFIG, 'routes': routes})
+    return validated(Config, {**CONFIG, 'routes': routes})
 
 
 def restorer(

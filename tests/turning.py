@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Self, cast
 
 from ros2_kafka_bridge.bridge import Bridge
 from ros2_kafka_bridge.config.settings import Config
+from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.errors import BridgeError, RouteError, SpoolInUseError
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.protocol.worker import Event
@@ -112,7 +113,7 @@ class House:
                 }
             ],
         }
-        self.bridge = Bridge(Config.model_validate(content))
+        self.bridge = Bridge(validated(Config, content))
         [self.lane] = self.bridge._lanes
         assert isinstance(self.lane.lock, GroupLock)
         self.lane.lock = cast('GroupLock', lock)

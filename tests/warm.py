@@ -20,11 +20,13 @@ import sys
 from collections.abc import Mapping, Sequence
 from multiprocessing import forkserver, util
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, NoReturn
 
 _CONTEXT: Final = multiprocessing.get_context('forkserver')
 _TESTS: Final = Path(__file__).parent
 _PR_SET_PDEATHSIG: Final = 1
+_WORKER: Final = 'ros2_kafka_bridge.process.worker'
+_execv: Final = os.execv
 
 
 class Warm:
@@ -101,7 +103,16 @@ def _become(arguments: list[str], log: Path, environ: dict[str, str], place: Pat
     os.environ.clear()
     os.environ.update(environ)
     sys.path[:] = [entry for entry in sys.path if Path(entry) not in {_TESTS, _TESTS.parent}]
+    os.execv = _go_on
     _run(arguments)
+
+
+def _go_on(path: Any, command: Any) -> NoReturn:
+    """Run the worker that a bridge becomes, with what this process has loaded."""
+    if _WORKER not in command:
+        _execv(path, command)
+    _run(command[1:])
+    sys.exit(0)
 
 
 def end_with_parent() -> None:

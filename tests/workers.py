@@ -63,7 +63,7 @@ class Watched:
         with (bench.place / 'worker.log').open('ab') as log:
             self.process = subprocess.Popen(
                 [
-                    *(sys.executable, '-m', 'ros2_kafka_bridge.process.worker', str(config)),
+                    *(sys.executable, '-m', 'ros2_kafka_bridge.process.start', str(config)),
                     f'--snapshots={its_end}',
                 ],
                 pass_fds=(its_end,),

@@ -8,15 +8,16 @@ With --check it writes nothing and fails where one of them is out of date.
 import argparse
 import json
 import sys
+from dataclasses import MISSING, fields
 from inspect import cleandoc
 from pathlib import Path
 from typing import Any
 
-from pydantic_core import PydanticUndefined
 from warehouse_docs import fill
 
 from ros2_kafka_bridge.config.base import Settings
 from ros2_kafka_bridge.config.file import loads
+from ros2_kafka_bridge.config.mistakes import field_names
 from ros2_kafka_bridge.config.settings import (
     Config,
     FromKafka,
@@ -34,6 +35,7 @@ from ros2_kafka_bridge.config.settings import (
     ToRos,
     TracingSettings,
 )
+from ros2_kafka_bridge.config.validation import json_schema as schema_of_file
 from ros2_kafka_bridge.errors import ConfigError
 
 DOCS = Path(__file__).parent.parent / 'docs'
@@ -148,7 +150,7 @@ SECTIONS: tuple[tuple[str, type[Settings]], ...] = (
 
 def json_schema() -> dict[str, Any]:
     """The JSON Schema of a configuration file, for editors."""
-    made = Config.model_json_schema(by_alias=True)
+    made = schema_of_file(Config)
     routes = [made['$defs'][name] for name in ('KafkaToRosRoute', 'RosToKafkaRoute')]
     for route in routes:
         # A default can stand in for it.
@@ -186,7 +188,7 @@ def _problems(text: str) -> list[str]:
 
 
 def _section(title: str, model: type[Settings]) -> str:
-    schema = model.model_json_schema(by_alias=True)
+    schema = schema_of_file(model)
     names = sorted(
         schema['properties'], key=lambda n: FIRST.index(n) if n in FIRST else len(FIRST)
     )
@@ -196,16 +198,16 @@ def _section(title: str, model: type[Settings]) -> str:
 
 
 def _row(model: type[Settings], name: str, schema: dict[str, Any]) -> str:
-    field = next(f for n, f in model.model_fields.items() if name in {n, f.alias})
-    if field.is_required():
+    field = next(each for each in fields(model) if each.name == field_names(model)[name])
+    if field.default is MISSING and field.default_factory is MISSING:
         default = 'required'
-    elif field.default is None or field.default is PydanticUndefined:
+    elif field.default is None or field.default is MISSING:
         default = ''
     elif isinstance(field.default, bool):
         default = f'`{str(field.default).lower()}`'
     else:
         default = f'`{field.default}`'
-    return f'| `{name}` | {_type(schema)} | {default} | {field.description} |'
+    return f'| `{name}` | {_type(schema)} | {default} | {field.metadata["description"]} |'
 
 
 def _type(schema: dict[str, Any]) -> str:

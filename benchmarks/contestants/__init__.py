@@ -71,7 +71,7 @@ def bridge(depth: int | None = None) -> Contestant:
     def commands(ends: Ends) -> Commands:
         file = ends.place / 'bridge.yaml'
         file.write_text(BRIDGE_FILE.format(**ends._asdict(), qos=qos), encoding='utf-8')
-        run = [sys.executable, '-m', 'ros2_kafka_bridge.process.worker', str(file), '--routes']
+        run = [sys.executable, '-m', 'ros2_kafka_bridge.process.start', str(file), '--routes']
         return Commands([*run, 'kafka_to_ros'], [*run, 'ros_to_kafka'], 'subscribes to')
 
     words = 'default settings' if depth is None else f'KEEP_LAST {depth}'

@@ -1,14 +1,12 @@
 """The bridge: one configuration, running. Start-up, run and shutdown in reading order."""
 
-import contextlib
-import ctypes
-import gc
 import logging
 import os
 import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 
 from ros2_kafka_bridge.config.settings import (
     Config,
@@ -106,7 +104,6 @@ class Bridge:
             open_tracing(self.config, self._worker, self._log) as tracing,
         ):
             abilities = self._start(node, probed)
-            _trim_memory()
             wiring = Wiring(self.config, node, abilities, histories, tracing)
             tell(Loaded())
             if waits and not self._wait_for_begin():
@@ -361,14 +358,4 @@ def _of_worker(config: Config, worker: int) -> Config:
     if not worker:
         return config
     kafka = {'client.id': worker_name(config.name, worker), **config.kafka}
-    return config.model_copy(update={'kafka': kafka})
-
-
-def _trim_memory() -> None:
-    """Give free memory back to the system, as far as the C library can (glibc's malloc_trim).
-
-    Reading the configuration and joining the ROS graph leave some 10 MiB of holes behind.
-    """
-    gc.collect()
-    with contextlib.suppress(AttributeError):  # another C library
-        ctypes.CDLL(None).malloc_trim(0)
+    return replace(config, kafka=kafka)

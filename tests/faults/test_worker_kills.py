@@ -78,6 +78,26 @@ def test_a_route_that_failed_for_good_stays_so_when_its_worker_is_killed_right_a
     assert process.output().count('bad: reads') == 1
 
 
+def test_a_killed_worker_runs_what_counted_though_no_file_of_it_is_there_any_more(
+    bench: Bench, topic_name: str, tmp_path: Path
+) -> None:
+    """A secret that was mounted for the start, and a file that somebody edits just now."""
+    arrived, named = tmp_path / 'arrived', bench.place / 'broker'
+    named.write_text(bench.bootstrap_servers)
+    bench.create_topic(topic_name)
+    routes = [to_ros(topic_name, '/there'), to_kafka('/back', f'{topic_name}.back')]
+    config = bench.config(routes, workers=2, kafka={'bootstrap.servers': '${file:broker}'})
+    with bench.subscriber('/there', arrived), bench.bridge(config) as process:
+        process.wait_for('reads ', 90)
+        named.unlink()
+        config.write_text('name: half of a')
+        kill(process, 1)
+        process.wait_for('reads ', 60, count=2)
+        bench.produce(topic_name, numbered(10))
+        eventually(lambda: len(lines(arrived)) == 10, 60, process.output)
+        assert process.end(40) == 0, process.output()
+
+
 def test_guarantee_7_when_the_supervisor_is_killed_its_workers_drain_in_order_and_end(
     bench: Bench, topic_name: str
 ) -> None:

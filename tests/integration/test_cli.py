@@ -8,10 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from harness import WORKER, Bench, Process, lines, to_kafka, to_ros
+from harness import START, Bench, Process, lines, to_kafka, to_ros
 from patience import patient
 
 from ros2_kafka_bridge import __version__
+from ros2_kafka_bridge.commands.run import run
 from ros2_kafka_bridge.testing.local_kafka import free_port
 
 Unique = Callable[[str], str]
@@ -119,18 +120,15 @@ def test_run_runs_the_routes_that_are_asked_for(bench: Bench, unique: Unique) ->
 
 
 def test_run_becomes_the_process_that_other_tests_begin_with(
-    bench: Bench, topic_name: str
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    file = bench.config([to_kafka('/orders', topic_name)])
-    with bench.run(file) as process:
-        process.wait_for(f'bridge {bench.name} runs 1 route on')
-        assert words(process) == [sys.executable, *WORKER, '--', str(file)]
-
-
-def words(process: Process) -> list[str]:
-    """What a process was started with."""
-    line = Path('/proc', str(process.pid), 'cmdline').read_text()
-    return line.removesuffix('\0').split('\0')
+    became: list[str] = []
+    monkeypatch.setattr(
+        'ros2_kafka_bridge.process.child.become',
+        lambda module, options: became.extend([f'ros2_kafka_bridge.{module}', *options]),
+    )
+    run(Path('bridge.yaml'))
+    assert ['-P', '-m', *became] == [*START, '--', 'bridge.yaml']
 
 
 def test_run_refuses_a_route_that_is_not_there(bench: Bench) -> None:

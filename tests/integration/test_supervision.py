@@ -59,6 +59,7 @@ class House:
         self.crew = Crew([], self.selector, self.stop)
         self.operations = Operations(plan, self.crew, Lifecycle.ACTIVE, self.stop)
         self.answers: list[OperationResult] = []
+        self.plan = write_plan(plan)
 
     def turn(self) -> None:
         self.crew.tick()
@@ -89,6 +90,7 @@ class House:
         self.crew.close()
         self.operations.release()
         self.selector.close()
+        os.close(self.plan)
 
 
 @pytest.fixture
@@ -141,7 +143,7 @@ if not been.exists():
     time.sleep(600)
 {OBEYS}"""
     monkeypatch.setattr('sys.executable', program(tmp_path / 'program', life))
-    house.crew.hire([Share(('orders',), to_ros=True)], -1)
+    house.crew.hire([Share(('orders',), to_ros=True)], house.plan)
     (worker,) = house.crew.workers
     house.turns_until((tmp_path / 'program.been').exists)
     assert not worker.hangs
@@ -164,11 +166,11 @@ def test_a_stop_ends_at_once_who_waits_to_begin_and_keeps_the_counters_of_who_ru
 ) -> None:
     monkeypatch.setattr('sys.executable', program(tmp_path / 'program', 'time.sleep(600)\n'))
     share = Share(('orders',), to_ros=True)
-    runs = WorkerProcess(1, share)
+    runs = WorkerProcess(1, share, -1)
     runs.hear(to_line([Counters('orders', taken=7).snapshot(7)]))
     runs.over = True
     house.crew.workers.append(runs)
-    house.crew.hire([share], -1, waits=True)
+    house.crew.hire([share], house.plan, waits=True)
     house.turn()
     assert house.crew.workers[1].runs
     assert [snapshot.taken for snapshot in house.crew.snapshots()] == [7]
@@ -183,7 +185,7 @@ def test_a_stop_in_a_deactivation_does_not_forget_that_something_has_failed_befo
     house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('sys.executable', program(tmp_path / 'program', 'time.sleep(600)\n'))
-    house.crew.hire([Share(('orders',), to_ros=True)], -1)
+    house.crew.hire([Share(('orders',), to_ros=True)], house.plan)
     house.turn()
     house.crew.status = 1
     house.ask(Do.DEACTIVATE)

@@ -14,6 +14,7 @@ import pytest
 from ros2_kafka_bridge import bridge as bridge_module
 from ros2_kafka_bridge.bridge import Bridge
 from ros2_kafka_bridge.config.settings import Config
+from ros2_kafka_bridge.config.validation import validated
 
 CONTENT: dict[str, Any] = {
     'name': 'test',
@@ -36,7 +37,7 @@ CONTENT: dict[str, Any] = {
 
 
 def test_guarantee_7_routes_from_ros_stop_only_once_those_to_ros_have_ended() -> None:
-    bridge = Bridge(Config.model_validate(CONTENT))
+    bridge = Bridge(validated(Config, CONTENT))
     to_ros, to_kafka = bridge._lanes
     asked_meanwhile = []
 
@@ -78,7 +79,7 @@ def exits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 def test_a_route_from_ros_has_its_whole_drain_however_long_one_to_ros_takes(
     exits: list[int], caplog: pytest.LogCaptureFixture
 ) -> None:
-    bridge = Bridge(Config.model_validate(content(0.2, 0.6)))
+    bridge = Bridge(validated(Config, content(0.2, 0.6)))
     to_ros, to_kafka = bridge._lanes
     let_go = threading.Event()
 
@@ -106,7 +107,7 @@ def test_a_route_from_ros_has_its_whole_drain_however_long_one_to_ros_takes(
 def test_what_a_route_leaves_that_does_not_end_in_time_is_said_of_it(
     exits: list[int], caplog: pytest.LogCaptureFixture
 ) -> None:
-    bridge = Bridge(Config.model_validate(content(0.0, 0.0)))
+    bridge = Bridge(validated(Config, content(0.0, 0.0)))
     let_go = threading.Event()
     for lane, held in zip(bridge._lanes, (1, 2), strict=True):
         lane._work = lane._work._replace(

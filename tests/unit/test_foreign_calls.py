@@ -18,6 +18,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from ros2_kafka_bridge import wiring as wiring_module
 from ros2_kafka_bridge.config.settings import Config, QoS
+from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.kafka import admin, commits, lock, member, producer, tail
@@ -341,7 +342,8 @@ def test_guarantee_4_a_route_that_cannot_be_made_leaves_no_reader_behind(
     monkeypatch.setattr(wiring_module, 'RosSource', lambda *_, **__: source)
     monkeypatch.setattr(wiring_module, 'load_type', lambda _: TYPE)
     monkeypatch.setattr(wiring_module, 'KafkaSink', MagicMock(side_effect=RouteError('no')))
-    config = Config.model_validate(
+    config = validated(
+        Config,
         {
             'name': 'b',
             'kafka': KAFKA,
@@ -353,7 +355,7 @@ def test_guarantee_4_a_route_that_cannot_be_made_leaves_no_reader_behind(
                     'format': 'cdr',
                 }
             ],
-        }
+        },
     )
     abilities = Abilities(bounded=True, gid=True, seq=True, own=b'')
     wiring = Wiring(config, MagicMock(), abilities, Histories({}, {}, None), MagicMock())

@@ -19,6 +19,7 @@ from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.references import EXPANDED_LIMIT_CHARS, expand
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.config.tree import YamlError, read_yaml
+from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.writer import HEADER_LIMIT, DeadLetters, explain, from_kafka
 from ros2_kafka_bridge.depth import recording
 from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing
@@ -71,13 +72,14 @@ class House:
         self.source = MemoryRecordSource()
         self.sink = MemoryMessageSink()
         self.letters: MemoryRecordSink[Any] = SmallTopic()
-        route = KafkaToRosRoute.model_validate(
+        route = validated(
+            KafkaToRosRoute,
             {
                 'name': 'orders',
                 'from': {'kafka': 'orders'},
                 'to': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
                 'format': 'text',
-            }
+            },
         )
         letters: DeadLetters[Any] = DeadLetters('dead', self.letters, lambda: None, LOG)
         decode = FORMATS['text'].make_decode(STRING, SCOPE)
@@ -236,7 +238,7 @@ def test_a_file_of_times_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     'line', [b'{', b'[]', b'{"snapshots": [{}]}', b'{"snapshots": 1}', b'\xff']
 )
 def test_a_worker_that_talks_nonsense_does_not_end_its_supervisor(line: bytes) -> None:
-    worker = WorkerProcess(1, Share(('orders',), to_ros=True))
+    worker = WorkerProcess(1, Share(('orders',), to_ros=True), -1)
     before = dict(worker.snapshots)
     worker.hear(line + b'\n')
     assert worker.snapshots == before
@@ -246,7 +248,7 @@ def test_a_worker_that_ends_no_line_does_not_fill_its_supervisor(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.process.worker_process._LINE_LIMIT_BYTES', 100)
-    worker = WorkerProcess(1, Share(('orders',), to_ros=True))
+    worker = WorkerProcess(1, Share(('orders',), to_ros=True), -1)
     for _ in range(100):
         worker.hear(b'x' * 60)
         assert len(worker._heard) <= 100
@@ -254,7 +256,7 @@ def test_a_worker_that_ends_no_line_does_not_fill_its_supervisor(
 
 def test_a_worker_opens_as_many_files_as_its_user_may() -> None:
     code = (
-        'import resource, ros2_kafka_bridge.process.worker as w\n'
+        'import resource, ros2_kafka_bridge.process.start as w\n'
         '_, hard = resource.getrlimit(resource.RLIMIT_NOFILE)\n'
         'resource.setrlimit(resource.RLIMIT_NOFILE, (64, hard))\n'
         'w.allow_open_files()\n'

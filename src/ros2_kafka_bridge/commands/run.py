@@ -45,4 +45,4 @@ def run(
 
     # What runs for long holds none of the libraries of a command line.
     options = [f'--log-format={log_format.value}', f'--routes={routes}']
-    become('process.worker', [*options, '--', str(file)])
+    become('process.start', [*options, '--', str(file)])

@@ -3,10 +3,11 @@
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from annotated_types import MinLen
 
 from ros2_kafka_bridge.config import checks
-from ros2_kafka_bridge.config.base import Mistake, Settings
+from ros2_kafka_bridge.config.base import Settings, setting, settings
+from ros2_kafka_bridge.config.mistakes import Mistake
 from ros2_kafka_bridge.config.values import (
     Directory,
     Domain,
@@ -22,28 +23,32 @@ from ros2_kafka_bridge.config.values import (
 from ros2_kafka_bridge.kafka.properties import is_consumers
 
 
+@settings
 class QoS(Settings):
     """Quality of service of the bridge's own ROS endpoint; the bridge chooses what is left out."""
 
-    reliability: Literal['reliable', 'best_effort'] | None = Field(
-        None, description='Whether a lost message is sent again. The bridge chooses reliable.'
+    reliability: Literal['reliable', 'best_effort'] | None = setting(
+        default=None,
+        description='Whether a lost message is sent again. The bridge chooses reliable.',
     )
-    durability: Literal['volatile', 'transient_local'] | None = Field(
-        None, description='Whether a late reader gets what was published before.'
+    durability: Literal['volatile', 'transient_local'] | None = setting(
+        default=None, description='Whether a late reader gets what was published before.'
     )
-    history: Literal['keep_all', 'keep_last'] | None = Field(
-        None,
+    history: Literal['keep_all', 'keep_last'] | None = setting(
+        default=None,
         description='Whether a full history waits or overwrites. The bridge chooses keep_all.',
     )
-    depth: PositiveCount | None = Field(None, description='Messages that keep_last keeps.')
-    deadline_s: Positive | None = Field(
-        None, description='Longest time between two messages, in seconds.'
+    depth: PositiveCount | None = setting(
+        default=None, description='Messages that keep_last keeps.'
     )
-    lifespan_s: Positive | None = Field(
-        None, description='Age at which a message is no longer delivered, in seconds.'
+    deadline_s: Positive | None = setting(
+        default=None, description='Longest time between two messages, in seconds.'
     )
-    liveliness: Literal['automatic', 'manual_by_topic'] | None = Field(
-        None, description='How a writer shows that it lives.'
+    lifespan_s: Positive | None = setting(
+        default=None, description='Age at which a message is no longer delivered, in seconds.'
+    )
+    liveliness: Literal['automatic', 'manual_by_topic'] | None = setting(
+        default=None, description='How a writer shows that it lives.'
     )
 
     @classmethod
@@ -58,18 +63,19 @@ class QoS(Settings):
             yield Mistake(('depth',), 'only history: keep_last has a depth')
 
 
+@settings
 class RosSettings(Settings):
     """How the bridge joins the ROS graph."""
 
-    domain_id: Domain | None = Field(
-        None, description='ROS domain, 0 to 232. Without it ROS_DOMAIN_ID counts.'
+    domain_id: Domain | None = setting(
+        default=None, description='ROS domain, 0 to 232. Without it ROS_DOMAIN_ID counts.'
     )
-    lease_s: Positive | None = Field(
-        None,
+    lease_s: Positive | None = setting(
+        default=None,
         description='Time after which a silent participant is gone, in seconds. '
         "Without it the middleware's own.",
     )
-    message_path: list[MessageFolder] = Field(
+    message_path: list[MessageFolder] = setting(
         default_factory=list,
         description='Folders of .msg files, relative to this file: message types that are not '
         'installed here. Their schemas can be made; a running route needs the built package.',
@@ -86,18 +92,20 @@ def _dead_letter_mistakes(given: Mapping[str, Any]) -> Iterator[Mistake]:
         yield Mistake(('dead_letter',), text)
 
 
+@settings
 class FromKafka(Settings):
     """A Kafka topic that a route reads."""
 
-    kafka: KafkaTopicName = Field(description='Kafka topic.')
-    start: Literal['latest', 'earliest'] = Field(
-        'latest', description='Where to begin in a partition without a committed offset.'
+    kafka: KafkaTopicName = setting(description='Kafka topic.')
+    start: Literal['latest', 'earliest'] = setting(
+        default='latest', description='Where to begin in a partition without a committed offset.'
     )
-    group: Annotated[str, Field(min_length=1)] | None = Field(
-        None, description='Consumer group. Without it `<name of the bridge>.<name of the route>`.'
+    group: Annotated[str, MinLen(1)] | None = setting(
+        default=None,
+        description='Consumer group. Without it `<name of the bridge>.<name of the route>`.',
     )
-    dead_letter: KafkaTopicName | None = Field(
-        None,
+    dead_letter: KafkaTopicName | None = setting(
+        default=None,
         description='Kafka topic for records that can never be delivered. '
         'Without it `<topic>.dead-letters`.',
     )
@@ -110,21 +118,22 @@ class FromKafka(Settings):
         yield from _dead_letter_mistakes(given)
 
 
+@settings
 class ToKafka(Settings):
     """A Kafka topic that a route writes."""
 
-    kafka: KafkaTopicName = Field(description='Kafka topic.')
-    key: KeyTemplate | None = Field(
-        None,
+    kafka: KafkaTopicName = setting(description='Kafka topic.')
+    key: KeyTemplate | None = setting(
+        default=None,
         description='Key of a record: text with `{ros.topic}`, `{ros.gid}` or `{message.a.b}`. '
         'Without it the ROS topic, so that one topic stays in order in one partition.',
     )
-    properties: Properties = Field(
+    properties: Properties = setting(
         default_factory=dict,
         description='librdkafka properties for this route only, by their own names.',
     )
-    dead_letter: KafkaTopicName | None = Field(
-        None,
+    dead_letter: KafkaTopicName | None = setting(
+        default=None,
         description='Kafka topic for messages that can never be delivered. '
         'Without it `<topic>.dead-letters`.',
     )
@@ -141,50 +150,57 @@ class ToKafka(Settings):
                 yield Mistake(('properties', str(name)), "a consumer's property: a sink has none")
 
 
+@settings
 class SpoolSettings(Settings):
     """Where messages wait on disk while Kafka does not take them."""
 
-    path: Directory = Field(
+    path: Directory = setting(
         description='Directory, by its absolute path; made where it is missing. Each route has '
         'its own file there.'
     )
-    mode: Literal['when_away', 'always'] = Field(
-        'when_away',
+    mode: Literal['when_away', 'always'] = setting(
+        default='when_away',
         description='when_away: the disk is used while Kafka is away or does not keep up. '
         'always: every message is on disk before it goes on, and leaves it once confirmed.',
     )
-    max_bytes: PositiveCount = Field(
-        1024 * 1024 * 1024,
+    max_bytes: PositiveCount = setting(
+        default=1024 * 1024 * 1024,
         description='Bytes of messages in the file, at most; when_full says what happens then.',
     )
-    max_age_s: Positive | None = Field(
-        None, description='Age at which a message on disk is dropped, in seconds.'
+    max_age_s: Positive | None = setting(
+        default=None, description='Age at which a message on disk is dropped, in seconds.'
     )
-    sync: Literal['batch', 'never'] = Field(
-        'batch',
+    sync: Literal['batch', 'never'] = setting(
+        default='batch',
         description='batch: what is written survives a power loss. never: it survives SIGKILL, '
         'and the system decides when it reaches the disk.',
     )
 
 
+@settings
 class FromRos(Settings):
     """A ROS topic that a route takes from."""
 
-    ros: RosTopic = Field(description='ROS topic, by its absolute name such as /orders.')
-    type: MessageTypeName | None = Field(
-        None, description='Message type. Without it the type that the graph shows.'
+    ros: RosTopic = setting(description='ROS topic, by its absolute name such as /orders.')
+    type: MessageTypeName | None = setting(
+        default=None, description='Message type. Without it the type that the graph shows.'
     )
-    qos: QoS = Field(default_factory=QoS, description="Quality of service of the bridge's reader.")
-    max_samples: PositiveCount = Field(
-        2000,
+    qos: QoS = setting(
+        default_factory=QoS, description="Quality of service of the bridge's reader."
+    )
+    max_samples: PositiveCount = setting(
+        default=2000,
         description='Messages that DDS keeps for the bridge while it does not take, at most. '
         'Fewer for large ones: while Kafka is away, so many of them are held in memory.',
     )
 
 
+@settings
 class ToRos(Settings):
     """A ROS topic that a route publishes to."""
 
-    ros: RosTopic = Field(description='ROS topic, by its absolute name such as /orders.')
-    type: MessageTypeName = Field(description='Message type, such as std_msgs/msg/String.')
-    qos: QoS = Field(default_factory=QoS, description="Quality of service of the bridge's writer.")
+    ros: RosTopic = setting(description='ROS topic, by its absolute name such as /orders.')
+    type: MessageTypeName = setting(description='Message type, such as std_msgs/msg/String.')
+    qos: QoS = setting(
+        default_factory=QoS, description="Quality of service of the bridge's writer."
+    )

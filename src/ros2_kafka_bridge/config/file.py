@@ -5,18 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import ValidationError
-
-from ros2_kafka_bridge.config.base import mistakes_in
 from ros2_kafka_bridge.config.references import UnreadableError, expand, read_limited
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.config.tree import LocatedMistake, Tree, YamlError, read_yaml
+from ros2_kafka_bridge.config.validation import attempted
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.logs.text import count, printable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from ros2_kafka_bridge.config.mistakes import Mistake
     from ros2_kafka_bridge.config.values import CheckFormat, CheckKafka, CheckType
 
 
@@ -96,12 +95,9 @@ def loads(
         'directory': directory,
         'message_path': _message_path(expanded.data, directory),
     }
+    config, found = attempted(Config, expanded.data, context)
     mistakes = [*tree.mistakes, *expanded.mistakes]
-    config = None
-    try:
-        config = Config.model_validate(expanded.data, context=context)
-    except ValidationError as error:
-        mistakes += _found_by_settings(error, expanded.mistakes)
+    mistakes += _not_known(found, expanded.mistakes)
     if config is None or mistakes:
         raise ConfigError(_told(mistakes, tree, file_name))
     return config
@@ -115,14 +111,12 @@ def _message_path(data: Any, directory: Path) -> list[Path]:
     return [directory / folder for folder in found if isinstance(folder, str)]
 
 
-def _found_by_settings(
-    error: ValidationError, known: list[LocatedMistake]
-) -> list[LocatedMistake]:
+def _not_known(found: list[Mistake], known: list[LocatedMistake]) -> list[LocatedMistake]:
     """The settings' mistakes, but for values that are wrong already for their reference."""
     reported = {one.path for one in known}
     return [
         LocatedMistake(mistake.path, mistake.text)
-        for mistake in mistakes_in(Config, error)
+        for mistake in found
         if not any(mistake.path[: len(path)] == path for path in reported)
     ]
 

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 from ros2_kafka_bridge.config import checks
-from ros2_kafka_bridge.config.base import Mistake, look
+from ros2_kafka_bridge.config.base import look
+from ros2_kafka_bridge.config.mistakes import Mistake
 from ros2_kafka_bridge.kafka.names import lock_group, reading_group
 
 

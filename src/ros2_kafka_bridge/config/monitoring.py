@@ -5,12 +5,12 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final, Literal
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from annotated_types import Ge, Le
 
-from ros2_kafka_bridge.config.base import Mistake, Settings
+from ros2_kafka_bridge.config.base import After, Before, Settings, setting, settings
+from ros2_kafka_bridge.config.mistakes import Mistake
 from ros2_kafka_bridge.config.values import no_bool
 
-_SECRET: Final[dict[str, Any]] = {'writeOnly': True}
 _SHORTEST_TOKEN: Final = 16
 _ENDPOINTS: Final = ('OTEL_EXPORTER_OTLP_ENDPOINT', 'OTEL_EXPORTER_OTLP_TRACES_ENDPOINT')
 
@@ -60,37 +60,38 @@ def _endpoint(value: str) -> str:
     return value
 
 
-ListenAddress = Annotated[str, AfterValidator(_address)]
-AccessToken = Annotated[str, AfterValidator(_token)]
-Endpoint = Annotated[str, AfterValidator(_endpoint)]
-Ratio = Annotated[float, Field(ge=0, le=1), BeforeValidator(no_bool)]
+ListenAddress = Annotated[str, After(_address)]
+AccessToken = Annotated[str, After(_token)]
+Endpoint = Annotated[str, After(_endpoint)]
+Ratio = Annotated[float, Ge(0), Le(1), Before(no_bool)]
 
 
+@settings
 class MonitoringSettings(Settings):
     """What a bridge shows of itself, in a process beside those that move messages."""
 
-    listen: ListenAddress = Field(
-        '127.0.0.1:9464',
+    listen: ListenAddress = setting(
+        default='127.0.0.1:9464',
         description='Address of metrics, health and the live page. off: none of them.',
     )
-    token: AccessToken | None = Field(
-        None,
+    token: AccessToken | None = setting(
+        default=None,
         description='Who knows it may pause, resume and replay from the page, and reload. '
         'Without it the page is read-only.',
-        json_schema_extra=_SECRET,
+        secret=True,
     )
-    allowed_hosts: list[str] = Field(
+    allowed_hosts: list[str] = setting(
         default_factory=list,
         description='Further names under which browsers may ask for the page, such as that of a '
         'reverse proxy.',
     )
-    node: bool = Field(
-        True,  # noqa: FBT003 (its default)
+    node: bool = setting(
+        default=True,
         description='Whether a ROS node publishes /diagnostics and has the parameters, services '
         'and lifecycle of the bridge.',
     )
-    start: Literal['active', 'unconfigured'] = Field(
-        'active',
+    start: Literal['active', 'unconfigured'] = setting(
+        default='active',
         description='active: the routes run at once. unconfigured: they wait for a lifecycle '
         'manager that configures and activates the node.',
     )
@@ -101,23 +102,24 @@ class MonitoringSettings(Settings):
         return None if self.listen == 'off' else Address(self.listen)
 
 
+@settings
 class TracingSettings(Settings):
     """W3C trace context in the headers of records, and spans by OpenTelemetry."""
 
-    sample: Ratio = Field(
-        0.01,
+    sample: Ratio = setting(
+        default=0.01,
         description='Share of the messages from ROS whose trace is sampled. A record from Kafka '
         'says in its traceparent header whether it is; one without the header counts as one from '
         'ROS.',
     )
-    endpoint: Endpoint | None = Field(
-        None,
+    endpoint: Endpoint | None = setting(
+        default=None,
         description='Where spans are sent: OTLP over HTTP, such as '
         'http://localhost:4318/v1/traces. Without it OTEL_EXPORTER_OTLP_* of the environment '
         'say so, or no span is made and only the headers are written.',
     )
-    service: str | None = Field(
-        None, description='service.name of the spans; the name of the bridge without it.'
+    service: str | None = setting(
+        default=None, description='service.name of the spans; the name of the bridge without it.'
     )
 
     def exports(self, environ: Mapping[str, str]) -> bool:

@@ -2,16 +2,14 @@
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
-
-from ros2_kafka_bridge.config.base import Mistake, Settings, kind_of
+from ros2_kafka_bridge.config.base import After, Before, Settings, setting, settings
+from ros2_kafka_bridge.config.mistakes import Mistake, field_names, kind_of
 from ros2_kafka_bridge.config.values import CountOrNone, NotNegative, Positive
 from ros2_kafka_bridge.kafka.properties import PropertyValue
 
-_SECRET: dict[str, Any] = {'writeOnly': True}
 _NEEDED = {
     'OAUTHBEARER': (
         'bearer.auth.client.id',
@@ -58,98 +56,108 @@ def _authorities(value: object) -> object:
     raise ValueError(f'expected a path, or false for no check, got {kind_of(value)}')
 
 
-Urls = Annotated[str, AfterValidator(_urls)]
-UserInfo = Annotated[str, AfterValidator(_user_info)]
-Authorities = Annotated[str | Literal[False], BeforeValidator(_authorities)]
+Urls = Annotated[str, After(_urls)]
+UserInfo = Annotated[str, After(_user_info)]
+Authorities = Annotated[str | Literal[False], Before(_authorities)]
 
 
+@settings
 class SchemaRegistrySettings(Settings):
     """The Schema Registry of the formats avro and protobuf: properties of confluent-kafka's
     `SchemaRegistryClient`, by their own names.
     """
 
     # The names in a file are those of the client, never Python's.
-    model_config = ConfigDict(populate_by_name=False)
+    __pydantic_config__: ClassVar[dict[str, Any]] = {
+        **Settings.__pydantic_config__,
+        'populate_by_name': False,
+    }
 
-    url: Urls = Field(description='Address, or several with commas; tried in this order.')
-    basic_auth: UserInfo | None = Field(
-        None,
-        alias='basic.auth.user.info',
+    url: Urls = setting(description='Address, or several with commas; tried in this order.')
+    basic_auth: UserInfo | None = setting(
+        default=None,
+        spelled='basic.auth.user.info',
         description='User and password, as `<user>:<password>`.',
-        json_schema_extra=_SECRET,
+        secret=True,
     )
-    ssl_ca: Authorities | None = Field(
-        None,
-        alias='ssl.ca.location',
+    ssl_ca: Authorities | None = setting(
+        default=None,
+        spelled='ssl.ca.location',
         description="File or directory of the authorities that sign the registry's certificate; "
         "without it certifi's. false checks nothing.",
     )
-    ssl_certificate: str | None = Field(
-        None, alias='ssl.certificate.location', description="File of the bridge's certificate."
+    ssl_certificate: str | None = setting(
+        default=None,
+        spelled='ssl.certificate.location',
+        description="File of the bridge's certificate.",
     )
-    ssl_key: str | None = Field(
-        None, alias='ssl.key.location', description='File of the key of that certificate.'
+    ssl_key: str | None = setting(
+        default=None,
+        spelled='ssl.key.location',
+        description='File of the key of that certificate.',
     )
-    ssl_key_password: str | None = Field(
-        None,
-        alias='ssl.key.password',
+    ssl_key_password: str | None = setting(
+        default=None,
+        spelled='ssl.key.password',
         description='Password of that key.',
-        json_schema_extra=_SECRET,
+        secret=True,
     )
-    bearer_source: Literal['OAUTHBEARER', 'OAUTHBEARER_AZURE_IMDS', 'STATIC_TOKEN'] | None = Field(
-        None, alias=_SOURCE, description='Where bearer tokens come from.'
+    bearer_source: Literal['OAUTHBEARER', 'OAUTHBEARER_AZURE_IMDS', 'STATIC_TOKEN'] | None = (
+        setting(default=None, spelled=_SOURCE, description='Where bearer tokens come from.')
     )
-    bearer_token: str | None = Field(
-        None,
-        alias='bearer.auth.token',
+    bearer_token: str | None = setting(
+        default=None,
+        spelled='bearer.auth.token',
         description='The token of STATIC_TOKEN.',
-        json_schema_extra=_SECRET,
+        secret=True,
     )
-    bearer_client: str | None = Field(
-        None, alias='bearer.auth.client.id', description='Who asks for a token.'
+    bearer_client: str | None = setting(
+        default=None, spelled='bearer.auth.client.id', description='Who asks for a token.'
     )
-    bearer_secret: str | None = Field(
-        None,
-        alias='bearer.auth.client.secret',
+    bearer_secret: str | None = setting(
+        default=None,
+        spelled='bearer.auth.client.secret',
         description='The secret of that client.',
-        json_schema_extra=_SECRET,
+        secret=True,
     )
-    bearer_scope: str | None = Field(
-        None, alias='bearer.auth.scope', description='The scope of a token.'
+    bearer_scope: str | None = setting(
+        default=None, spelled='bearer.auth.scope', description='The scope of a token.'
     )
-    bearer_endpoint: str | None = Field(
-        None, alias='bearer.auth.issuer.endpoint.url', description='Who issues tokens.'
+    bearer_endpoint: str | None = setting(
+        default=None, spelled='bearer.auth.issuer.endpoint.url', description='Who issues tokens.'
     )
-    bearer_query: str | None = Field(
-        None,
-        alias='bearer.auth.issuer.endpoint.query',
+    bearer_query: str | None = setting(
+        default=None,
+        spelled='bearer.auth.issuer.endpoint.query',
         description='The query of OAUTHBEARER_AZURE_IMDS.',
     )
-    bearer_cluster: str | None = Field(
-        None,
-        alias='bearer.auth.logical.cluster',
+    bearer_cluster: str | None = setting(
+        default=None,
+        spelled='bearer.auth.logical.cluster',
         description='The logical cluster that a token is for.',
     )
-    bearer_pool: str | None = Field(
-        None,
-        alias='bearer.auth.identity.pool.id',
+    bearer_pool: str | None = setting(
+        default=None,
+        spelled='bearer.auth.identity.pool.id',
         description='Identity pools, with commas.',
     )
-    proxy: str | None = Field(None, description='Address of a proxy.')
-    timeout: Positive | None = Field(
-        None, description='Longest time for an answer, in seconds. The bridge chooses 5.'
+    proxy: str | None = setting(default=None, description='Address of a proxy.')
+    timeout: Positive | None = setting(
+        default=None, description='Longest time for an answer, in seconds. The bridge chooses 5.'
     )
-    max_retries: CountOrNone | None = Field(
-        None,
-        alias='max.retries',
+    max_retries: CountOrNone | None = setting(
+        default=None,
+        spelled='max.retries',
         description='How often a request is sent again, before the route as a whole is tried '
         'again. The bridge chooses 1.',
     )
-    retries_wait: NotNegative | None = Field(
-        None, alias='retries.wait.ms', description='First wait before that, in milliseconds.'
+    retries_wait: NotNegative | None = setting(
+        default=None,
+        spelled='retries.wait.ms',
+        description='First wait before that, in milliseconds.',
     )
-    retries_max_wait: NotNegative | None = Field(
-        None, alias='retries.max.wait.ms', description='Longest wait before that.'
+    retries_max_wait: NotNegative | None = setting(
+        default=None, spelled='retries.max.wait.ms', description='Longest wait before that.'
     )
 
     @classmethod
@@ -170,8 +178,8 @@ class SchemaRegistrySettings(Settings):
 
     def properties(self) -> dict[str, PropertyValue]:
         """What the client is made with, secrets included."""
-        made: dict[str, PropertyValue] = self.model_dump(by_alias=True, exclude_none=True)
-        return made
+        values = {s: getattr(self, name) for s, name in field_names(type(self)).items()}
+        return {spelled: value for spelled, value in values.items() if value is not None}
 
 
 def _bearer_mistakes(given: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -1,21 +1,10 @@
 """The settings of a route, and of which direction one is."""
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
-
-from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from ros2_kafka_bridge.config import checks
-from ros2_kafka_bridge.config.base import (
-    Mistake,
-    Settings,
-    field_names,
-    kind_of,
-    look,
-    mistakes_in,
-    near,
-    refused,
-)
+from ros2_kafka_bridge.config.base import Before, Settings, look, setting, settings
 from ros2_kafka_bridge.config.endpoints import (
     FromKafka,
     FromRos,
@@ -24,6 +13,7 @@ from ros2_kafka_bridge.config.endpoints import (
     ToRos,
 )
 from ros2_kafka_bridge.config.formats import JsonSettings, SchemaSettings
+from ros2_kafka_bridge.config.mistakes import Mistake, field_names, kind_of, near
 from ros2_kafka_bridge.config.values import (
     CheckFormat,
     CountOrNone,
@@ -34,6 +24,9 @@ from ros2_kafka_bridge.config.values import (
 )
 from ros2_kafka_bridge.kafka.names import reading_group
 
+if TYPE_CHECKING:
+    from pydantic import ValidationInfo
+
 TEXT_TYPE = 'std_msgs/msg/String'
 
 
@@ -42,41 +35,42 @@ BLOCKS = {'json': ('json',), 'schema': ('avro', 'protobuf')}
 """The blocks of a route that belong to formats, with the formats that have them."""
 
 
+@settings
 class Route(Settings):
     """What the routes of both directions share."""
 
-    name: Name = Field(description='Name of the route, once in a file.')
-    format: Literal['text', 'cdr', 'json', 'avro', 'protobuf'] = Field(
+    name: Name = setting(description='Name of the route, once in a file.')
+    format: Literal['text', 'cdr', 'json', 'avro', 'protobuf'] = setting(
         description=f"How a record's value encodes a message: text ({TEXT_TYPE} only), or for "
         'any type cdr (as ROS sends it), json, avro or protobuf.'
     )
-    # Pydantic's own methods have the names that these have in a file.
-    json_settings: JsonSettings | None = Field(
-        None, alias='json', description='How JSON is written and read (format: json).'
+    json_settings: JsonSettings | None = setting(
+        default=None, spelled='json', description='How JSON is written and read (format: json).'
     )
-    schema_settings: SchemaSettings | None = Field(
-        None,
-        alias='schema',
+    schema_settings: SchemaSettings | None = setting(
+        default=None,
+        spelled='schema',
         description='Where the schema comes from (format: avro and format: protobuf).',
     )
-    when_full: Literal['wait', 'drop_oldest'] = Field(
-        'wait', description='What happens when the sink takes no more: nothing is lost with wait.'
+    when_full: Literal['wait', 'drop_oldest'] = setting(
+        default='wait',
+        description='What happens when the sink takes no more: nothing is lost with wait.',
     )
-    on_error: Literal['dead_letter', 'stop', 'drop'] = Field(
-        'dead_letter', description='What happens to what can never be delivered.'
+    on_error: Literal['dead_letter', 'stop', 'drop'] = setting(
+        default='dead_letter', description='What happens to what can never be delivered.'
     )
-    max_in_flight: PositiveCount = Field(
-        1, description='Messages handed to the sink and not yet acknowledged, at most.'
+    max_in_flight: PositiveCount = setting(
+        default=1, description='Messages handed to the sink and not yet acknowledged, at most.'
     )
-    max_in_flight_bytes: PositiveCount = Field(
-        16 * 1024 * 1024,
+    max_in_flight_bytes: PositiveCount = setting(
+        default=16 * 1024 * 1024,
         description='Bytes in flight (taken and not ended) with which nothing more is taken.',
     )
-    max_message_bytes: PositiveCount = Field(
-        1_000_000, description='Largest message or value of a record, in bytes.'
+    max_message_bytes: PositiveCount = setting(
+        default=1_000_000, description='Largest message or value of a record, in bytes.'
     )
-    drain_s: NotNegative = Field(
-        8, description='Longest time for the drain at a stop, in seconds.'
+    drain_s: NotNegative = setting(
+        default=8, description='Longest time for the drain at a stop, in seconds.'
     )
 
     @classmethod
@@ -100,27 +94,28 @@ class Route(Settings):
             yield Mistake(('format',), problem)
 
 
+@settings
 class KafkaToRosRoute(Route):
     """A route from Kafka to ROS."""
 
-    source: FromKafka = Field(alias='from', description='Kafka topic to read.')
-    sink: ToRos = Field(alias='to', description='ROS topic to publish to.')
-    max_in_flight: PositiveCount = Field(
-        500,
+    source: FromKafka = setting(spelled='from', description='Kafka topic to read.')
+    sink: ToRos = setting(spelled='to', description='ROS topic to publish to.')
+    max_in_flight: PositiveCount = setting(
+        default=500,
         description='Messages published and not yet acknowledged, at most. In flight are also '
         'those read ahead, and those acknowledged less than 0.1 s ago.',
     )
-    min_subscribers: CountOrNone = Field(
-        1, description='Subscribers to wait for before publishing; with 0 to nobody, too.'
+    min_subscribers: CountOrNone = setting(
+        default=1, description='Subscribers to wait for before publishing; with 0 to nobody, too.'
     )
-    max_age_s: Positive | None = Field(
-        None, description='Age at which a record is dropped, not published, in seconds.'
+    max_age_s: Positive | None = setting(
+        default=None, description='Age at which a record is dropped, not published, in seconds.'
     )
-    max_rate: Positive | None = Field(
-        None, description='Messages per second at most, for readers with keep_last.'
+    max_rate: Positive | None = setting(
+        default=None, description='Messages per second at most, for readers with keep_last.'
     )
-    check_type_hash: bool = Field(
-        True,  # noqa: FBT003 (its default)
+    check_type_hash: bool = setting(
+        default=True,
         description='Whether a record whose header ros.type_hash is not that of the type here is '
         'a dead letter. Without it the format alone decides.',
     )
@@ -135,22 +130,23 @@ class KafkaToRosRoute(Route):
         return self.source.dead_letter or self.source.kafka + checks.DEAD_LETTER_SUFFIX
 
 
+@settings
 class RosToKafkaRoute(Route):
     """A route from ROS to Kafka."""
 
-    source: FromRos = Field(alias='from', description='ROS topic to take from.')
-    sink: ToKafka = Field(alias='to', description='Kafka topic to write.')
-    max_in_flight: PositiveCount = Field(
-        2000,
+    source: FromRos = setting(spelled='from', description='ROS topic to take from.')
+    sink: ToKafka = setting(spelled='to', description='Kafka topic to write.')
+    max_in_flight: PositiveCount = setting(
+        default=2000,
         description='Messages in flight (taken and not ended), at most. With when_full: '
         'drop_oldest so many may be with the producer, and so many wait for it.',
     )
-    spool: SpoolSettings | None = Field(
-        None, description='Where messages wait on disk while Kafka does not take them.'
+    spool: SpoolSettings | None = setting(
+        default=None, description='Where messages wait on disk while Kafka does not take them.'
     )
 
-    exclusive: bool = Field(
-        False,  # noqa: FBT003 (its default)
+    exclusive: bool = setting(
+        default=False,
         description='Several bridges run this file, and one at a time runs this route: another '
         'takes over when it dies.',
     )
@@ -185,19 +181,18 @@ def model_of(route: Mapping[str, Any]) -> type[KafkaToRosRoute | RosToKafkaRoute
     return KafkaToRosRoute if source == 'kafka' else RosToKafkaRoute
 
 
-def _by_direction(value: Any, info: ValidationInfo) -> Any:
+def _by_direction(value: Any, info: 'ValidationInfo') -> Any:
     if isinstance(value, Route):
         return value
     if not isinstance(value, Mapping):
         raise ValueError(f'expected a mapping, got {kind_of(value)}')  # noqa: TRY004  # pydantic's
+    from ros2_kafka_bridge.config.validation import attempted, refused  # noqa: PLC0415 (heavy: only to read a file)
+
     model = model_of(value)
     found = [*_side_mistakes(value), *_misplaced(model, value)]
     known = {mistake.path for mistake in found}
-    try:
-        made = model.model_validate(value, context=info.context)
-    except ValidationError as error:
-        new = mistakes_in(model, error)
-        found += [m for m in new if m.path not in known and m.path[:1] not in known]
+    made, new = attempted(model, value, info.context)
+    found += [m for m in new if m.path not in known and m.path[:1] not in known]
     if found:
         raise refused(model.__name__, found)
     return made
@@ -253,7 +248,7 @@ def _misplaced_in_end(side: str, kind: str, name: str) -> Iterator[Mistake]:
             return
 
 
-AnyRoute = Annotated[KafkaToRosRoute | RosToKafkaRoute, BeforeValidator(_by_direction)]
+AnyRoute = Annotated[KafkaToRosRoute | RosToKafkaRoute, Before(_by_direction)]
 
 
 def direction_of(route: AnyRoute) -> str:

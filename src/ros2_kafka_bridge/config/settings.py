@@ -1,21 +1,14 @@
 """The whole configuration, with the names of all settings classes: for loader, docs and editor."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from dataclasses import is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, cast, get_args, get_type_hints
 
-from pydantic import Field, ValidationError, model_validator
+from annotated_types import MinLen
 
 from ros2_kafka_bridge.config import checks
-from ros2_kafka_bridge.config.base import (
-    MASK,
-    Mistake,
-    Settings,
-    field_names,
-    look,
-    masked_values,
-    mistakes_in,
-    near,
-)
+from ros2_kafka_bridge.config.base import MASK, Settings, look, masked_values, setting, settings
 from ros2_kafka_bridge.config.endpoints import (
     FromKafka,
     FromRos,
@@ -27,6 +20,7 @@ from ros2_kafka_bridge.config.endpoints import (
 )
 from ros2_kafka_bridge.config.formats import JsonSettings, SchemaSettings
 from ros2_kafka_bridge.config.groups import group_mistakes
+from ros2_kafka_bridge.config.mistakes import Mistake, field_names, near
 from ros2_kafka_bridge.config.monitoring import MonitoringSettings, TracingSettings
 from ros2_kafka_bridge.config.registry import SchemaRegistrySettings
 from ros2_kafka_bridge.config.routes import (
@@ -68,6 +62,8 @@ __all__ = [
     'warnings',
 ]
 
+_Model = TypeVar('_Model', bound=Settings)
+
 _OWN = ('name', 'from', 'to')
 _SAMPLES: dict[type[Settings], dict[str, Any]] = {
     KafkaToRosRoute: {'from': {'kafka': 'x'}, 'to': {'ros': '/x', 'type': TEXT_TYPE}},
@@ -75,45 +71,48 @@ _SAMPLES: dict[type[Settings], dict[str, Any]] = {
 }
 
 
+@settings
 class Config(Settings):
     """One bridge: a Kafka cluster, a ROS domain, and the routes between them."""
 
-    name: BridgeName = Field(
+    name: BridgeName = setting(
         description='Name of this bridge, without a dot: in consumer groups, the origin header, '
         'the node name.'
     )
-    kafka: Properties = Field(
+    kafka: Properties = setting(
         description='librdkafka properties, by their own names. bootstrap.servers is required.'
     )
-    membership: Membership = Field(
-        'static',
+    membership: Membership = setting(
+        default='static',
         description='Whether the members of consumer groups have names, by which they have their '
         'places back at once after an outage of Kafka (static), or none (dynamic).',
     )
-    ros: RosSettings = Field(default_factory=RosSettings, description='The ROS side.')
-    schema_registry: SchemaRegistrySettings | None = Field(
-        None, description='The Schema Registry of the formats avro and protobuf.'
+    ros: RosSettings = setting(default_factory=RosSettings, description='The ROS side.')
+    schema_registry: SchemaRegistrySettings | None = setting(
+        default=None, description='The Schema Registry of the formats avro and protobuf.'
     )
-    monitoring: MonitoringSettings | None = Field(
-        None, description='What the bridge shows of itself: metrics, health, a page, a ROS node.'
+    monitoring: MonitoringSettings | None = setting(
+        default=None,
+        description='What the bridge shows of itself: metrics, health, a page, a ROS node.',
     )
-    tracing: TracingSettings | None = Field(
-        None, description='Traces through the bridge, by W3C trace context and OpenTelemetry.'
+    tracing: TracingSettings | None = setting(
+        default=None,
+        description='Traces through the bridge, by W3C trace context and OpenTelemetry.',
     )
-    workers: PositiveCount = Field(
-        1, description='Processes that share the routes, at most one for each.'
+    workers: PositiveCount = setting(
+        default=1, description='Processes that share the routes, at most one for each.'
     )
-    defaults: dict[str, Any] = Field(
+    defaults: dict[str, Any] = setting(
         default_factory=dict,
         description='Any field of a route but name, from and to, for the routes that it fits.',
     )
-    routes: list[AnyRoute] = Field(
-        min_length=1, description='At least one route, each with from and to.'
+    routes: Annotated[list[AnyRoute], MinLen(1)] = setting(
+        description='At least one route, each with from and to.'
     )
 
-    @model_validator(mode='before')
     @classmethod
-    def _with_defaults(cls, data: Any) -> Any:
+    def prepared(cls, data: Any) -> Any:
+        """Each route with the defaults that fit it."""
         if not isinstance(data, Mapping) or not isinstance(data.get('routes'), list):
             return data
         defaults = data.get('defaults')
@@ -179,11 +178,11 @@ def _default_mistakes(defaults: Mapping[str, Any]) -> Iterator[Mistake]:
 
 def _default_mistake(model: type[Settings], name: str, value: Any) -> Iterator[Mistake]:
     format_name = BLOCKS.get(name, ('text',))[0]
-    try:
-        model.model_validate({'name': 'x', 'format': format_name, **_SAMPLES[model], name: value})
-    except ValidationError as error:
-        for mistake in mistakes_in(model, error):
-            yield Mistake(('defaults', *mistake.path), mistake.text)
+    from ros2_kafka_bridge.config.validation import attempted  # noqa: PLC0415 (heavy: only to read a file)
+
+    sample = {'name': 'x', 'format': format_name, **_SAMPLES[model], name: value}
+    for mistake in attempted(model, sample)[1]:
+        yield Mistake(('defaults', *mistake.path), mistake.text)
 
 
 def _route_mistakes(routes: list[Any]) -> Iterator[Mistake]:
@@ -239,11 +238,40 @@ def _hidden(text: str, properties: Mapping[str, Any]) -> str:
     return text
 
 
+def restored(values: Mapping[str, Any]) -> Config:
+    """A configuration that was checked before.
+
+    Args:
+        values: What `config.validation.plain` made of it.
+    """
+    routes = [_restored(model_of(route), route) for route in values['routes']]
+    return _restored(Config, {**values, 'routes': routes})
+
+
+def _restored(model: type[_Model], values: Mapping[str, Any]) -> _Model:
+    kinds = get_type_hints(model)
+    return model(
+        **{
+            name: _restored_value(kinds[name], values[spelled])
+            for spelled, name in field_names(model).items()
+        }
+    )
+
+
+def _restored_value(kind: Any, value: Any) -> Any:
+    kinds = (kind, *get_args(kind))
+    if Path in kinds:
+        return [Path(item) for item in value]
+    model = next((one for one in kinds if is_dataclass(one)), None)
+    is_plain = model is None or not isinstance(value, Mapping)
+    return value if is_plain else _restored(cast('type[Settings]', model), value)
+
+
 def masked(config: Config) -> dict[str, Any]:
     """The configuration as in its file, defaults merged, every secret masked: to be printed."""
-    shown: dict[str, Any] = masked_values(
-        config.model_dump(mode='json', by_alias=True, exclude_none=True)
-    )
+    from ros2_kafka_bridge.config.validation import plain  # noqa: PLC0415 (heavy)
+
+    shown: dict[str, Any] = masked_values(plain(config, without_none=True))
     return shown
 
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
+from annotated_types import Ge, Gt, Le
 
 from ros2_kafka_bridge.config import checks
-from ros2_kafka_bridge.config.base import Mistake, kind_of, refused
+from ros2_kafka_bridge.config.base import After, Before
+from ros2_kafka_bridge.config.mistakes import Mistake, kind_of
 from ros2_kafka_bridge.kafka.properties import PropertyValue, is_secret, refusal
+
+if TYPE_CHECKING:
+    from pydantic import ValidationInfo
 
 CheckType = Callable[[str, Sequence[Path]], str | None]
 """Name of a message type, folders of .msg files -> what is wrong with it, None if nothing."""
@@ -57,6 +61,8 @@ def _property_values(value: object) -> object:
         return value
     mistakes = [Mistake((str(n),), t) for n, v in value.items() for t in _property_mistake(n, v)]
     if mistakes:
+        from ros2_kafka_bridge.config.validation import refused  # noqa: PLC0415 (heavy: only to read a file)
+
         raise refused('properties', mistakes)
     return value
 
@@ -76,17 +82,17 @@ def _template(value: str) -> str:
     return value
 
 
-NotNegative = Annotated[float, Field(ge=0), BeforeValidator(no_bool)]
-Domain = Annotated[int, Field(ge=0, le=232), BeforeValidator(no_bool)]
-CountOrNone = Annotated[int, Field(ge=0), BeforeValidator(no_bool)]
-PositiveCount = Annotated[int, Field(ge=1), BeforeValidator(no_bool)]
-Positive = Annotated[float, Field(gt=0), BeforeValidator(no_bool)]
-BridgeName = Annotated[str, AfterValidator(checks.bridge_name)]
-Name = Annotated[str, AfterValidator(checks.simple_name)]
-Directory = Annotated[str, AfterValidator(checks.absolute_path)]
-KafkaTopicName = Annotated[str, AfterValidator(checks.kafka_topic)]
-RosTopic = Annotated[str, AfterValidator(checks.ros_topic)]
-MessageFolder = Annotated[Path, AfterValidator(_folder)]
-MessageTypeName = Annotated[str, AfterValidator(_known_type)]
-KeyTemplate = Annotated[str, AfterValidator(_template)]
-Properties = Annotated[dict[str, PropertyValue], BeforeValidator(_property_values)]
+NotNegative = Annotated[float, Ge(0), Before(no_bool)]
+Domain = Annotated[int, Ge(0), Le(232), Before(no_bool)]
+CountOrNone = Annotated[int, Ge(0), Before(no_bool)]
+PositiveCount = Annotated[int, Ge(1), Before(no_bool)]
+Positive = Annotated[float, Gt(0), Before(no_bool)]
+BridgeName = Annotated[str, After(checks.bridge_name)]
+Name = Annotated[str, After(checks.simple_name)]
+Directory = Annotated[str, After(checks.absolute_path)]
+KafkaTopicName = Annotated[str, After(checks.kafka_topic)]
+RosTopic = Annotated[str, After(checks.ros_topic)]
+MessageFolder = Annotated[Path, After(_folder)]
+MessageTypeName = Annotated[str, After(_known_type)]
+KeyTemplate = Annotated[str, After(_template)]
+Properties = Annotated[dict[str, PropertyValue], Before(_property_values)]

@@ -96,9 +96,7 @@ def _bridge(ends: Ends) -> Sequence[Program]:
     file = ends.place / 'bridge.yaml'
     file.write_text(text.getvalue(), encoding='utf-8')
     return [
-        Program(
-            'the bridge', [sys.executable, '-m', 'ros2_kafka_bridge.process.worker', str(file)]
-        )
+        Program('the bridge', [sys.executable, '-m', 'ros2_kafka_bridge.process.start', str(file)])
     ]
 
 

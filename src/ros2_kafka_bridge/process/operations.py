@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.process.crew import Crew
 from ros2_kafka_bridge.process.difference import Checked
-from ros2_kafka_bridge.process.plan import Plan, memory_file, share_out
+from ros2_kafka_bridge.process.plan import Plan, share_out, write_plan
 from ros2_kafka_bridge.process.reloading import check, did, hand_over, would
 from ros2_kafka_bridge.protocol.monitor import Answer, Configured, Do, Lifecycle, Reload, Request
 from ros2_kafka_bridge.threads.stop import Stop
@@ -70,7 +70,7 @@ class Operations:
         self.on_configured: Callable[[Configured], None] = lambda _: None
         self._crew = crew
         self._stop = stop
-        self._content = memory_file('configuration', plan.text.encode())
+        self._descriptor = write_plan(plan)
         self._log = logs.route_log()
         self._queue: deque[_Asked] = deque()
         self._running: tuple[_Asked, Steps] | None = None
@@ -89,7 +89,7 @@ class Operations:
 
     def release(self) -> None:
         """Close what is held in memory; the workers have ended."""
-        os.close(self._content)
+        os.close(self._descriptor)
 
     @property
     def busy(self) -> bool:
@@ -194,13 +194,13 @@ class Operations:
 
     def start(self) -> None:
         """Have workers for all routes."""
-        self._crew.hire(self.plan.shares(), self._content)
+        self._crew.hire(self.plan.shares(), self._descriptor)
 
     def _configure(self) -> Steps:
         checked = yield from check(self.plan)
         if checked.plan is None:
             return _bad(checked)
-        self._adopt(checked.plan, memory_file('configuration', checked.plan.text.encode()))
+        self._adopt(checked.plan, write_plan(checked.plan))
         self.lifecycle = Lifecycle.INACTIVE
         return _done('configured: activate starts the routes')
 
@@ -259,19 +259,19 @@ class Operations:
         for line in found.all_lines:
             self._log.info('reload: %s', line)
         if self.lifecycle is not Lifecycle.ACTIVE:
-            self._adopt(plan, memory_file('configuration', plan.text.encode()))
+            self._adopt(plan, write_plan(plan))
             return _done(f'counts when the routes start: {would(found)}', found.all_lines)
-        content = memory_file('configuration', plan.text.encode())
+        descriptor = write_plan(plan)
         problem = 'given up'
         try:
-            problem = yield from hand_over(self._crew, self.plan, plan, found, content)
+            problem = yield from hand_over(self._crew, self.plan, plan, found, descriptor)
         finally:
             if problem:
-                os.close(content)
+                os.close(descriptor)
         if problem:
             self._begin_again()
             return _not_done(problem, found.all_lines)
-        self._adopt(plan, content)
+        self._adopt(plan, descriptor)
         return _done(did(found), found.all_lines)
 
     def _begin_again(self) -> None:
@@ -282,16 +282,16 @@ class Operations:
         there = {name for worker in self._crew.workers for name in worker.snapshots}
         to_ros, from_ros = self.plan.directions(set(self.plan.names) - there)
         shares = share_out(to_ros, from_ros, bool(to_ros) + bool(from_ros))
-        self._crew.hire(shares, self._content)
+        self._crew.hire(shares, self._descriptor)
         self._has_late = any(worker.leaving for worker in self._crew.workers)
 
-    def _adopt(self, plan: Plan, content: int) -> None:
+    def _adopt(self, plan: Plan, descriptor: int) -> None:
         """Let another configuration count from now on, also for who is started again."""
-        before, self._content = self._content, content
+        before, self._descriptor = self._descriptor, descriptor
         self.plan = plan
         self._crew.paused &= set(plan.names)
         for worker in self._crew.workers:
-            worker.content = content
+            worker.plan = descriptor
         os.close(before)
         self.on_configured(self.configured())
 

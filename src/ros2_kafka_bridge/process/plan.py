@@ -82,6 +82,13 @@ class Plan(msgspec.Struct, frozen=True):
     monitoring: MonitoringPlan | None = None
 
     @property
+    def config(self) -> 'Config':
+        """The configuration, without what has checked it."""
+        from ros2_kafka_bridge.config.settings import restored  # noqa: PLC0415 (heavy)
+
+        return restored(self.values)
+
+    @property
     def names(self) -> list[str]:
         """The names of its routes."""
         return [route.name for route in self.routes]
@@ -119,13 +126,14 @@ def plan_of(
         chosen: Names of the routes to run; None runs all.
     """
     from ros2_kafka_bridge.config.settings import KafkaToRosRoute  # noqa: PLC0415 (heavy)
+    from ros2_kafka_bridge.config.validation import plain  # noqa: PLC0415
 
     routes = [route for route in config.routes if chosen is None or route.name in chosen]
     monitoring = config.monitoring
     return Plan(
         str(file),
         text,
-        config.model_dump(mode='json', by_alias=True),
+        plain(config),
         tuple(RoutePlan(r.name, isinstance(r, KafkaToRosRoute), r.drain_s) for r in routes),
         () if chosen is None else tuple(route.name for route in routes),
         config.workers,
@@ -135,7 +143,10 @@ def plan_of(
 
 def write_plan(plan: Plan) -> int:
     """Write it into a file in memory that other processes may inherit; returns its descriptor."""
-    return memory_file('plan', msgspec.json.encode(plan))
+    descriptor = os.memfd_create('plan')  # secrets stand in it
+    with open(descriptor, 'wb', closefd=False) as file:
+        file.write(msgspec.json.encode(plan))
+    return descriptor
 
 
 def read_plan(descriptor: int) -> Plan:
@@ -144,7 +155,10 @@ def read_plan(descriptor: int) -> Plan:
     Raises:
         ValueError: There is none.
     """
-    return msgspec.json.decode(content(descriptor), type=Plan)
+    size_bytes, data = os.fstat(descriptor).st_size, b''
+    while len(data) < size_bytes:  # wherever another reader of it has come to
+        data += os.pread(descriptor, size_bytes - len(data), len(data))
+    return msgspec.json.decode(data, type=Plan)
 
 
 @contextmanager
@@ -155,22 +169,6 @@ def held_plan(plan: Plan) -> Iterator[int]:
         yield descriptor
     finally:
         os.close(descriptor)
-
-
-def memory_file(name: str, data: bytes) -> int:
-    """Make a file in memory: secrets may stand in it."""
-    descriptor = os.memfd_create(name)
-    with open(descriptor, 'wb', closefd=False) as file:
-        file.write(data)
-    return descriptor
-
-
-def content(descriptor: int) -> bytes:
-    """All that an inherited file holds, wherever another reader of it has come to."""
-    size_bytes, data = os.fstat(descriptor).st_size, b''
-    while len(data) < size_bytes:
-        data += os.pread(descriptor, size_bytes - len(data), len(data))
-    return data
 
 
 def share_out(to_ros: Sequence[str], from_ros: Sequence[str], workers: int) -> list[Share]:

@@ -76,7 +76,7 @@ def _all_of(process: subprocess.Popen[bytes]) -> Generator[None, None, bytes]:
 
 
 def hand_over(
-    crew: Crew, before: Plan, after: Plan, found: Difference, content: int
+    crew: Crew, before: Plan, after: Plan, found: Difference, descriptor: int
 ) -> Generator[None, None, str]:
     """Let new workers run what is new and what has changed; returns what has prevented it.
 
@@ -89,9 +89,9 @@ def hand_over(
         before: What counted so far.
         after: What is to count.
         found: What differs.
-        content: Descriptor of what the new configuration held.
+        descriptor: Of a file in memory that holds the latter.
     """
-    fresh = crew.hire(_shares(crew, before, after, found), content, waits=True)
+    fresh = crew.hire(_shares(crew, before, after, found), descriptor, waits=True)
     problem = yield from _load(fresh)
     known_s = time.monotonic() + KNOWN_S
     if problem:

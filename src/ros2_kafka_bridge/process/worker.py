@@ -1,14 +1,12 @@
-"""A process that runs routes, without the libraries of the command line.
+"""A process that runs routes, without the libraries of the command line and of a configuration.
 
-    python -m ros2_kafka_bridge.process.worker FILE [--routes a,b] [--snapshots FD] [--content FD]
+    python -m ros2_kafka_bridge.process.worker --plan FD [--routes a,b] [--snapshots FD] FILE
 
-Where the configuration asks for several processes, the first one becomes their supervisor.
+`process.start` has read FILE: the plan says what it holds.
 
 With `--snapshots` it writes a line of JSON to that file descriptor each second, and a last one
 after the drain; `from_line` of `route.counters` reads it. A reader that is slow misses some, one
-that is gone gets no more: neither holds the worker up. With `--content` the configuration is what
-that file descriptor holds: FILE gives its name to the messages, and its directory to
-`${file:PATH}`.
+that is gone gets no more: neither holds the worker up.
 """
 
 import argparse
@@ -16,7 +14,6 @@ import contextlib
 import faulthandler
 import gc
 import os
-import resource
 import signal
 import sys
 import threading
@@ -25,12 +22,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NoReturn
 
-from ros2_kafka_bridge.errors import BridgeError, ConfigError
+from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.logs import lines as logs
-from ros2_kafka_bridge.process.child import become
 from ros2_kafka_bridge.process.hangup import Signals
-from ros2_kafka_bridge.process.load import chosen, load_checked
-from ros2_kafka_bridge.process.plan import Plan, content, plan_of, write_plan
+from ros2_kafka_bridge.process.plan import read_plan
 from ros2_kafka_bridge.process.sender import SnapshotSender
 from ros2_kafka_bridge.protocol.worker import (
     ORDERS,
@@ -47,10 +42,8 @@ from ros2_kafka_bridge.threads.stop import SIGNALS
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.bridge import Bridge
-    from ros2_kafka_bridge.config.settings import Config
 
 _ORDERS_BYTES: Final = 65_536
-_OPEN_FILES: Final = 65_536
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -58,7 +51,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     faulthandler.enable()  # a crash in a library names the place, in the log of whoever started us
     options = _parse(arguments)
     signals = _before_the_start(supervised=options.worker > 0)
-    allow_open_files()
     try:
         return _run(options, signals)
     except BridgeError as error:  # only the start raises one: a route keeps its own
@@ -66,24 +58,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
 
 
-def allow_open_files() -> None:
-    """Raise the limit of open files as far as this user may, as a route needs seven or so.
-
-    Systems begin with a low one, for programs that cannot count further than 1024.
-    """
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = _OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, _OPEN_FILES)
-    if soft != resource.RLIM_INFINITY and soft < wanted:
-        with contextlib.suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
-
-
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='python -m ros2_kafka_bridge.process.worker',
         description='Runs routes in this process.',
     )
-    parser.add_argument('file', type=Path, help='configuration (YAML)')
+    parser.add_argument('file', type=Path, help='configuration, for those who list processes')
+    parser.add_argument('--plan', type=int, required=True, metavar='FD', help='what it holds')
     parser.add_argument('--routes', default='', help='names with commas (default: all)')
     parser.add_argument('--log-format', choices=('text', 'json'), default='text')
     parser.add_argument('--snapshots', type=int, metavar='FD', help='where snapshots go')
@@ -91,7 +72,6 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         '--worker', type=int, default=0, metavar='N',
         help='number of this worker; the supervisor speaks to it by standard input',
     )  # fmt: skip
-    parser.add_argument('--content', type=int, metavar='FD', help='what FILE held, UTF-8')
     parser.add_argument(
         '--after', type=int, metavar='FD',
         help='a pipe whose end is waited for before a drain that no supervisor has asked for',
@@ -124,17 +104,13 @@ def _end(_number: int) -> NoReturn:
 
 
 def _run(options: argparse.Namespace, signals: Signals) -> int:
-    text = _text(options)
-    config = load_checked(options.file, text)
-    routes = chosen(config, options.routes)
-    plan = None if options.worker else _plan(config, options.file, text, routes)
-    if plan is not None and plan.supervised and options.snapshots is None:
-        _become_supervisor(plan, options, signals)
+    from ros2_kafka_bridge.bridge import Bridge  # noqa: PLC0415 (heavy: a stop is heard meanwhile)
 
-    from ros2_kafka_bridge.bridge import Bridge  # noqa: PLC0415 (heavy: only for a right file)
-
+    plan = read_plan(options.plan)
+    os.close(options.plan)
     logs.set_up(options.log_format, options.worker)
-    bridge = Bridge(config, routes, options.worker, frozenset(_names(options.paused)))
+    routes = frozenset(_names(options.routes) or plan.names)
+    bridge = Bridge(plan.config, routes, options.worker, frozenset(_names(options.paused)))
     # The windows hold thousands of live entries: by default they are walked all the time.
     gc.freeze()
     gc.set_threshold(50_000, 20, 100)
@@ -143,7 +119,7 @@ def _run(options: argparse.Namespace, signals: Signals) -> int:
         if options.snapshots is not None:
             sender = SnapshotSender(options.snapshots, bridge.snapshots, events=options.worker > 0)
             tell = stack.enter_context(sender).tell
-        if plan is None:
+        if options.worker:
             threading.Thread(target=_obey, args=(bridge, options.after), daemon=True).start()
             return bridge.run(tell or _tell_nobody, waits=options.waits)
 
@@ -152,35 +128,8 @@ def _run(options: argparse.Namespace, signals: Signals) -> int:
         return Standalone(bridge, plan, signals, options.log_format).run(tell or _tell_nobody)
 
 
-def _plan(config: 'Config', file: Path, text: str, routes: frozenset[str] | None) -> Plan:
-    if not file.is_file():
-        raise ConfigError([f'{file}: can be read only once: save it as a file, to be run'])
-    # A link is followed anew by each reload: a ConfigMap, or a release, is changed by its link.
-    return plan_of(config, file.absolute(), text, routes)
-
-
-def _become_supervisor(plan: Plan, options: argparse.Namespace, signals: Signals) -> NoReturn:
-    """Go on as the process above the workers, which holds nothing of what was needed so far."""
-    descriptor = write_plan(plan)
-    os.set_inheritable(descriptor, True)  # noqa: FBT003 (the standard library's)
-    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    if signals.take_reload():
-        os.kill(os.getpid(), signal.SIGHUP)  # it waits for who hears it next
-    words = [f'--log-format={options.log_format}', f'--plan={descriptor}', '--', plan.file]
-    become('process.supervisor', words)
-
-
 def _tell_nobody(_event: Event) -> None:
     pass
-
-
-def _text(options: argparse.Namespace) -> str:
-    if options.content is not None:
-        return content(options.content).decode()
-
-    from ros2_kafka_bridge.config.file import read_text  # noqa: PLC0415 (heavy)
-
-    return read_text(options.file)
 
 
 def _names(words: str) -> list[str]:

@@ -8,6 +8,7 @@ from registry_server import RegistryServer
 
 from ros2_kafka_bridge.commands.check.formats import format_findings, registry_findings
 from ros2_kafka_bridge.config.settings import Config
+from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.message_types import load_layout
 from ros2_kafka_bridge.route.format import encode_of, with_docs
 
@@ -26,13 +27,14 @@ def config(registry: RegistryServer, *, kind: str = STRING, **route: Any) -> Con
         {'name': 'out', 'from': {'ros': '/y', 'type': kind}, 'to': {'kafka': 'x'}, **route},
         {'name': 'in', 'from': {'kafka': 'x'}, 'to': {'ros': '/x', 'type': kind}, **route},
     ]
-    return Config.model_validate(
+    return validated(
+        Config,
         {
             'name': 'b',
             'kafka': {'bootstrap.servers': 'x'},
             'schema_registry': {'url': registry.url, 'max.retries': 0},
             'routes': both,
-        }
+        },
     )
 
 

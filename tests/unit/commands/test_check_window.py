@@ -6,6 +6,7 @@ import pytest
 
 from ros2_kafka_bridge.commands.check.report import window_finding
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.config.validation import validated
 
 TO_ROS = {'from': {'kafka': 'a'}, 'to': {'ros': '/a', 'type': 'std_msgs/msg/String'}}
 TO_KAFKA = {'from': {'ros': '/a'}, 'to': {'kafka': 'a'}}
@@ -42,8 +43,8 @@ def test_check_says_what_bounds_that_which_is_in_flight(route: str) -> None:
     given: dict[str, Any] = {'name': 'a', 'format': 'text'}
     given |= DROPS if 'drops' in route else {}
     finding = window_finding(
-        KafkaToRosRoute.model_validate(given | TO_ROS)
+        validated(KafkaToRosRoute, given | TO_ROS)
         if route.startswith('to ROS')
-        else RosToKafkaRoute.model_validate(given | TO_KAFKA | (SPOOL if 'spool' in route else {}))
+        else validated(RosToKafkaRoute, given | TO_KAFKA | (SPOOL if 'spool' in route else {}))
     )
     assert f'{finding.level}: {finding.text}' == ' '.join(SAID[route].split())

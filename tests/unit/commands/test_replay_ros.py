@@ -10,6 +10,7 @@ import pytest
 from ros2_kafka_bridge.commands.dead_letters import replay_ros
 from ros2_kafka_bridge.commands.dead_letters.replay_ros import LetterChannel, check_described
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
+from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import Outgoing, RecordSource
 from ros2_kafka_bridge.errors import RouteError, TransportError
@@ -55,7 +56,7 @@ def channel(readers: Readers, stop: Stop | None = None) -> LetterChannel:
         dead = DeadLetters[RecordEntry]('dead', MemoryRecordSink(), lambda: None, log)
         return KafkaToRos(route, 'me', letters, readers, check_nothing, as_it_is, dead, log)
 
-    return LetterChannel(KafkaToRosRoute.model_validate(ROUTE), make, stop or Stop())
+    return LetterChannel(validated(KafkaToRosRoute, ROUTE), make, stop or Stop())
 
 
 def as_it_is(value: bytes | None) -> bytes:
@@ -92,14 +93,15 @@ def test_a_type_that_is_installed_otherwise_than_letters_are_checked_with_is_sai
     """A letter that only the folder allows would hold up all behind it, at each replay."""
     folder = tmp_path / 'std_msgs' / 'msg'
     folder.mkdir(parents=True)
-    route = KafkaToRosRoute.model_validate(ROUTE)
-    config = Config.model_validate(
+    route = validated(KafkaToRosRoute, ROUTE)
+    config = validated(
+        Config,
         {
             'name': 'me',
             'kafka': {'bootstrap.servers': 'localhost:9092'},
             'ros': {'message_path': [str(tmp_path)]},
             'routes': [ROUTE],
-        }
+        },
     )
     (folder / 'String.msg').write_text('string data\n')
     check_described(route, config)

@@ -14,6 +14,7 @@ from ros2_kafka_bridge.commands.dead_letters.replay import ReplayOptions
 from ros2_kafka_bridge.commands.dead_letters.replay_ros import LetterChannel
 from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
+from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.filter import LetterFilter
 from ros2_kafka_bridge.dead_letters.letter import Letter
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters
@@ -92,7 +93,7 @@ def replay(readers: StoppingReaders, stored: Stored, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(command, 'open_reader', lambda _: nullcontext(stored))
     monkeypatch.setattr(command, 'Transactions', lambda *_: nullcontext(stored))
     monkeypatch.setattr(command, 'open_channels', open_channels)
-    config = Config.model_validate({**CONFIG, 'routes': CONFIG['routes'][:1]})
+    config = validated(Config, {**CONFIG, 'routes': CONFIG['routes'][:1]})
     options = ReplayOptions(to_ros=True, dry_run=False, again=False, force=False, all=True)
     return command.replay(LetterQuery(config, TOPIC, LetterFilter()), options)
 

@@ -8,6 +8,7 @@ from made_letters import CONFIG, HEADERS, TOPIC, kafka_letter, read, restorer, r
 
 from ros2_kafka_bridge.commands.dead_letters.restore import Again
 from ros2_kafka_bridge.config.settings import Config
+from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.writer import without_value
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing
 from ros2_kafka_bridge.errors import (
@@ -23,7 +24,7 @@ def test_a_letter_of_a_type_in_a_folder_is_checked_without_its_package() -> None
         'json': {'missing': 'default'},
     }
     folders = {'message_path': [str(folder)]}
-    made = Config.model_validate(CONFIG | {'ros': folders, 'routes': [route]})
+    made = validated(Config, CONFIG | {'ros': folders, 'routes': [route]})
     assert restorer(made).for_kafka(read(kafka_letter(b'{"side": 1}'))).record.topic == 'orders'
     with pytest.raises(RecordError, match=r'would fail again: DecodeError: \$.side: expected int'):
         restorer(made).for_kafka(read(kafka_letter(b'{"side": "left"}')))
@@ -34,7 +35,7 @@ def test_a_letter_of_another_version_of_its_type_would_fail_again() -> None:
     with pytest.raises(RecordError, match=r'would fail again: DecodeError: ros\.type_hash'):
         restorer().for_kafka(read(kafka_letter(headers=told)))
     route = CONFIG['routes'][0] | {'check_type_hash': False}
-    unchecked = Config.model_validate(CONFIG | {'routes': [route]})
+    unchecked = validated(Config, CONFIG | {'routes': [route]})
     passed = restorer(unchecked).for_kafka(read(kafka_letter(headers=told)))
     assert passed.record.value == b'order'
 
@@ -128,7 +129,7 @@ def test_messages_of_ros_that_cannot_be_replayed_say_why() -> None:
 
 def test_a_route_with_a_new_name_takes_the_letters_of_the_old_one() -> None:
     data = {**CONFIG, 'routes': [{**CONFIG['routes'][0], 'name': 'renamed'}]}
-    again = restorer(Config.model_validate(data)).for_kafka(read(kafka_letter()))
+    again = restorer(validated(Config, data)).for_kafka(read(kafka_letter()))
     assert again.route is not None
     assert again.route.name == 'renamed'
     assert isinstance(again, Again)

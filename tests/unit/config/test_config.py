@@ -9,9 +9,9 @@ import pytest
 from pydantic import ValidationError
 from schema_check import schema_problems
 
-from ros2_kafka_bridge.config.base import field_names
 from ros2_kafka_bridge.config.checks import KeyPart, key_parts
 from ros2_kafka_bridge.config.file import load, loads
+from ros2_kafka_bridge.config.mistakes import field_names
 from ros2_kafka_bridge.config.settings import (
     Config,
     FromKafka,
@@ -23,8 +23,10 @@ from ros2_kafka_bridge.config.settings import (
     SchemaSettings,
     ToRos,
     masked,
+    restored,
     warnings,
 )
+from ros2_kafka_bridge.config.validation import plain, validated
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.kafka.properties import is_secret, property_problems
 
@@ -224,8 +226,18 @@ def test_settings_are_made_in_python_too() -> None:
     )
     config = Config(name='b', kafka={'bootstrap.servers': 'x'}, routes=[route])
     assert config.routes == [route]
+    wrong = {'name': 'b', 'kafka': {'bootstrap.servers': 'x'}, 'routes': [route, route]}
     with pytest.raises(ValidationError, match='repeats the name of routes'):
-        Config(name='b', kafka={'bootstrap.servers': 'x'}, routes=[route, route])
+        validated(Config, wrong)
+
+
+@pytest.mark.parametrize('file', sorted(FILES.glob('good_*.yaml')), ids=lambda path: path.stem)
+def test_a_process_that_runs_routes_has_the_configuration_that_another_has_read(
+    file: Path,
+) -> None:
+    config = loads(file.read_text('utf-8'), str(file), ENVIRON)
+    passed_on = json.loads(json.dumps(plain(config)))
+    assert restored(passed_on) == config
 
 
 @pytest.mark.parametrize(
@@ -280,7 +292,7 @@ def test_an_editor_knows_the_secrets_of_a_schema_registry() -> None:
 
 def test_a_wrong_configuration_made_in_python_shows_no_secret() -> None:
     with pytest.raises(ValidationError) as caught:
-        Config.model_validate({'name': 'b', 'kafka': {'sasl.password': SECRET}, 'routes': []})
+        validated(Config, {'name': 'b', 'kafka': {'sasl.password': SECRET}, 'routes': []})
     assert SECRET not in str(caught.value) + repr(caught.value.errors())
 
 
@@ -363,7 +375,7 @@ def test_a_bomb_is_refused(text: str, line: str) -> None:
 def test_the_schema_accepts_a_good_file(file: Path) -> None:
     text = file.read_text('utf-8').replace('"${DOMAIN}"', '7')
     config = loads(text, file.name, ENVIRON)
-    assert not schema_problems(SCHEMA, json.loads(config.model_dump_json(by_alias=True)))
+    assert not schema_problems(SCHEMA, plain(config))
 
 
 @pytest.mark.parametrize(
@@ -380,6 +392,6 @@ def test_the_schema_accepts_a_good_file(file: Path) -> None:
     ],
 )
 def test_the_schema_refuses_a_bad_file(field: str, value: object) -> None:
-    good = loads(EXAMPLE, 'bridge.yaml', {}).model_dump(mode='json', by_alias=True)
+    good = plain(loads(EXAMPLE, 'bridge.yaml', {}))
     assert not schema_problems(SCHEMA, good)
     assert schema_problems(SCHEMA, good | {field: value})

@@ -11,6 +11,7 @@ import msgspec
 import pytest
 
 from ros2_kafka_bridge.config.file import loads
+from ros2_kafka_bridge.config.mistakes import field_names
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.formats import extras
@@ -78,7 +79,7 @@ def test_the_order_of_the_routes_is_no_difference() -> None:
 def test_every_field_of_a_configuration_is_looked_at() -> None:
     """One that is left out is changed in the file, and said to be no change."""
     looked_at = {*_OF_ALL_ROUTES, 'workers', 'monitoring', 'routes', 'defaults'}
-    assert looked_at == set(Config.model_fields)
+    assert looked_at == set(field_names(Config))
 
 
 def test_another_membership_starts_every_route_again() -> None:
@@ -232,7 +233,7 @@ def test_an_event_is_one_line_and_comes_back_as_it_was(event: wire.Event) -> Non
 
 
 def test_a_worker_says_in_between_what_has_happened() -> None:
-    worker = WorkerProcess(1, Share(('a', 'b'), to_ros=True))
+    worker = WorkerProcess(1, Share(('a', 'b'), to_ros=True), -1)
     snapshots = to_line([Counters('a', taken=3).snapshot(3), Counters('b').snapshot(0)])
     worker.hear(wire.to_line(Loaded()) + snapshots + wire.to_line(Begun()))
     assert worker.loaded

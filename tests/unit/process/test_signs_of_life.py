@@ -156,10 +156,10 @@ def test_a_bridge_lives_as_long_as_no_route_is_stuck(
 def test_no_route_is_stuck_while_its_worker_starts_or_is_to_be_started_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    worker = WorkerProcess(1, Share(('orders',), to_ros=True))
+    worker = WorkerProcess(1, Share(('orders',), to_ros=True), -1)
     worker.hear(to_line([aged(0.1)]))
     now_s = time.monotonic() + 2 * STUCK_S
-    fresh = WorkerProcess(2, Share(('new',), to_ros=True))
+    fresh = WorkerProcess(2, Share(('new',), to_ros=True), -1)
     monkeypatch.setattr('time.monotonic', lambda: now_s)
     assert is_live(fresh.snapshots.values())
     assert not is_live(worker.snapshots.values())

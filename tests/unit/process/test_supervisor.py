@@ -285,7 +285,7 @@ def test_a_line_of_snapshots_brings_back_every_field() -> None:
 
 
 def test_what_a_worker_has_said_last_is_known_however_its_lines_are_cut() -> None:
-    worker = WorkerProcess(1, Share(('orders',), to_ros=True))
+    worker = WorkerProcess(1, Share(('orders',), to_ros=True), -1)
     counters = Counters('orders')
     lines = []
     for _ in range(3):
@@ -298,7 +298,7 @@ def test_what_a_worker_has_said_last_is_known_however_its_lines_are_cut() -> Non
 
 
 def test_a_dead_worker_is_due_after_its_wait_and_its_routes_say_so() -> None:
-    worker = WorkerProcess(1, Share(('orders', 'bad'), to_ros=True))
+    worker = WorkerProcess(1, Share(('orders', 'bad'), to_ros=True), -1)
     assert worker.due
     bad = Counters('bad').snapshot(0)._replace(state=State.FAILED, reason='NUL', final=True)
     worker.hear(to_line([bad]))
@@ -316,7 +316,7 @@ class Life:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_s = 1000.0
-        self.worker = WorkerProcess(1, Share(('orders',), to_ros=True))
+        self.worker = WorkerProcess(1, Share(('orders',), to_ros=True), -1)
         monkeypatch.setattr('time.monotonic', lambda: self.now_s)
         monkeypatch.setattr(
             'ros2_kafka_bridge.process.worker_process.start_child',

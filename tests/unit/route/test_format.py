@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.errors import DecodeError, EncodeError, RecordTooLargeError
 from ros2_kafka_bridge.formats import FORMATS, Format
 from ros2_kafka_bridge.formats.extras import missing_extra
@@ -31,13 +32,14 @@ def config(**route: Any) -> Config:
         {'name': 'out', 'from': {'ros': '/y', **kind}, 'to': {'kafka': 'y'}, **route},
     ]
     registry = {'url': 'http://r:8081', 'basic.auth.user.info': 'a:b'}
-    return Config.model_validate(
+    return validated(
+        Config,
         {
             'name': 'b',
             'kafka': {'bootstrap.servers': 'x'},
             'schema_registry': registry,
             'routes': both,
-        }
+        },
     )
 
 

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
+from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dedup import Numbers
 from ros2_kafka_bridge.endpoints import HeaderList, Message, Offer, Outgoing
 from ros2_kafka_bridge.errors import EncodeError, RouteError, TransportError
@@ -222,8 +223,9 @@ def test_dead_letters_that_cannot_be_read_stop_nothing(
     assert f'{error}, so a dead letter of before may come again' in caplog.text
 
 
-ROUTE = RosToKafkaRoute.model_validate(
-    {'name': 'orders', 'from': {'ros': '/orders'}, 'to': {'kafka': 'orders'}, 'format': 'text'}
+ROUTE = validated(
+    RosToKafkaRoute,
+    {'name': 'orders', 'from': {'ros': '/orders'}, 'to': {'kafka': 'orders'}, 'format': 'text'},
 )
 
 

@@ -5,6 +5,7 @@ says to its schema. Nothing is registered.
 import json
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, closing
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from ros2_kafka_bridge.commands.screen import Finding
@@ -31,7 +32,7 @@ def format_findings(route: AnyRoute, config: Config, message_type: str | None) -
     if message_type is None or unknown_type(message_type):
         return []
     scope = scope_of(route, config)
-    fixed = scope._replace(schema=scope.schema.model_copy(update={'registry': False}))
+    fixed = scope._replace(schema=replace(scope.schema, registry=False))
     chosen = FORMATS[route.format]
     try:
         layout = with_docs(route, config, load_layout(message_type))
@@ -140,7 +141,7 @@ def _registered_id(asking: _Asking) -> int:
     Raises:
         ConfigError: It is not registered.
     """
-    schema = asking.scope.schema.model_copy(update={'auto_register': False})
+    schema = replace(asking.scope.schema, auto_register=False)
     encode = FORMATS[asking.schema_format].make_encode(
         asking.layout, asking.scope._replace(schema=schema)
     )

@@ -113,7 +113,7 @@ def size_findings(
     room_bytes = receive_buffer_bytes(node.domain_id)
     if room_bytes is None or message_type is None or unknown_type(message_type):
         return
-    is_said = 'max_message_bytes' in route.model_fields_set
+    is_said = route.max_message_bytes != type(route).max_message_bytes
     if route.max_message_bytes > room_bytes and (is_said or is_bulk(load_layout(message_type))):
         text = (
             f'messages may have {route.max_message_bytes:,} bytes (max_message_bytes), and a UDP '

@@ -7,6 +7,7 @@ where letters are, and counts as sent once it is marked.
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import cache, partial
 from itertools import islice, starmap
 from typing import Final, NamedTuple
@@ -120,16 +121,14 @@ class LetterChannel:
 
 def _for_letters(route: KafkaToRosRoute) -> KafkaToRosRoute:
     """A route as letters take it: whatever it offers, an acknowledgement is waited for."""
-    firm = {'reliability': 'reliable', 'history': 'keep_all', 'depth': None}
-    qos = route.sink.qos.model_copy(update=firm)
-    return route.model_copy(
-        update={
-            'sink': route.sink.model_copy(update={'qos': qos}),
-            'min_subscribers': max(1, route.min_subscribers),
-            'when_full': 'wait',
-            'on_error': 'stop',  # it was checked before, and is a dead letter already
-            'drain_s': _PATIENCE_S,
-        }
+    qos = replace(route.sink.qos, reliability='reliable', history='keep_all', depth=None)
+    return replace(
+        route,
+        sink=replace(route.sink, qos=qos),
+        min_subscribers=max(1, route.min_subscribers),
+        when_full='wait',
+        on_error='stop',  # it was checked before, and is a dead letter already
+        drain_s=_PATIENCE_S,
     )
 
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from ros2_kafka_bridge.config.base import near
 from ros2_kafka_bridge.config.formats import JsonSettings
+from ros2_kafka_bridge.config.mistakes import near
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.formats.extras import missing_extra
