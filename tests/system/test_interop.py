@@ -72,7 +72,7 @@ def test_the_sockets_hold_what_the_profile_of_the_docs_asks_for(bench: Bench) ->
     [xml] = re.findall(r'```xml\n(.*?receiveBufferSize.*?)```', TUNING.read_text(), re.DOTALL)
     profile = bench.place / 'large.xml'
     profile.write_text(xml)
-    file = bench.config([to_kafka('/orders', 'orders', max_message_bytes=1_000_000)])
+    file = bench.config([to_kafka('/orders', 'orders', max_message_bytes=2_000_000)])
     for environ, said in ({}, 1), ({'FASTDDS_DEFAULT_PROFILES_FILE': str(profile)}, 0):
         asked = subprocess.run(
             [sys.executable, '-m', 'ros2_kafka_bridge', 'check', str(file), '--connect'],
