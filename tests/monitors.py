@@ -18,6 +18,8 @@ import msgspec
 from harness import eventually, to_kafka, to_ros
 from ruamel.yaml import YAML
 
+from ros2_kafka_bridge.config.file import loads
+from ros2_kafka_bridge.config.validation import plain
 from ros2_kafka_bridge.protocol.monitor import (
     Answer,
     Configured,
@@ -139,7 +141,7 @@ class Monitor:
 
     def configure(self, text: str, file: Path) -> None:
         """Tell the configuration that counts from now on."""
-        self.tell(Configured(text, str(file)))
+        self.tell(Configured(plain(loads(text, str(file), os.environ)), str(file)))
 
     def tell(self, what: Report | Configured | Answer) -> None:
         """Write a line to it."""

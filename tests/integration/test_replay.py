@@ -10,13 +10,25 @@ from typing import Final
 from ending import ended
 from harness import eventually
 
+# A replay that is never done with its configuration.
+HELD: Final = """\
+#!{python}
+import runpy, sys
+from ros2_kafka_bridge.config import settings
+
+settings.restored = lambda _: open({held!r}).read()
+sys.argv = sys.argv[sys.argv.index('-m') + 1 :]
+runpy.run_module(sys.argv[0], run_name='__main__', alter_sys=True)
+"""
+
 STARTER: Final = """
 import sys, threading
 from ros2_kafka_bridge.monitoring.replay import ReplayRunner
 from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
 
+sys.executable = sys.argv[1]
 replay = ReplayRunner(lambda: None)
-order = ReplayOrder('name: ${file:held}', sys.argv[1], 'orders.dead-letters', None)
+order = ReplayOrder({}, 'orders.dead-letters', None)
 # Who has asked for it is done long before the replay is.
 asking = threading.Thread(target=replay.start, args=(order,))
 asking.start()
@@ -27,9 +39,11 @@ threading.Event().wait()
 
 
 def test_a_replay_ends_when_the_process_that_has_started_it_is_killed(tmp_path: Path) -> None:
-    held = tmp_path / 'held'
-    os.mkfifo(held)  # a replay that reads this file is never done with its configuration
-    command = [sys.executable, '-c', STARTER, str(tmp_path / 'bridge.yaml')]
+    held, program = tmp_path / 'held', tmp_path / 'program'
+    os.mkfifo(held)
+    program.write_text(HELD.format(python=sys.executable, held=str(held)))
+    program.chmod(0o700)
+    command = [sys.executable, '-c', STARTER, str(program)]
     with ended(subprocess.Popen(command, stdout=subprocess.PIPE)) as starter:
         assert starter.stdout is not None
         assert starter.stdout.readline() == b'started\n'

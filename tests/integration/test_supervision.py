@@ -42,7 +42,7 @@ routes:
   - {name: b, from: {ros: /b}, to: {kafka: b}, drain_s: 0.1}
 """
 LONG = RoutePlan('orders', to_ros=True, drain_s=600.0)
-ONE = Plan('x', '', {}, (RoutePlan('orders', to_ros=True, drain_s=0.1),))
+ONE = Plan('x', {}, (RoutePlan('orders', to_ros=True, drain_s=0.1),))
 LOADED = '{"type":"loaded"}'
 BEGUN = '{"type":"begun"}'
 
@@ -221,7 +221,7 @@ def test_a_route_that_does_not_end_in_the_first_process_begins_nowhere_else_unti
 ) -> None:
     file = tmp_path / 'bridge.yaml'
     file.write_text(TEXT)
-    plan = plan_of(loads(TEXT, str(file), {}), file, TEXT)
+    plan = plan_of(loads(TEXT, str(file), {}), file)
     monkeypatch.setattr('sys.executable', program(tmp_path / 'program', OBEYS))
     monkeypatch.setattr('ros2_kafka_bridge.process.crew.CLOSING_S', 0.3)
     bridge = OneProcess()
@@ -275,7 +275,7 @@ def test_a_bug_in_what_hears_the_signals_ends_the_bridge_with_1(
 def test_a_check_that_nobody_waits_for_any_more_ends_without_a_word(tmp_path: Path) -> None:
     file = tmp_path / 'bridge.yaml'
     file.write_text(TEXT)
-    plan = write_plan(plan_of(loads(TEXT, str(file), {}), file, TEXT))
+    plan = write_plan(plan_of(loads(TEXT, str(file), {}), file))
     pipe, its_end = os.pipe()
     os.close(pipe)
     done = subprocess.run(
@@ -289,7 +289,7 @@ def test_a_check_that_nobody_waits_for_any_more_ends_without_a_word(tmp_path: Pa
 
 def test_ctrl_c_is_for_the_supervisor_and_not_for_its_check(tmp_path: Path) -> None:
     file = tmp_path / 'bridge.yaml'
-    plan = write_plan(plan_of(loads(TEXT, str(file), {}), file, TEXT))
+    plan = write_plan(plan_of(loads(TEXT, str(file), {}), file))
     os.mkfifo(file)
     check = start_child('process.difference', [f'--plan={plan}'], [plan], stdout=subprocess.PIPE)
     for number in (signal.SIGINT, signal.SIGHUP):

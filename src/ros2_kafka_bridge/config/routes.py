@@ -81,7 +81,7 @@ class Route(Settings):
         name = given.get('format')
         for side in ('from', 'to'):
             message_type = look(given, side, 'type')
-            if name == 'text' and message_type not in {None, TEXT_TYPE}:
+            if name == 'text' and message_type not in (None, TEXT_TYPE):
                 text = f'format: text carries {TEXT_TYPE} only: another type needs format: json'
                 yield Mistake((side, 'type'), f'{text}, cdr, avro or protobuf')
         for block, formats in BLOCKS.items():

@@ -222,7 +222,9 @@ def _kafka_mistakes(
     right = {name: value for name, value in kafka.items() if name not in problems}
     for number, route in enumerate(routes):
         own = look(route, 'to', 'properties')
-        for name, text in check(_scalars({**right, **own})).items() if own else ():
+        if not isinstance(own, Mapping):
+            continue
+        for name, text in check(_scalars({**right, **own})).items():
             path = ('properties', name) if name in own else ('properties',)
             yield Mistake(('routes', number, 'to', *path), _hidden(text, {**kafka, **own}))
 

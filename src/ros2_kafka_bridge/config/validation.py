@@ -1,6 +1,6 @@
 """Settings of what a file says, by pydantic: every mistake at once, in plain words.
 
-Loaded where a file is read, and nowhere else.
+Loaded by what reads a file, or writes out what one says; never by what runs a bridge.
 """
 
 from __future__ import annotations

@@ -124,7 +124,7 @@ class _Process:
     def _hear(self, line: bytes) -> None:
         try:
             self._watch.hear(line)
-        except (ValueError, ConfigError) as error:
+        except ValueError as error:
             self._log.error('the page could not read what the supervisor told: %s', error)
         if self._watch.is_configured:
             self._configured.set()

@@ -144,7 +144,7 @@ class Orders:
             return _refused(Refusal(HTTPStatus.BAD_REQUEST, problem))
         configured = self._watch.configured
         order = ReplayOrder(
-            configured.text, configured.file, form.topic, form.places,
+            configured.values, form.topic, form.places,
             form.to_ros, form.dry_run, form.again, form.force,
         )  # fmt: skip
         if not await run_in_threadpool(self._replay.start, order):

@@ -12,8 +12,7 @@ import signal
 import sys
 import threading
 import time
-from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
@@ -26,8 +25,7 @@ class ReplayOrder(msgspec.Struct, frozen=True):
     """What is to be replayed, and how.
 
     Args:
-        text: What the configuration holds.
-        file: Its name.
+        values: The configuration, as `config.settings.restored` takes it.
         topic: The dead-letter topic.
         places: The letters, as `topic[0]@5`; None for all of the topic.
         to_ros: As `--to ros`.
@@ -36,8 +34,7 @@ class ReplayOrder(msgspec.Struct, frozen=True):
         force: As `--force`.
     """
 
-    text: str
-    file: str
+    values: dict[str, Any]
     topic: str
     places: tuple[str, ...] | None
     to_ros: bool = False
@@ -69,9 +66,9 @@ def main() -> int:
 
     from ros2_kafka_bridge.commands.dead_letters import replay  # noqa: PLC0415 (heavy: the order is read first)
     from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery, spoken  # noqa: PLC0415
+    from ros2_kafka_bridge.config.settings import restored  # noqa: PLC0415
     from ros2_kafka_bridge.dead_letters.filter import LetterFilter  # noqa: PLC0415
     from ros2_kafka_bridge.dead_letters.letter import LetterPlace  # noqa: PLC0415
-    from ros2_kafka_bridge.process.load import load_checked  # noqa: PLC0415
 
     places = None
     if order.places is not None:
@@ -84,8 +81,7 @@ def main() -> int:
         all=order.places is None,
     )
     try:
-        config = load_checked(Path(order.file), order.text, with_ros=False)
-        query = LetterQuery(config, order.topic, LetterFilter(places=places))
+        query = LetterQuery(restored(order.values), order.topic, LetterFilter(places=places))
         return spoken(lambda: replay.replay(query, options))
     except BridgeError as error:
         print(error, file=sys.stderr)  # noqa: T201 (the words for the user)

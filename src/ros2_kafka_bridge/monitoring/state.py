@@ -1,7 +1,6 @@
 """What is known of the bridge at this moment, for the threads of the process that watches it."""
 
 import itertools
-import os
 import threading
 import time
 from collections.abc import Callable
@@ -10,9 +9,8 @@ from typing import Final
 
 import msgspec
 
-from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.routes import AnyRoute
-from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
+from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, restored
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.monitoring.history import History
 from ros2_kafka_bridge.protocol.monitor import Answer, Configured, Do, Report, Request, ToMonitor
@@ -49,7 +47,6 @@ class Watch:
 
         Raises:
             ValueError: It is none.
-            ConfigError: What it says of the configuration is wrong.
         """
         told = msgspec.json.decode(line, type=ToMonitor)
         if isinstance(told, Report):
@@ -62,7 +59,7 @@ class Watch:
             if asked is not None:
                 asked.set_result(told)
         else:
-            config = loads(told.text, told.file, os.environ)
+            config = restored(told.values)
             with self._lock:
                 self._configured = told, config
 
@@ -82,7 +79,7 @@ class Watch:
 
     @property
     def configured(self) -> Configured:
-        """The text of the configuration that counts, and where it came from."""
+        """The values of the configuration that counts, and where they came from."""
         return self._known[0]
 
     @property

@@ -93,20 +93,20 @@ class Crew:
     # Start
 
     def hire(
-        self, shares: Iterable[Share], plan: int, *, waits: bool = False
+        self, shares: Iterable[Share], descriptor: int, *, waits: bool = False
     ) -> list[WorkerProcess]:
         """Have a further worker for each share; it is started by the next `tick`.
 
         Args:
             shares: Their routes.
-            plan: Descriptor of the plan with these.
+            descriptor: Of a file in memory with the plan that has these.
             waits: Whether they are told when to begin.
         """
         hired = []
         for share in shares:
             used = {worker.number for worker in self.workers}
             number = next(n for n in range(1, len(used) + 2) if n not in used)
-            hired.append(WorkerProcess(number, share, plan, waits=waits))
+            hired.append(WorkerProcess(number, share, descriptor, waits=waits))
             self.workers.append(hired[-1])
         return hired
 

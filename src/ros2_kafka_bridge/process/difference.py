@@ -137,15 +137,13 @@ def _said(value: Any) -> Any:
 
 def check(before: Plan) -> Checked:
     """Read the file of a plan again."""
-    from ros2_kafka_bridge.config.file import read_text  # noqa: PLC0415 (heavy)
-    from ros2_kafka_bridge.errors import BridgeError, ConfigError  # noqa: PLC0415
+    from ros2_kafka_bridge.errors import BridgeError, ConfigError  # noqa: PLC0415 (heavy)
     from ros2_kafka_bridge.process.load import chosen, load_checked  # noqa: PLC0415
 
     file = Path(before.file)
     try:
-        text = read_text(file)
-        config = load_checked(file, text)
-        plan = plan_of(config, file, text, chosen(config, ','.join(before.chosen)))
+        config = load_checked(file)
+        plan = plan_of(config, file, chosen(config, ','.join(before.chosen)))
     except ConfigError as error:
         return Checked(problems=tuple(error.problems))
     except BridgeError as error:

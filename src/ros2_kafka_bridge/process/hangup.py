@@ -21,12 +21,13 @@ class Signals:
 
     Args:
         on_stop: Called with the number of a signal that asks for a stop.
+        had_terminal: Whether this process is known to have had one before.
     """
 
-    def __init__(self, on_stop: Callable[[int], None]) -> None:
+    def __init__(self, on_stop: Callable[[int], None], *, had_terminal: bool = False) -> None:
         self.on_stop = on_stop
         self._asked = False
-        self._had_terminal = _has_terminal()
+        self.had_terminal = had_terminal or _has_terminal()
         self._hung_up_s = self._look_at_s = -_SOON_S
         self._gone_s: float | None = None
 
@@ -44,10 +45,10 @@ class Signals:
     def look(self) -> None:
         """Look whether the terminal has gone after all."""
         now_s = time.monotonic()
-        if self._had_terminal and now_s >= self._look_at_s:
+        if self.had_terminal and now_s >= self._look_at_s:
             self._look_at_s = now_s + _LOOK_S
             if self._has_just_gone(now_s) and now_s - self._hung_up_s < _SOON_S:
-                self._had_terminal = False
+                self.had_terminal = False
                 self.on_stop(signal.SIGHUP)
 
     def _on_signal(self, number: int, _frame: Any) -> None:
@@ -62,7 +63,7 @@ class Signals:
 
     def _has_just_gone(self, now_s: float) -> bool:
         """Whether the terminal has gone, and not long ago: who outlives it may be reloaded."""
-        if not self._had_terminal or _has_terminal():
+        if not self.had_terminal or _has_terminal():
             return False
         self._gone_s = self._gone_s or now_s
         return now_s - self._gone_s < _SOON_S

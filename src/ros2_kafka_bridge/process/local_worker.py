@@ -32,7 +32,7 @@ class LocalWorker:
 
     def __init__(self, bridge: 'Bridge', status: Callable[[], int | None], stop: Stop) -> None:
         self.over = False
-        self.plan = -1
+        self.descriptor = -1
         self._bridge = bridge
         self._status = status
         self._stop = stop

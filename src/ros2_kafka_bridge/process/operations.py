@@ -98,7 +98,7 @@ class Operations:
 
     def configured(self) -> Configured:
         """What counts now, for whoever watches the bridge."""
-        return Configured(self.plan.text, self.plan.file, self.plan.chosen)
+        return Configured(self.plan.values, self.plan.file, self.plan.chosen)
 
     # Asked for
 
@@ -291,7 +291,7 @@ class Operations:
         self.plan = plan
         self._crew.paused &= set(plan.names)
         for worker in self._crew.workers:
-            worker.plan = descriptor
+            worker.descriptor = descriptor
         os.close(before)
         self.on_configured(self.configured())
 

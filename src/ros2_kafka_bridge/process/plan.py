@@ -1,4 +1,4 @@
-"""What a supervisor has to know of a configuration, without the libraries that read one."""
+"""What the processes of a bridge know of its configuration, without what reads and checks one."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -65,7 +65,6 @@ class Plan(msgspec.Struct, frozen=True):
 
     Args:
         file: Its name.
-        text: What it held.
         values: All its settings, with what is read from the environment and from other files.
         routes: Those that this bridge runs, in the order of the file.
         chosen: Their names where the command line names them.
@@ -74,7 +73,6 @@ class Plan(msgspec.Struct, frozen=True):
     """
 
     file: str
-    text: str
     values: dict[str, Any]
     routes: tuple[RoutePlan, ...]
     chosen: tuple[str, ...] = ()
@@ -114,15 +112,12 @@ class Plan(msgspec.Struct, frozen=True):
         return to_ros, [route.name for route in chosen if not route.to_ros]
 
 
-def plan_of(
-    config: 'Config', file: 'Path', text: str, chosen: frozenset[str] | None = None
-) -> Plan:
+def plan_of(config: 'Config', file: 'Path', chosen: frozenset[str] | None = None) -> Plan:
     """The plan of a configuration.
 
     Args:
         config: The configuration.
         file: Its file.
-        text: What that held.
         chosen: Names of the routes to run; None runs all.
     """
     from ros2_kafka_bridge.config.settings import KafkaToRosRoute  # noqa: PLC0415 (heavy)
@@ -132,7 +127,6 @@ def plan_of(
     monitoring = config.monitoring
     return Plan(
         str(file),
-        text,
         plain(config),
         tuple(RoutePlan(r.name, isinstance(r, KafkaToRosRoute), r.drain_s) for r in routes),
         () if chosen is None else tuple(route.name for route in routes),

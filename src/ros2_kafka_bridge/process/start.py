@@ -9,6 +9,7 @@ in any case, which says there how its routes are doing (`process.worker`).
 
 import argparse
 import contextlib
+import faulthandler
 import os
 import resource
 import signal
@@ -29,6 +30,7 @@ _OPEN_FILES: Final = 65_536
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Become the bridge; where its configuration is wrong, end with status 2."""
+    faulthandler.enable()  # a crash in a library names the place, in the log of whoever started us
     options = _parse(arguments)
     # Whoever started this process may have held them back.
     signals = Signals(_end)
@@ -66,19 +68,22 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _end(_number: int) -> NoReturn:
-    raise SystemExit(0)
+    # No exception: it may come in the middle of a library that passes over it.
+    os._exit(0)
 
 
 def _plan(file: Path, names: str) -> Plan:
-    from ros2_kafka_bridge.config.file import read_text  # noqa: PLC0415 (heavy)
-
-    text = read_text(file)
-    config = load_checked(file, text)
+    config = load_checked(file)
     routes = chosen(config, names)
     if not file.is_file():
         raise ConfigError([f'{file}: can be read only once: save it as a file, to be run'])
     # A link is followed anew by each reload: a ConfigMap, or a release, is changed by its link.
-    return plan_of(config, file.absolute(), text, routes)
+    place = file.absolute()
+    try:
+        str(place).encode()
+    except UnicodeEncodeError:
+        raise ConfigError([f'{place!a}: its path is not UTF-8: rename it']) from None
+    return plan_of(config, place, routes)
 
 
 def _become(plan: Plan, options: argparse.Namespace, signals: Signals) -> NoReturn:
@@ -88,6 +93,7 @@ def _become(plan: Plan, options: argparse.Namespace, signals: Signals) -> NoRetu
     if signals.take_reload():
         os.kill(os.getpid(), signal.SIGHUP)  # it waits for who hears it next
     words = [f'--log-format={options.log_format}', f'--plan={descriptor}']
+    words += ['--terminal'] if signals.had_terminal else []
     tells = [] if options.snapshots is None else [f'--snapshots={options.snapshots}']
     is_supervised = plan.supervised and not tells
     become(

@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with Supervisor(plan, words, systemd) as it:
         if monitoring is not None:
             it.watch(end, options.log_format)
-        it.heed(Signals(it.stop.on_signal))
+        it.heed(Signals(it.stop.on_signal, had_terminal=options.terminal))
         return it.run()
 
 
@@ -62,6 +62,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('file', type=Path)
     parser.add_argument('--log-format', choices=('text', 'json'), default='text')
     parser.add_argument('--plan', type=int, required=True, metavar='FD')
+    parser.add_argument('--terminal', action='store_true', help='there was one at the start')
     return parser.parse_args(arguments)
 
 

@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a worker to its end; returns the exit status."""
     faulthandler.enable()  # a crash in a library names the place, in the log of whoever started us
     options = _parse(arguments)
-    signals = _before_the_start(supervised=options.worker > 0)
+    signals = _before_the_start(options)
     try:
         return _run(options, signals)
     except BridgeError as error:  # only the start raises one: a route keeps its own
@@ -76,6 +76,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         '--after', type=int, metavar='FD',
         help='a pipe whose end is waited for before a drain that no supervisor has asked for',
     )  # fmt: skip
+    parser.add_argument('--terminal', action='store_true', help='there was one at the start')
     parser.add_argument('--paused', default='', help='names of routes that begin paused')
     parser.add_argument(
         '--waits', action='store_true', help='load everything, and wait to be told to begin'
@@ -83,10 +84,10 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def _before_the_start(*, supervised: bool) -> Signals:
+def _before_the_start(options: argparse.Namespace) -> Signals:
     """Take over the signals, which whoever started this process may have held back."""
-    signals = Signals(_end)
-    if supervised:
+    signals = Signals(_end, had_terminal=options.terminal)
+    if options.worker:
         for number in SIGNALS:
             # A supervisor passes them on in the right order; Ctrl-C and systemd send them to all.
             signal.signal(number, signal.SIG_IGN)
@@ -97,7 +98,8 @@ def _before_the_start(*, supervised: bool) -> Signals:
 
 
 def _end(_number: int) -> NoReturn:
-    raise SystemExit(0)
+    # No exception: it may come in the middle of a library that passes over it.
+    os._exit(0)
 
 
 # Run

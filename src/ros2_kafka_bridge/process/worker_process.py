@@ -35,16 +35,16 @@ class WorkerProcess:
     Args:
         number: Tells it apart from the others, from 1.
         share: Its routes.
-        plan: Descriptor of the plan of the bridge.
+        descriptor: Of a file in memory with the plan of the bridge.
         waits: Whether it loads everything and waits to be told to begin.
     """
 
     is_first = False
 
-    def __init__(self, number: int, share: Share, plan: int, *, waits: bool = False) -> None:
+    def __init__(self, number: int, share: Share, descriptor: int, *, waits: bool = False) -> None:
         self.number = number
         self.rank = share.rank
-        self.plan = plan
+        self.descriptor = descriptor
         self.waits = waits
         self.snapshots = _unheard(share.routes)
         self.leaving: set[str] = set()  # routes that are to end
@@ -131,8 +131,8 @@ class WorkerProcess:
         options += [f'--snapshots={its_end}', *(['--waits'] if self.waits else [])]
         if mine := [name for name in routes if name in set(paused)]:
             options.append(f'--paused={",".join(mine)}')
-        options.append(f'--plan={self.plan}')
-        kept = [its_end, self.plan, *inherited]
+        options.append(f'--plan={self.descriptor}')
+        kept = [its_end, self.descriptor, *inherited]
         try:
             self._process = start_child('process.worker', [*options, *arguments], kept)
         except OSError:

@@ -6,6 +6,7 @@ which nobody else can read.
 """
 
 from enum import StrEnum
+from typing import Any
 
 import msgspec
 
@@ -69,12 +70,12 @@ class Configured(msgspec.Struct, frozen=True, tag='configured'):
     """The configuration that counts from now on: at the start, and after a reload.
 
     Args:
-        text: What the file held.
-        file: Its name, for messages and for paths that are relative to it.
+        values: Its settings, as `config.settings.restored` takes them. They hold secrets.
+        file: Its name, for messages.
         routes: The names of those that this bridge runs; empty means all.
     """
 
-    text: str
+    values: dict[str, Any]
     file: str
     routes: tuple[str, ...] = ()
 

@@ -247,10 +247,17 @@ def _profile(histories: Histories) -> Iterator[None]:
 
 def _dialect() -> Dialect:
     """Jazzy (rclpy 7) and older come with Fast DDS 2, Kilted (rclpy 9) with Fast DDS 3."""
-    # Not by importlib.metadata: it would load a parser of mail, for as long as the bridge runs.
+    # importlib.metadata would load a parser of mail, for as long as the bridge runs.
     installed = (path.name for path in rclpy_folder().parent.glob('rclpy-*-info'))
-    major = next((int(found[1]) for n in installed if (found := _VERSION.match(n))), 0)
+    found = next(filter(None, map(_VERSION.match, installed)), None)
+    major = int(found[1] if found else _version_of_rclpy().partition('.')[0])
     return FASTDDS_3 if major >= _FIRST_WITH_FASTDDS_3 else FASTDDS_2
+
+
+def _version_of_rclpy() -> str:
+    from importlib import metadata  # noqa: PLC0415 (heavy)
+
+    return metadata.version('rclpy')
 
 
 def _peer(info: Any) -> Peer:

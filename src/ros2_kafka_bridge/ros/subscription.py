@@ -1,6 +1,7 @@
 """Taking from ROS: subscriptions that follow the publishers of a topic."""
 
 import logging
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -68,7 +69,7 @@ class RosSource:
         self._hashes: dict[bytes, str] = {}
         self._closing: set[Offer] = set()  # subscriptions that nobody offers to any more
         self._emptied: set[Offer] = set()  # those that the last take left empty
-        self._postponed: dict[Offer, float] = {}  # until when
+        self._postponed: dict[Offer, float] = {}  # since when
         self._failing: set[Offer] = set()  # subscriptions whose last take has failed
         self._failure: Exception | None = None  # told at the next take: first, what was taken
         self._unread: list[tuple[Offer, list[Taken]]] = []  # taken, behind an unknown publisher
@@ -148,9 +149,12 @@ class RosSource:
         offers = self._offers()
         self._sequences.offers(offers)
         wanted = self._wanted(set(offers.values()))
-        # The new one opens before the old one closes: nothing falls between them.
+        # The new one opens before the old one closes: nothing falls between them, but where Kafka
+        # has to be asked first.
+        others = wanted & self._subscriptions.keys()
+        wait_s = _POSTPONED_S if others else _POSTPONED_ALONE_S
         for offer in sorted(wanted - self._subscriptions.keys()):
-            if now_s >= self._postponed.get(offer, 0.0):
+            if now_s >= self._postponed.get(offer, -math.inf) + wait_s:
                 self._subscribe(offer)
         self._close_unwanted(wanted)
 
@@ -213,8 +217,7 @@ class RosSource:
             self._on_offer(offer)
         except TransportError as error:
             # The others are taken meanwhile; this one keeps its history.
-            wait_s = _POSTPONED_S if self._subscriptions else _POSTPONED_ALONE_S
-            self._postponed[offer] = time.monotonic() + wait_s
+            self._postponed[offer] = time.monotonic()
             self._log.warning('%s, so %s (%s, %s) is read later', error, self._topic, *offer)
             return
         with translated(f'subscription of {self._topic}'):

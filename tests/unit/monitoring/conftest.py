@@ -8,6 +8,8 @@ import msgspec
 import pytest
 from monitors import TOKEN, report, snapshot
 
+from ros2_kafka_bridge.config.file import loads
+from ros2_kafka_bridge.config.validation import plain
 from ros2_kafka_bridge.monitoring.state import Watch
 from ros2_kafka_bridge.protocol.monitor import Answer, Configured, Report, Request
 from ros2_kafka_bridge.route.counters import Measures, State
@@ -32,6 +34,14 @@ routes:
 """
 
 
+FILE = '/etc/bridge.yaml'
+
+
+def configured(text: str, *routes: str) -> Configured:
+    """What a supervisor tells of a configuration."""
+    return Configured(plain(loads(text, FILE, {})), FILE, routes)
+
+
 class Told:
     """A watch, and the supervisor that it speaks to."""
 
@@ -41,7 +51,7 @@ class Told:
             asked.number, done=True, text=f'{asked.do} {asked.route}'
         )
         self.watch = Watch(self._hear, patience_s=0.2)
-        self.tell(Configured(config, '/etc/bridge.yaml'))
+        self.tell(configured(config))
 
     def tell(self, what: Report | Configured | Answer) -> None:
         self.watch.hear(msgspec.json.encode(what) + b'\n')

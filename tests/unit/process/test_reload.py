@@ -58,7 +58,7 @@ TEXT = HEAD + ROUTES
 
 
 def plan(text: str, *chosen: str) -> Plan:
-    return plan_of(loads(text, 'x', {}), Path('x'), text, frozenset(chosen) or None)
+    return plan_of(loads(text, 'x', {}), Path('x'), frozenset(chosen) or None)
 
 
 def found(before: str, after: str, *chosen: str) -> Difference:
@@ -190,7 +190,7 @@ def test_a_changed_secret_file_is_a_change_though_the_text_is_the_same(tmp_path:
     file.write_text(TEXT.replace('{bootstrap.servers: x}', '{bootstrap.servers: x, '
                     'sasl.password: "${file:password}"}'))  # fmt: skip
     secret.write_text('first')
-    before = plan_of(load_checked(file), file, file.read_text())
+    before = plan_of(load_checked(file), file)
     assert check(before).difference.is_empty
     secret.write_text('second')
     it = check(before)
@@ -201,7 +201,7 @@ def test_a_changed_secret_file_is_a_change_though_the_text_is_the_same(tmp_path:
 def test_every_mistake_is_told_and_a_chosen_route_that_is_gone_is_one(tmp_path: Path) -> None:
     file = tmp_path / 'bridge.yaml'
     file.write_text(TEXT)
-    before = plan_of(load_checked(file), file, TEXT, frozenset(['b']))
+    before = plan_of(load_checked(file), file, frozenset(['b']))
     file.write_text(TEXT.replace('/b', 'b').replace('/a', 'a'))
     problems = checked(before)['problems']
     assert len(problems) == 2

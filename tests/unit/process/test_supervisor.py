@@ -92,7 +92,7 @@ def test_every_route_has_one_worker_of_its_direction_and_no_worker_is_idle(
 
 
 def plan(text: str, *chosen: str) -> Plan:
-    return plan_of(loads(text, 'x', {}), Path('x'), text, frozenset(chosen) or None)
+    return plan_of(loads(text, 'x', {}), Path('x'), frozenset(chosen) or None)
 
 
 def test_one_worker_or_one_route_needs_no_supervisor_unless_the_bridge_is_watched() -> None:
@@ -155,7 +155,7 @@ def test_a_worker_that_failed_unasked_makes_the_end_a_failure_and_one_that_was_k
     )
     program.chmod(0o700)
     monkeypatch.setattr('sys.executable', str(program))
-    one = Plan('x', '', {}, (RoutePlan('orders', to_ros=True, drain_s=5.0),))
+    one = Plan('x', {}, (RoutePlan('orders', to_ros=True, drain_s=5.0),))
     with Supervisor(one, [], Systemd()) as supervisor:
         ended: list[int] = []
         thread = threading.Thread(target=lambda: ended.append(supervisor.run()))

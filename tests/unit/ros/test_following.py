@@ -173,8 +173,9 @@ def test_a_subscription_waits_less_for_kafka_where_no_other_publisher_waits_for_
             source.take(10, 0.0)
         return len(asked)
 
-    graph.peers = [peer(LATCHED, 'transient_local')]
     source = make(graph, away)
+    assert tries(1) == 0
+    graph.peers = [peer(LATCHED, 'transient_local')]
     assert tries(20) >= 15
     graph.peers.append(peer(VOLATILE, 'volatile'))
     tries(2)
