@@ -4,13 +4,11 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import get_args, get_type_hints
 
 import pytest
 from pydantic import ValidationError
 from schema_check import schema_problems
 
-from ros2_kafka_bridge.config.base import Settings
 from ros2_kafka_bridge.config.checks import KeyPart, key_parts
 from ros2_kafka_bridge.config.file import load, loads
 from ros2_kafka_bridge.config.mistakes import field_names
@@ -20,14 +18,11 @@ from ros2_kafka_bridge.config.settings import (
     JsonSettings,
     KafkaToRosRoute,
     QoS,
-    RosSettings,
     RosToKafkaRoute,
-    Route,
     SchemaRegistrySettings,
     SchemaSettings,
     ToRos,
     masked,
-    restored,
     warnings,
 )
 from ros2_kafka_bridge.config.validation import plain, validated
@@ -233,31 +228,6 @@ def test_settings_are_made_in_python_too() -> None:
     wrong = {'name': 'b', 'kafka': {'bootstrap.servers': 'x'}, 'routes': [route, route]}
     with pytest.raises(ValidationError, match='repeats the name of routes'):
         validated(Config, wrong)
-
-
-def test_every_kind_of_a_setting_is_one_that_can_be_passed_on() -> None:
-    """`restored` knows plain values, one settings class or none, paths, and the routes."""
-    models = [*Settings.__subclasses__(), *Route.__subclasses__()]
-    nested = {
-        (model, name): kind
-        for model in models
-        for name, kind in get_type_hints(model).items()
-        if 'ros2_kafka_bridge' in str(kind) or 'Path' in str(kind)
-    }
-    assert nested.pop((Config, 'routes')) == list[KafkaToRosRoute | RosToKafkaRoute]
-    assert nested.pop((RosSettings, 'message_path')) == list[Path]
-    for kind in nested.values():
-        left = {kind, *get_args(kind)} - {type(None), *models, *(model | None for model in models)}
-        assert not left
-
-
-@pytest.mark.parametrize('file', sorted(FILES.glob('good_*.yaml')), ids=lambda path: path.stem)
-def test_a_process_that_runs_routes_has_the_configuration_that_another_has_read(
-    file: Path,
-) -> None:
-    config = loads(file.read_text('utf-8'), str(file), ENVIRON)
-    passed_on = json.loads(json.dumps(plain(config)))
-    assert restored(passed_on) == config
 
 
 @pytest.mark.parametrize(
