@@ -53,7 +53,7 @@ def _folder(path: Path, info: ValidationInfo) -> Path:
     folder = directory / path
     if not folder.is_dir():
         raise ValueError('no such folder')
-    return folder
+    return folder.absolute()
 
 
 def _property_values(value: object) -> object:

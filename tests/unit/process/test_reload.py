@@ -198,6 +198,18 @@ def test_a_changed_secret_file_is_a_change_though_the_text_is_the_same(tmp_path:
     assert it.difference.lines == ('kafka.sasl.password: has changed',)
 
 
+def test_the_folder_of_types_of_a_file_that_was_named_without_its_own_is_the_same_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the first reload would start every route again."""
+    monkeypatch.chdir(tmp_path)
+    file = Path('bridge.yaml')
+    file.write_text(f'{TEXT}ros: {{message_path: [messages]}}\n')
+    Path('messages').mkdir()
+    before = plan_of(load_checked(file), file.absolute())
+    assert check(before).difference.is_empty
+
+
 def test_every_mistake_is_told_and_a_chosen_route_that_is_gone_is_one(tmp_path: Path) -> None:
     file = tmp_path / 'bridge.yaml'
     file.write_text(TEXT)
