@@ -11,25 +11,22 @@ if TYPE_CHECKING:
     from ros2_kafka_bridge.config.settings import Config
 
 
-def load_checked(file: Path, text: str | None = None, *, with_ros: bool = True) -> 'Config':
+def load_checked(file: Path, *, with_ros: bool = True) -> 'Config':
     """The configuration in a file, checked against the types and the Kafka client found here.
 
     Args:
         file: The file.
-        text: What it held when it was read; None reads it now.
         with_ros: Whether rclpy has to load the types; else a folder of .msg files is enough.
 
     Raises:
         ConfigError: With every mistake in the file.
     """
-    from ros2_kafka_bridge.config.file import load, loads  # noqa: PLC0415 (heavy)
+    from ros2_kafka_bridge.config.file import load  # noqa: PLC0415 (heavy)
     from ros2_kafka_bridge.formats.extras import missing_extra  # noqa: PLC0415
     from ros2_kafka_bridge.kafka.properties import property_problems  # noqa: PLC0415
     from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415
 
     check_type = _not_installed if with_ros else unknown_type
-    if text is not None:
-        return loads(text, str(file), os.environ, check_type, property_problems, missing_extra)
     return load(file, os.environ, check_type, property_problems, missing_extra)
 
 
