@@ -62,7 +62,7 @@ def test_no_error_quotes_what_a_value_holds(value: bytes) -> None:
 
 @pytest.mark.parametrize('log_format', ['text', 'json'])
 def test_hostile_text_forges_no_line_of_the_log(
-    log_format: logs.LogFormat, capsys: pytest.CaptureFixture[str]
+    log_format: logs.LogFormat, capfd: pytest.CaptureFixture[str]
 ) -> None:
     logger = logging.getLogger('ros2_kafka_bridge')
     before = logger.handlers, logger.level, logger.propagate
@@ -72,7 +72,7 @@ def test_hostile_text_forges_no_line_of_the_log(
         logs.route_log('orders').error('a bug', exc_info=ValueError(HOSTILE))
     finally:
         logger.handlers, logger.level, logger.propagate = before
-    said = capsys.readouterr().err
+    said = capfd.readouterr().err
     first, second, *rest = said.rstrip('\n').split('\n')
     assert all(character.isprintable() or character == '\n' for character in said)
     if log_format == 'json':

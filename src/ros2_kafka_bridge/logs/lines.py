@@ -9,6 +9,7 @@ from collections.abc import MutableMapping
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Literal
 
+from ros2_kafka_bridge.logs.handler import LogHandler
 from ros2_kafka_bridge.logs.summed import FIRST, PERIOD_S, Summed
 from ros2_kafka_bridge.logs.text import printable, printable_lines
 
@@ -110,7 +111,7 @@ def set_up(log_format: LogFormat, worker: int = 0) -> None:
         log_format: How a line looks.
         worker: Number of this process among the workers of one bridge; 0 where it is none.
     """
-    handler = logging.StreamHandler(sys.stderr)
+    handler = logging.NullHandler() if sys.stderr is None else LogHandler()
     handler.addFilter(_is_no_repetition)
     handler.setFormatter(
         _JsonFormatter(worker)

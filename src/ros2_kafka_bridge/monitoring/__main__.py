@@ -8,6 +8,7 @@ from its standard output what is asked for, and ends it by closing the input: se
 """
 
 import argparse
+import logging
 import os
 import signal
 import socket
@@ -157,7 +158,7 @@ class _Process:
             thread.join(max(0.0, deadline_s - time.monotonic()))
         if threading.active_count() > 1:
             # One that still asks Kafka or ROS would meet an interpreter that is being taken down.
-            sys.stderr.flush()
+            logging.shutdown()
             os._exit(int(self._failed))
 
 

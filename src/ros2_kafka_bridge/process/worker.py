@@ -13,6 +13,7 @@ import argparse
 import contextlib
 import faulthandler
 import gc
+import logging
 import os
 import signal
 import sys
@@ -169,6 +170,7 @@ def _do(bridge: 'Bridge', order: WorkerOrder) -> None:
 def _leave(status: int) -> NoReturn:
     """End the process, also where a thread is left that still waits for Kafka."""
     if unattended.is_any_left():
+        logging.shutdown()
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(OSError):  # nobody reads it any more
                 stream.flush()

@@ -142,7 +142,7 @@ def test_all_who_sum_lines_of_a_route_share_the_sums_that_its_log_says_at_the_en
 
 @pytest.mark.usefixtures('_own_handlers')
 def test_a_line_of_json_has_the_fields_of_the_record_that_it_is_about(
-    capsys: pytest.CaptureFixture[str],
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     logs.set_up('json', worker=2)
     about = About(
@@ -150,7 +150,7 @@ def test_a_line_of_json_has_the_fields_of_the_record_that_it_is_about(
         error='DecodeError',
     )  # fmt: skip
     logs.route_log('to_ros').warning('%s', 'broken\x1b', extra={'about': about})
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = capfd.readouterr().err.splitlines()
     told = json.loads(line)
     assert told.pop('time').endswith('+00:00')
     assert told == {
@@ -171,39 +171,39 @@ def test_a_line_of_json_has_the_fields_of_the_record_that_it_is_about(
 
 
 @pytest.mark.usefixtures('_own_handlers')
-def test_a_sum_tells_how_many_it_stands_for(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_sum_tells_how_many_it_stands_for(capfd: pytest.CaptureFixture[str]) -> None:
     logs.set_up('json')
     log = logs.route_log('to_ros')
     for number in range(3):
         logs.summed(log, 1).warning(f'{number}', about=About(offset=number))
     log.close()
-    first, last = map(json.loads, capsys.readouterr().err.splitlines())
+    first, last = map(json.loads, capfd.readouterr().err.splitlines())
     assert (first['offset'], first.get('times')) == (0, None)
     assert (last['offset'], last['times']) == (2, 2)
 
 
 @pytest.mark.usefixtures('_own_handlers')
 def test_of_the_lines_of_a_kafka_client_only_the_end_of_it_is_said(
-    capsys: pytest.CaptureFixture[str],
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     logs.set_up('text')
     client = logging.getLogger('ros2_kafka_bridge.kafka.member.librdkafka')
     client.error('connect failed')
     client.critical('fenced')
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = capfd.readouterr().err.splitlines()
     assert line.endswith('CRITICAL fenced')
 
 
 @pytest.mark.usefixtures('_own_handlers')
 def test_a_line_of_text_names_the_trace_where_there_is_one(
-    capsys: pytest.CaptureFixture[str],
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     logs.set_up('text')
     log = logs.route_log('to_ros')
     log.warning('%s', 'one', extra={'about': About(trace_id=TRACE)})
     log.warning('%s', 'two', extra={'about': About(offset=1)})
     log.warning('%s', 'three')
-    one, two, three = capsys.readouterr().err.splitlines()
+    one, two, three = capfd.readouterr().err.splitlines()
     assert one.endswith(f'WARNING to_ros: one (trace {TRACE})')
     assert two.endswith('WARNING to_ros: two')
     assert three.endswith('WARNING to_ros: three')
