@@ -223,6 +223,17 @@ def test_new_losses_and_dead_letters_are_told_for_a_minute(
     assert said(config, after, recent=recent)['orders'].level is Level.OK
 
 
+@pytest.mark.parametrize('counter', ['confirmed', 'dead_lettered', 'lost', 'lost_upstream'])
+def test_a_counter_that_begins_again_takes_nothing_from_another(
+    config: Config, counter: str
+) -> None:
+    recent, fresh = RecentCounters(), told(*both())
+    recent.add(told(*both(**{counter: 3})), 0.0)
+    recent.add(fresh, 1.0)
+    found = said(config, fresh, recent=recent)['orders']
+    assert (found.level, '-3' in found.message) == (Level.OK, False)
+
+
 def test_the_latency_is_that_of_the_last_minute_as_the_page_shows_it() -> None:
     recent, page = RecentCounters(), History()
     before, after = [1000, *[0] * 16], [1000, 98, 2, *[0] * 14]

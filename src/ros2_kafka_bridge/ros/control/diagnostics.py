@@ -81,6 +81,15 @@ class _Mark(NamedTuple):
         letters = told.dead_lettered
         return cls(at_s, told.confirmed, letters, told.lost, told.lost_upstream, in_bridge)
 
+    def began_again(self, before: '_Mark') -> bool:
+        """Whether the process of the route was started again: then a counter falls."""
+        return any(now < then for now, then in zip(self.counters, before.counters, strict=True))
+
+    @property
+    def counters(self) -> tuple[int, ...]:
+        """What never falls."""
+        return self.confirmed, self.dead_lettered, self.lost, self.lost_upstream
+
 
 class RecentCounters:
     """The counters of the last minute, for what has changed since."""
@@ -94,7 +103,7 @@ class RecentCounters:
         for told in report.routes:
             marks = self._marks.get(told.snapshot.route, deque())
             mark = _Mark.of(now_s, told.snapshot)
-            if marks and mark.confirmed < marks[-1].confirmed:  # its process was started again
+            if marks and mark.began_again(marks[-1]):
                 marks.clear()
             marks.append(mark)
             while marks[0].at_s < now_s - _RECENT_S:
