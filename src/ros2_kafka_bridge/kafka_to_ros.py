@@ -13,6 +13,7 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from itertools import islice
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters
@@ -215,10 +216,12 @@ class KafkaToRos:
 
     def _publish_pending(self) -> Obstacle | None:
         """Publish what waits; tells what stands in the way, None when nothing is left."""
-        before = len(self._window.unconfirmed)
+        unconfirmed = self._window.unconfirmed
+        before = len(unconfirmed)
         obstacle = self._publishing.publish_pending()
-        if len(self._window.unconfirmed) > before:
+        if (new := len(unconfirmed) - before) > 0:
             self._blocked.move()
+            self._meter.publish_records(islice(reversed(unconfirmed), new))
         return obstacle or self._no_room()
 
     def _no_room(self) -> Obstacle | None:

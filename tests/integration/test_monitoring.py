@@ -36,6 +36,7 @@ def test_the_counters_of_each_scrape_balance_and_never_fall_under_load(
     for name in ('bridge_seconds', 'end_to_end_seconds'):
         for route in ROUTES:
             assert before.of(f'{name}_count', route=route) >= 20_000, (name, route)
+    assert before.of('publish_seconds_count', route='to_ros') >= 20_000
     assert before.of('produce_seconds_count', route='to_kafka') >= 20_000
     assert before.of('produce_seconds_count', route='to_ros') == 0
     assert before.of('worker_up') == 2

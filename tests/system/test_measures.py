@@ -73,6 +73,8 @@ def test_the_measures_fit_the_counters_at_every_moment_under_load(
     assert to.measures.bytes_taken == to.measures.bytes_confirmed == 20 * COUNT
     assert CDR_BYTES * COUNT <= back.measures.bytes_taken <= (CDR_BYTES + 3) * COUNT
     assert back.measures.bytes_confirmed == back.measures.bytes_taken
+    assert sum(to.measures.published.counts) == COUNT
+    assert to.measures.published.sum_s <= to.measures.in_bridge.sum_s
     for measures in (to.measures, back.measures):
         assert sum(measures.end_to_end.counts) == COUNT
         assert measures.errors == {}

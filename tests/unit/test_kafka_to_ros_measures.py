@@ -27,6 +27,7 @@ def test_the_measures_of_a_snapshot_fit_its_counters() -> None:
     snapshot = house.direction.snapshot
     measures = snapshot.measures
     assert snapshot.confirmed == sum(measures.in_bridge.counts) == 4
+    assert sum(measures.published.counts) == 4
     assert measures.bytes_taken == len(b'abcbad onedefghitimeless')
     assert measures.bytes_confirmed == len(b'abcdefghitimeless')
     assert measures.end_to_end.counts[-1] == 2
@@ -38,6 +39,23 @@ def test_the_measures_of_a_snapshot_fit_its_counters() -> None:
     assert (measures.rebalances, measures.matched, measures.mismatched) == (2, 1, 1)
     assert (measures.queued, measures.queue_limit) == (0, house.sink.room)
     assert snapshot.made_s > 0
+
+
+def test_the_delay_ends_with_the_publication_however_late_it_is_seen_to_have_come() -> None:
+    house = House()
+    house.sink.acknowledging = False
+    house.give(b'abc', b'de', time_ms=int(time.time() * 1000))
+    house.steps()
+    house.direction._show('')
+    first = house.direction.snapshot.measures
+    assert sum(first.delay.counts) == sum(first.end_to_end.counts) == 2
+    assert sum(first.in_bridge.counts) == 0
+    house.sink.acknowledge(2)
+    house.steps(1)
+    house.direction._show('')
+    last = house.direction.snapshot.measures
+    assert (last.delay, last.end_to_end) == (first.delay, first.end_to_end)
+    assert sum(last.in_bridge.counts) == 2
 
 
 def test_bytes_that_are_in_flight_are_taken_and_those_given_back_stay_so() -> None:

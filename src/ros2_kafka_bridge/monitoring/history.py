@@ -34,7 +34,8 @@ class RouteStatistics(NamedTuple):
     Args:
         rate: Confirmed a second.
         bytes_rate: Bytes confirmed a second.
-        in_bridge: The 50th and 99th percentile in seconds; None where nothing was confirmed.
+        delay: The 50th and 99th percentile in seconds; None where nothing came on.
+        in_bridge: The same.
         end_to_end: The same.
         round_trip: The same.
         waited: Share of the time in which the sink held the route back.
@@ -42,6 +43,7 @@ class RouteStatistics(NamedTuple):
 
     rate: float = 0.0
     bytes_rate: float = 0.0
+    delay: tuple[float, float] | None = None
     in_bridge: tuple[float, float] | None = None
     end_to_end: tuple[float, float] | None = None
     round_trip: tuple[float, float] | None = None
@@ -86,6 +88,7 @@ class History:
         return RouteStatistics(
             rate=_gain(now.confirmed, then.confirmed) / passed_s,
             bytes_rate=_gain(last.bytes_confirmed, then.measures.bytes_confirmed) / passed_s,
+            delay=percentiles(last.delay, first.delay),
             in_bridge=percentiles(last.in_bridge, first.in_bridge),
             end_to_end=percentiles(last.end_to_end, first.end_to_end),
             round_trip=percentiles(last.round_trip, first.round_trip),

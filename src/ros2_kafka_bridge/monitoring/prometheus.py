@@ -138,6 +138,12 @@ def _about_routes(seen: Seen) -> Iterator[Sample]:
             yield (route.name, direction_of(route), source, sink, type_of(route), route.format), 1
 
 
+def _published(seen: Seen) -> Iterator[Sample]:
+    for told in seen.told:
+        if _is_from_kafka(seen, told):
+            yield (told.snapshot.route,), told.snapshot.measures.published
+
+
 def _produced(seen: Seen) -> Iterator[Sample]:
     for told in seen.told:
         if not _is_from_kafka(seen, told):
@@ -228,8 +234,12 @@ METRICS: Final = (
     ),
     MetricDefinition(
         'end_to_end_seconds', 'histogram', 'From the time of the record, or that of its '
-        'publisher, to the confirmation.', _ROUTE,
+        'publisher, to its publication in ROS, or its confirmation by Kafka.', _ROUTE,
         _of_routes(lambda told: told.snapshot.measures.end_to_end),
+    ),
+    MetricDefinition(
+        'publish_seconds', 'histogram', 'From the take of a record to its publication '
+        '(Kafka to ROS).', _ROUTE, _published,
     ),
     MetricDefinition(
         'produce_seconds', 'histogram', 'From handing a record to the producer to its delivery '

@@ -108,6 +108,7 @@ def _route(told: RouteReport, recent: RouteStatistics, asked_to_pause: bool) -> 
         'lag': now.lag,
         'lost_upstream': now.lost_upstream,
         'repeated': now.repeated,
+        'delay_s': _rounded(recent.delay),
         'in_bridge_s': _rounded(recent.in_bridge),
         'end_to_end_s': _rounded(recent.end_to_end),
         'produce_s': _rounded(recent.round_trip),

@@ -91,8 +91,10 @@ class Measures(NamedTuple):
         queued: What the sink holds: the history of the writer, the queue of the producer.
         queue_limit: How much it may hold.
         spool_bytes: What waits on disk.
+        published: From the take to the publication (Kafka -> ROS).
         in_bridge: From the take to the confirmation.
-        end_to_end: From the record's own time, or that of its publisher, to the confirmation.
+        end_to_end: From the record's own time, or that of its publisher, to its publication in
+            ROS, or its confirmation by Kafka.
         round_trip: From `produce` to the delivery report (ROS -> Kafka).
         broker_round_trip_s: As librdkafka measures it: the 50th and 99th percentile of the last
             seconds, the largest of all brokers; None where it has not. ROS -> Kafka only, for
@@ -110,6 +112,7 @@ class Measures(NamedTuple):
     queued: int = 0
     queue_limit: int = 0
     spool_bytes: int = 0
+    published: Distribution = Distribution()
     in_bridge: Distribution = Distribution()
     end_to_end: Distribution = Distribution()
     round_trip: Distribution = Distribution()
@@ -127,11 +130,20 @@ class Measures(NamedTuple):
             },
             waited_s=self.waited_s + now.waited_s,
             rebalances=self.rebalances + now.rebalances,
+            published=self.published.plus(now.published),
             in_bridge=self.in_bridge.plus(now.in_bridge),
             end_to_end=self.end_to_end.plus(now.end_to_end),
             round_trip=self.round_trip.plus(now.round_trip),
             troubles=_last_of((*self.troubles, *now.troubles)),
         )
+
+    @property
+    def delay(self) -> Distribution:
+        """From the take to the publication in ROS, or to the confirmation by Kafka.
+
+        A confirmation from ROS says nothing of it: it is seen late where messages are few.
+        """
+        return self.published if any(self.published.counts) else self.in_bridge
 
     @property
     def sums(self) -> 'Measures':

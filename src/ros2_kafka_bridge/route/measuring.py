@@ -2,7 +2,7 @@
 
 import time
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from ros2_kafka_bridge.endpoints import Load, Matches
@@ -96,6 +96,7 @@ class Meter:
         self.bytes_taken = 0
         self.bytes_confirmed = 0
         self.waited_s = 0.0
+        self.published = Histogram()
         self.in_bridge = Histogram()
         self.end_to_end = Histogram()
         self.round_trip = Histogram()
@@ -108,14 +109,19 @@ class Meter:
             self.troubles.note_away(away, is_new=not self._away)
         self._away = away
 
+    def publish_records(self, published: Iterable[RecordEntry]) -> None:
+        """Measure records that were published just now."""
+        entries = list(published)
+        self.published.add_since([entry.taken_s for entry in entries], time.monotonic())
+        made_ms = [entry.made_ms for entry in entries if entry.made_ms > 0]
+        self.end_to_end.add_since(made_ms, time.time() * 1000, 0.001)
+
     def confirm_records(self, confirmed: Sequence[RecordEntry]) -> None:
         """Measure a batch of records that ROS has confirmed."""
         size_bytes = sum([entry.value_bytes for entry in confirmed])
         self.bytes_taken += size_bytes
         self.bytes_confirmed += size_bytes
         self.in_bridge.add_since([entry.taken_s for entry in confirmed], time.monotonic())
-        made_ms = [entry.made_ms for entry in confirmed if entry.made_ms > 0]
-        self.end_to_end.add_since(made_ms, time.time() * 1000, 0.001)
 
     def confirm_messages(self, confirmed: Sequence[MessageEntry]) -> None:
         """Measure a batch of messages that Kafka has confirmed."""
@@ -158,6 +164,7 @@ class Meter:
             queued=load.queued,
             queue_limit=load.limit,
             spool_bytes=spool_bytes,
+            published=self.published.distribution(),
             in_bridge=self.in_bridge.distribution(),
             end_to_end=self.end_to_end.distribution(),
             round_trip=self.round_trip.distribution(),

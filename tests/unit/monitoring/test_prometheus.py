@@ -99,6 +99,8 @@ def test_each_route_tells_what_its_direction_has(told: Told) -> None:
     assert ('consumer_lag_records', to_kafka) not in found
     assert ('rebalances_total', to_ros) in found
     assert ('rebalances_total', to_kafka) not in found
+    assert ('publish_seconds_count', to_ros) in found
+    assert ('publish_seconds_count', to_kafka) not in found
     assert ('produce_seconds_count', to_kafka) in found
     assert ('produce_seconds_count', to_ros) not in found
     assert of(told, 'spool_limit_bytes', route='returned') == 5_000_000

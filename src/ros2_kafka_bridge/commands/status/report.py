@@ -91,7 +91,7 @@ def _show(state: dict[str, Any]) -> None:
 
 
 def _row(route: dict[str, Any]) -> list[str]:
-    p50, p99 = map(_seconds, route['in_bridge_s'] or (None, None))
+    p50, p99 = map(_seconds, route['delay_s'] or (None, None))
     lag = '-' if route['lag'] is None else str(route['lag'])
     dead = str(route['ended']['dead_lettered'])
     rate, in_flight = f'{route["rate"]:g}', str(route['in_flight'])

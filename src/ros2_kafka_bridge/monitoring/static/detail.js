@@ -88,8 +88,9 @@ export class Detail {
         ['bytes confirmed', bytes(route.bytes_confirmed)],
       ],
       'Times, p50 / p99 of the last minute': [
-        ['in the bridge', both(route.in_bridge_s)],
+        [about?.direction === 'ros_to_kafka' ? 'until Kafka has it' : 'until published', both(route.delay_s)],
         ['end to end', both(route.end_to_end_s)],
+        ['until readers are seen to have it', about?.direction === 'ros_to_kafka' ? null : both(route.in_bridge_s)],
         ['producer', about?.direction === 'ros_to_kafka' ? both(route.produce_s) : null],
         ['broker round trip', route.broker_round_trip_s ? both(route.broker_round_trip_s) : null],
         ['held back by the sink', `${Math.round(route.waited * 100)} % of the time`],

@@ -9,7 +9,7 @@ const COLUMNS = [
   ['name', 'Route', (r) => r.name],
   ['state', 'State', (r) => ORDER.indexOf(r.state)],
   ['rate', 'Rate /s', (r) => -r.rate],
-  ['latency', 'In bridge p50 / p99', (r) => -(r.in_bridge_s?.[1] ?? -1)],
+  ['latency', 'Delay p50 / p99', (r) => -(r.delay_s?.[1] ?? -1)],
   ['lag', 'Lag', (r) => -(r.lag ?? -1)],
   ['in_flight', 'In flight', (r) => -(r.in_flight + r.spooled)],
   ['dead', 'Dead letters', (r) => -r.ended.dead_lettered],
@@ -113,8 +113,8 @@ export class Routes {
     setAttr(p.state, 'class', `chip ${TONES[route.state]}`);
     setAttr(p.state, 'title', route.reason);
     setText(p.rate, rate(route.rate));
-    const [p50, p99] = route.in_bridge_s ?? [null, null];
-    setText(p.latency, route.in_bridge_s ? `${seconds(p50)} / ${seconds(p99)}` : '–');
+    const [p50, p99] = route.delay_s ?? [null, null];
+    setText(p.latency, route.delay_s ? `${seconds(p50)} / ${seconds(p99)}` : '–');
     setText(p.lag, count(route.lag));
     setText(p.flight, count(route.in_flight));
     setText(p.more, route.spooled ? `${count(route.spooled)} on disk` : '');
@@ -171,7 +171,7 @@ function drawTiles({ routes, letters, broker }) {
   const sum = (read) => routes.reduce((total, it) => total + (read(it) ?? 0), 0);
   const running = routes.filter((it) => it.state === 'running').length;
   const failed = routes.filter((it) => it.state === 'failed').length;
-  const slow = routes.reduce((worst, it) => ((it.in_bridge_s?.[1] ?? -1) > (worst?.in_bridge_s?.[1] ?? -1) ? it : worst), null);
+  const slow = routes.reduce((worst, it) => ((it.delay_s?.[1] ?? -1) > (worst?.delay_s?.[1] ?? -1) ? it : worst), null);
   const most = routes.reduce((worst, it) => ((it.lag ?? 0) > (worst?.lag ?? 0) ? it : worst), null);
   const dead = sum((it) => it.ended.dead_lettered);
   const held = letters.some((it) => it.held !== null) ? letters.reduce((total, it) => total + (it.held ?? 0), 0) : null;
@@ -181,7 +181,7 @@ function drawTiles({ routes, letters, broker }) {
     ['Confirmed a second', rate(sum((it) => it.rate)), `${bytes(sum((it) => it.bytes_rate))}/s`, ''],
     ['In flight', count(sum((it) => it.in_flight)), spooled ? `${count(spooled)} wait on disk` : 'nothing waits on disk', ''],
     ['Lag in Kafka', count(sum((it) => it.lag)), most ? `most: ${most.name}` : 'records behind', ''],
-    ['Slowest p99', seconds(slow?.in_bridge_s?.[1]), slow?.in_bridge_s ? slow.name : 'nothing moves', ''],
+    ['Slowest p99', seconds(slow?.delay_s?.[1]), slow?.delay_s ? slow.name : 'nothing moves', ''],
     ['Dead letters', count(dead), held === null ? 'since the start' : `since the start; ${count(held)} kept`, dead ? 'warn' : ''],
     ['Kafka', kafkaWord(broker), broker?.problem ? 'look at System' : broker ? `asked in ${seconds(broker.round_trip_s)}` : 'not asked yet', broker?.problem ? 'bad' : ''],
   ];

@@ -56,15 +56,14 @@ class Change(NamedTuple):
     Args:
         rate: Confirmed messages per second, over ten seconds.
         dead_lettered: Within the last minute, as are those that were lost.
-        latency_s: The 50th and 99th percentile of the time in the bridge within the last minute;
-            None where nothing was confirmed.
+        delay_s: The 50th and 99th percentile within the last minute; None where nothing came on.
     """
 
     rate: float = 0.0
     dead_lettered: int = 0
     lost: int = 0
     lost_upstream: int = 0
-    latency_s: tuple[float, float] | None = None
+    delay_s: tuple[float, float] | None = None
 
 
 class _Mark(NamedTuple):
@@ -73,13 +72,12 @@ class _Mark(NamedTuple):
     dead_lettered: int
     lost: int
     lost_upstream: int
-    in_bridge: Distribution
+    delay: Distribution
 
     @classmethod
     def of(cls, at_s: float, told: Snapshot) -> '_Mark':
-        in_bridge = told.measures.in_bridge
-        letters = told.dead_lettered
-        return cls(at_s, told.confirmed, letters, told.lost, told.lost_upstream, in_bridge)
+        letters, delay = told.dead_lettered, told.measures.delay
+        return cls(at_s, told.confirmed, letters, told.lost, told.lost_upstream, delay)
 
     def began_again(self, before: '_Mark') -> bool:
         """Whether the process of the route was started again: then a counter falls."""
@@ -124,7 +122,7 @@ class RecentCounters:
             dead_lettered=last.dead_lettered - first.dead_lettered,
             lost=last.lost - first.lost,
             lost_upstream=last.lost_upstream - first.lost_upstream,
-            latency_s=percentiles(last.in_bridge, first.in_bridge),
+            delay_s=percentiles(last.delay, first.delay),
         )
 
 
@@ -337,8 +335,8 @@ def _counted(told: RouteReport, change: Change) -> Iterator[tuple[str, str]]:
     yield 'spool (bytes)', str(measures.spool_bytes)
     if now.lag is not None:
         yield 'lag (records)', str(now.lag)
-    for name, seconds in zip(('p50', 'p99'), change.latency_s or (), strict=False):
-        yield f'latency {name} (s)', f'{seconds:.6g}'
+    for name, seconds in zip(('p50', 'p99'), change.delay_s or (), strict=False):
+        yield f'delay {name} (s)', f'{seconds:.6g}'
     yield 'matched', str(measures.matched)
     yield 'mismatched', str(measures.mismatched)
     yield 'queued', f'{measures.queued} of {measures.queue_limit}'
