@@ -17,7 +17,7 @@ from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.logs.lines import route_log, summed
 from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.monitoring import letters
-from ros2_kafka_bridge.monitoring.guard import Refusal, is_of_this_machine, without_right
+from ros2_kafka_bridge.monitoring.guard import Refusal, is_of_own_user, without_right
 from ros2_kafka_bridge.monitoring.replay import ReplayRunner
 from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
 from ros2_kafka_bridge.monitoring.state import Watch
@@ -62,6 +62,7 @@ class Orders:
         self._replay = replay
         self._reading = asyncio.Semaphore(2)
         self._log = route_log()
+        self.wrong_tokens = summed(self._log)
 
     @property
     def routes(self) -> list[Route]:
@@ -105,7 +106,7 @@ class Orders:
         given = request.headers.get('authorization', '')
         refusal = without_right(self._settings, given)
         if refusal is not None and given:
-            summed(self._log).warning(f'the page: a wrong token from {_who(request)}')
+            self.wrong_tokens.warning(f'the page: a wrong token from {_who(request)}')
             await asyncio.sleep(_WRONG_TOKEN_S)  # who guesses, guesses slowly
         return refusal
 
@@ -192,10 +193,9 @@ class Orders:
     async def _kept_back(self, request: Request) -> Refusal | None:
         if self._settings.token is not None:
             return await self._without_right(request)
-        client = request.client.host if request.client else None
-        if is_of_this_machine(client, request.headers):
+        if await run_in_threadpool(is_of_own_user, request):
             return None
-        text = 'what messages hold is shown to others than this machine only with a token'
+        text = "what messages hold is shown to others than the bridge's own user only with a token"
         return Refusal(HTTPStatus.FORBIDDEN, f'{text}: set monitoring.token')
 
     async def _read(self, read: Callable[..., Any], what: Any) -> Response:

@@ -11,7 +11,7 @@ from http import HTTPStatus
 from typing import Final
 
 from starlette.responses import JSONResponse
-from starlette.types import Receive, Scope, Send
+from starlette.types import Message, Receive, Scope, Send
 
 from ros2_kafka_bridge.monitoring.board import Board
 
@@ -23,6 +23,10 @@ _HEADERS: Final = (
     (b'content-type', b'text/event-stream; charset=utf-8'),
     (b'x-accel-buffering', b'no'),  # nginx sends it on at once
 )
+_START: Final[Message] = {
+    'type': 'http.response.start', 'status': HTTPStatus.OK, 'headers': [*_HEADERS],
+}  # fmt: skip
+_END: Final[Message] = {'type': 'http.response.body', 'body': b'', 'more_body': False}
 
 
 class Events:
@@ -42,6 +46,10 @@ class Events:
         self.browsers = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: D102
+        if scope['method'] == 'HEAD':
+            await send(_START)
+            await send(_END)
+            return
         if self.browsers >= MOST_BROWSERS:
             text = f'{MOST_BROWSERS} browsers look at this page already: close some'
             full = JSONResponse({'error': text}, HTTPStatus.SERVICE_UNAVAILABLE)
@@ -60,8 +68,7 @@ class Events:
                     await task
 
     async def _stream(self, send: Send) -> None:
-        start = {'type': 'http.response.start', 'status': HTTPStatus.OK, 'headers': [*_HEADERS]}
-        await send(start)
+        await send(_START)
         await self._send(send, b'retry: 1000\n\n')
         seen: dict[str, int] = {}
         said_s = now_s = asyncio.get_running_loop().time()
@@ -74,7 +81,7 @@ class Events:
                 await self._send(send, b': still here\n\n')
                 said_s = now_s
             await asyncio.sleep(_LOOK_S)
-        await send({'type': 'http.response.body', 'body': b'', 'more_body': False})
+        await send(_END)
 
     async def _send(self, send: Send, data: bytes) -> None:
         message = {'type': 'http.response.body', 'body': data, 'more_body': True}

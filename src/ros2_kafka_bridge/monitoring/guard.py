@@ -7,17 +7,19 @@ who changes something shows the token each time.
 """
 
 import hmac
+import os
 from collections.abc import Callable, Iterable
 from http import HTTPStatus
-from ipaddress import IPv6Address, ip_address
 from typing import Final, NamedTuple
 
 from starlette.datastructures import Headers
+from starlette.requests import Request
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from ros2_kafka_bridge.config.monitoring import MonitoringSettings
 from ros2_kafka_bridge.logs.text import printable
+from ros2_kafka_bridge.monitoring.caller import SocketAddress, user_of
 
 OPEN_PATHS: Final = frozenset({'/metrics', '/livez', '/readyz'})
 """What Prometheus and the kubelet ask for, by addresses that nobody can list."""
@@ -69,31 +71,6 @@ def _with_port(names: Iterable[str], port: int) -> frozenset[str]:
     return frozenset({one for name in bare for one in (name.lower(), f'{name.lower()}:{port}')})
 
 
-def is_loopback(host: str) -> bool:
-    """Whether a `Host` names this machine itself."""
-    name = host[1:].partition(']')[0] if host.startswith('[') else host.partition(':')[0]
-    return name.lower() in _LOOPBACK
-
-
-def is_of_this_machine(client: str | None, headers: Headers) -> bool:
-    """Whether a request comes from this machine, as far as anybody can tell.
-
-    `Host` alone does not say it: who asks from elsewhere may write there what they like.
-
-    Args:
-        client: The address at the other end of the connection.
-        headers: Of the request.
-    """
-    try:
-        address = ip_address(client or '')
-    except ValueError:
-        return False
-    if isinstance(address, IPv6Address):
-        address = address.ipv4_mapped or address
-    passed_on = any(name in headers for name in _PASSED_ON)
-    return address.is_loopback and not passed_on and is_loopback(headers.get('host', ''))
-
-
 class Refusal(NamedTuple):
     """Why something is not done."""
 
@@ -120,6 +97,25 @@ def without_right(settings: MonitoringSettings, authorization: str) -> Refusal |
         return None
     said = 'this is not the token' if given else 'it needs the token'
     return Refusal(HTTPStatus.UNAUTHORIZED, f'{said} of the bridge (monitoring.token)')
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a `Host` names this machine itself."""
+    name = host[1:].partition(']')[0] if host.startswith('[') else host.partition(':')[0]
+    return name.lower() in _LOOPBACK
+
+
+def is_of_own_user(request: Request) -> bool:
+    """Whether a program of the bridge's own user asks, which may read what the bridge reads.
+
+    `Host` and an address do not say it: a proxy on this machine passes on what others send.
+    """
+    headers, client, server = request.headers, request.client, request.scope.get('server')
+    if any(name in headers for name in _PASSED_ON) or not is_loopback(headers.get('host', '')):
+        return False
+    if client is None or server is None:
+        return False
+    return user_of(SocketAddress(*client), SocketAddress(*server)) == os.getuid()
 
 
 class Guard:

@@ -65,14 +65,7 @@ def _line(check: Check) -> str:
 def liveness(report: Report | None, age_s: float) -> Health:
     """Bad only where starting the whole again would help."""
     routes = report.routes if report else ()
-    stuck = (
-        Check(
-            f'route/{told.snapshot.route}', good=False,
-            text=f'its thread has done one thing for {told.busy_s:.0f} s',
-        )
-        for told in routes
-        if told.busy_s > STUCK_S
-    )  # fmt: skip
+    stuck = (_of_route(told) for told in routes if told.busy_s > STUCK_S)
     return Health('livez', (_heard(age_s), *stuck))
 
 
@@ -120,5 +113,8 @@ def _of_routes(report: Report, names: Sequence[str]) -> Iterator[Check]:
 
 def _of_route(route: RouteReport) -> Check:
     now = route.snapshot
+    if route.busy_s > STUCK_S:
+        text = f'its thread has done one thing for {route.busy_s:.0f} s'
+        return Check(f'route/{now.route}', good=False, text=text)
     text = f'{now.state}: {now.reason}' if now.reason else str(now.state)
     return Check(f'route/{now.route}', good=now.state in _READY, text=text)

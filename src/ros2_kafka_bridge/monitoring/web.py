@@ -21,6 +21,7 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from ros2_kafka_bridge.logs.summed import Summed
 from ros2_kafka_bridge.monitoring import view
 from ros2_kafka_bridge.monitoring.actions import Orders
 from ros2_kafka_bridge.monitoring.board import Board
@@ -59,8 +60,8 @@ class Page(NamedTuple):
 
 def make_app(page: Page) -> Starlette:
     """All of it as an ASGI application."""
-    desk = _Desk(page)
     orders = Orders(page.watch, page.replay)
+    desk = _Desk(page, orders.wrong_tokens)
     routes = [
         Route('/', desk.index),
         Route('/metrics', desk.metrics),
@@ -92,8 +93,9 @@ async def _missing(_request: Request, error: Exception) -> Response:
 class _Desk:
     """Answers what only looks."""
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: Page, wrong_tokens: Summed) -> None:
         self._watch = page.watch
+        self._wrong_tokens = wrong_tokens
         self._sides = page.sides
         self._replay = page.replay
         self._failed = page.failed
@@ -111,11 +113,13 @@ class _Desk:
             ticking.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await ticking
+            self._wrong_tokens.close()
 
     async def _tick(self) -> None:
         """Keep the board as the last report has it, as long as somebody looks."""
         try:
             while True:
+                self._wrong_tokens.tick()
                 if self.events.browsers:
                     await run_in_threadpool(self._show)
                 else:

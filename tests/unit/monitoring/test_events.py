@@ -3,11 +3,14 @@
 import asyncio
 from collections.abc import Callable
 from types import SimpleNamespace
+from typing import Final
 
 from starlette.types import Message
 
 from ros2_kafka_bridge.monitoring.board import Board
 from ros2_kafka_bridge.monitoring.events import MOST_BROWSERS, Events
+
+SCOPE: Final = {'type': 'http', 'method': 'GET'}
 
 
 class Browser:
@@ -47,7 +50,7 @@ def test_a_browser_gets_what_is_there_and_then_what_changes() -> None:
 
     async def run() -> list[bytes]:
         events, browser = Events(board, lambda: stopping.now), Browser()
-        stream = asyncio.create_task(events({}, browser.receive, browser.send))
+        stream = asyncio.create_task(events(SCOPE, browser.receive, browser.send))
         await until(lambda: b'data: {"a":1}\n\n' in browser.got)
         board.put('b', 2)
         await until(lambda: b'data: {"b":2}\n\n' in browser.got)
@@ -66,7 +69,7 @@ def test_a_browser_that_takes_nothing_is_let_go() -> None:
         events = Events(board, lambda: False, patience_s=0.1)
         slow = Browser(stands_still=True)
         async with asyncio.timeout(30):
-            await events({}, slow.receive, slow.send)
+            await events(SCOPE, slow.receive, slow.send)
         return events.browsers
 
     assert asyncio.run(run()) == 0
@@ -76,12 +79,10 @@ def test_one_browser_too_many_is_refused_and_those_who_leave_make_room() -> None
     async def run() -> None:
         events = Events(Board(), lambda: False)
         browsers = [Browser() for _ in range(MOST_BROWSERS)]
-        streams = [
-            asyncio.create_task(events({'type': 'http'}, it.receive, it.send)) for it in browsers
-        ]
+        streams = [asyncio.create_task(events(SCOPE, it.receive, it.send)) for it in browsers]
         await until(lambda: events.browsers == MOST_BROWSERS)
         late = Browser()
-        await events({'type': 'http'}, late.receive, late.send)
+        await events(SCOPE, late.receive, late.send)
         assert late.status == 503
         for browser in browsers:
             browser.leave()

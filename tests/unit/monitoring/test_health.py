@@ -84,6 +84,11 @@ def test_a_thread_that_is_stuck_is_a_reason_to_restart() -> None:
     ]
 
 
+def test_a_thread_that_is_stuck_is_not_ready() -> None:
+    told = report(snapshot('a'), RouteReport(1, 0.5, 91.0, snapshot('b')))
+    assert ready(told).problems == ['route/b: its thread has done one thing for 91 s']
+
+
 def test_what_fails_or_waits_is_no_reason_to_restart() -> None:
     told = report(snapshot('a', State.FAILED), snapshot('b', State.WAITING))
     assert liveness(told, 0.5).good

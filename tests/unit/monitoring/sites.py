@@ -1,0 +1,90 @@
+"""The application of the page, asked without a server."""
+
+import asyncio
+import json
+from typing import Any, Final
+
+import httpx
+from monitors import TOKEN
+
+from ros2_kafka_bridge.monitoring.guard import names_of
+from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
+from ros2_kafka_bridge.monitoring.web import Page, make_app
+
+from .conftest import Told
+
+HOST: Final = '127.0.0.1:9464'
+PAGE: Final = f'http://{HOST}'
+ORDERING: Final = {
+    'authorization': f'Bearer {TOKEN}',
+    'content-type': 'application/json',
+    'origin': PAGE,
+}
+
+
+class NoSides:
+    """Kafka and ROS have not been seen yet."""
+
+    def sections(self) -> dict[str, Any]:
+        return {'broker': None, 'letters': []}
+
+    def graph(self) -> dict[str, Any]:
+        return {'problem': '', 'seen_s': None, 'topics': []}
+
+
+class NoReplay:
+    """Keeps what it was told to do."""
+
+    def __init__(self) -> None:
+        self.orders: list[ReplayOrder] = []
+        self.runs = False
+
+    def state(self) -> dict[str, Any] | None:
+        return {'number': len(self.orders)} if self.orders else None
+
+    def start(self, order: ReplayOrder) -> bool:
+        self.orders.append(order)
+        return not self.runs
+
+    def stop(self) -> bool:
+        return self.runs
+
+
+class Site:
+    """The application as it answers requests."""
+
+    def __init__(self, told: Told, listen: str = '127.0.0.1') -> None:
+        self.told = told
+        self.client = '127.0.0.1'
+        self.replay = NoReplay()
+        sides: Any = NoSides()
+        replay: Any = self.replay
+        monitoring = told.watch.config.monitoring
+        more = monitoring.allowed_hosts if monitoring else []
+        names = names_of(listen, 9464, more)
+        page = Page(told.watch, sides, replay, lambda: names, lambda: False, lambda: None)
+        self.app = make_app(page)
+
+    def browser(self) -> httpx.AsyncClient:
+        """Make what asks it."""
+        transport = httpx.ASGITransport(self.app, client=(self.client, 1))
+        return httpx.AsyncClient(transport=transport, base_url=PAGE)
+
+    def ask(
+        self, method: str, path: str, headers: dict[str, str] | None = None, content: Any = None
+    ) -> httpx.Response:
+        async def once() -> httpx.Response:
+            async with self.browser() as client:
+                body = content if isinstance(content, bytes) else json.dumps(content).encode()
+                sent = b'' if content is None else body
+                return await client.request(method, f'/{path}', headers=headers, content=sent)
+
+        return asyncio.run(once())
+
+    def get(self, path: str, **headers: str) -> httpx.Response:
+        return self.ask('GET', path, headers)
+
+    def post(self, path: str, content: Any = None, **headers: str) -> httpx.Response:
+        given = {name.replace('_', '-'): value for name, value in headers.items()}
+        wanted = {**ORDERING, **given}
+        return self.ask('POST', path, {n: v for n, v in wanted.items() if v}, content or {})
