@@ -79,13 +79,18 @@ def routes(watch: Watch) -> list[Json]:
     """All routes, as their workers told them last."""
     report = watch.report()
     paused = frozenset(report.paused if report else ())
+    to_ros = {it.name for it in watch.routes if isinstance(it, KafkaToRosRoute)}
     return [
-        _route(told, watch.history.recent(told.snapshot.route), told.snapshot.route in paused)
+        {
+            **_route(told, watch.history.recent(told.snapshot.route)),
+            'paused': told.snapshot.route in paused,
+            'advice': advice(told.snapshot, to_ros=told.snapshot.route in to_ros),
+        }
         for told in (report.routes if report else ())
     ]
 
 
-def _route(told: RouteReport, recent: RouteStatistics, asked_to_pause: bool) -> Json:  # noqa: FBT001
+def _route(told: RouteReport, recent: RouteStatistics) -> Json:
     now = told.snapshot
     measures = now.measures
     return {
@@ -93,9 +98,7 @@ def _route(told: RouteReport, recent: RouteStatistics, asked_to_pause: bool) -> 
         'worker': told.worker,
         'state': now.state,
         'reason': now.reason,
-        'advice': advice(now),
         'final': now.final,
-        'paused': asked_to_pause,
         'age_s': round(told.age_s, 1),
         'busy_s': round(told.busy_s, 1),
         'rate': round(recent.rate, 1),

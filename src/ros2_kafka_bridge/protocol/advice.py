@@ -9,9 +9,18 @@ _FINAL: Final = 'It is not tried again: mend what the reason names, then reload 
 _ADVICE: Final = {
     State.STARTING: 'Wait: it begins once Kafka and ROS have answered.',
     State.RUNNING: '',
-    State.WAITING: 'Nothing is lost: it goes on by itself once that has ended.',
-    State.PAUSED: 'Resume it when the reason for the pause is gone; what comes meanwhile waits.',
     State.STOPPED: 'It ends with the bridge, or was taken out of the configuration.',
+}
+_TO_ROS: Final = {
+    State.WAITING: 'Nothing is lost: it goes on by itself once that has ended.',
+    State.PAUSED: 'Resume it when the reason for the pause is gone; what comes meanwhile waits in '
+    'Kafka.',
+}
+_FROM_ROS: Final = {
+    State.WAITING: 'It goes on by itself once that has ended. What it cannot take meanwhile, '
+    'publishers lose that are not reliable and KEEP_ALL.',
+    State.PAUSED: 'Resume it when the reason for the pause is gone; publishers that are not '
+    'reliable and KEEP_ALL lose what they send meanwhile.',
 }
 
 ERROR_ADVICE: Final = {
@@ -24,8 +33,8 @@ ERROR_ADVICE: Final = {
 """What to do about an error whose text does not say it, by its class."""
 
 
-def advice(snapshot: Snapshot) -> str:
+def advice(snapshot: Snapshot, *, to_ros: bool) -> str:
     """What to do about the state of a route; empty where it is well."""
     if snapshot.state is State.FAILED:
         return _FINAL if snapshot.final else _AGAIN
-    return _ADVICE[snapshot.state]
+    return (_ADVICE | (_TO_ROS if to_ros else _FROM_ROS))[snapshot.state]

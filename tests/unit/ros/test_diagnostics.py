@@ -103,6 +103,13 @@ def test_a_route_that_does_not_run_says_why_and_the_bridge_names_it(
     assert f'orders {state}' in found['bridge'].message
 
 
+def test_what_a_pause_costs_is_said_for_each_direction(config: Config) -> None:
+    paused = told(*(it._replace(state=State.PAUSED) for it in both()))
+    found = said(config, paused)
+    assert 'waits in Kafka' in found['orders'].message
+    assert 'publishers that are not reliable and KEEP_ALL lose' in found['status'].message
+
+
 def test_everything_is_stale_when_the_bridge_reports_no_more(config: Config) -> None:
     for report in (None, told(*both())):
         found = said(config, report, silent_s=12)

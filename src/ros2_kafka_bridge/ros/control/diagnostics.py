@@ -257,7 +257,7 @@ def _diagnoses(
         text = f'worker {told.worker} is away: {reason}'
         yield Diagnosis(Level.WARN, 'stopped') if stopped else Diagnosis(Level.ERROR, text)
     else:
-        yield _of_state(told)
+        yield _of_state(route, told)
         yield from _of_sink(route, told.snapshot)
     yield from _of_changes(route, told.snapshot, change)
 
@@ -272,7 +272,7 @@ _LEVELS: Final = {
 }
 
 
-def _of_state(told: RouteReport) -> Diagnosis:
+def _of_state(route: AnyRoute, told: RouteReport) -> Diagnosis:
     now = told.snapshot
     if told.busy_s > STUCK_S:
         text = f'stuck: its thread has done one thing for {told.busy_s:.0f} s: start it again'
@@ -282,7 +282,8 @@ def _of_state(told: RouteReport) -> Diagnosis:
             Level.STALE, f'silent: its thread has told nothing for {told.age_s:.0f} s'
         )
     text = ': '.join(part for part in (str(now.state), now.reason) if part)
-    return Diagnosis(_LEVELS[now.state], '. '.join(part for part in (text, advice(now)) if part))
+    todo = advice(now, to_ros=isinstance(route, KafkaToRosRoute))
+    return Diagnosis(_LEVELS[now.state], '. '.join(part for part in (text, todo) if part))
 
 
 def _of_sink(route: AnyRoute, now: Snapshot) -> Iterator[Diagnosis]:
