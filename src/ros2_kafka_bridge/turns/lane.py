@@ -258,11 +258,20 @@ class Lane:
         total, life = work.now, self._life
         if (shown := life.shown) is not None:
             state, reason, final = shown
-            return total._replace(state=state, reason=reason, final=final, beat_s=0.0)
+            return _at_rest(total)._replace(state=state, reason=reason, final=final)
         if self.stop.asked or work.direction is None:
             total = total._replace(beat_s=0.0)
         if total.state is State.STARTING and work.direction is None and self.paused:
             return total._replace(state=State.PAUSED, reason=self.pause.reason)
+        if total.state is State.STOPPED and not self.stop.asked and life.past.failure is not None:
+            # What runs it has told nothing yet since that has ended it.
+            reason = f'{life.past.failure.text}; tried again now'
+            return _at_rest(total)._replace(state=State.FAILED, reason=reason)
         if total.state is State.WAITING:
             return total._replace(reason=total.reason + life.past.says(total.confirmed))
         return total
+
+
+def _at_rest(total: Snapshot) -> Snapshot:
+    """Counters of a route that asks nothing of Kafka by itself, and need show no life."""
+    return total._replace(beat_s=0.0, measures=total.measures._replace(kafka_up=None))

@@ -7,7 +7,7 @@ import pytest
 from turning import House, MemoryDirection, MemoryLock, fail, until_asked
 
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.route.counters import State
+from ros2_kafka_bridge.route.counters import Measures, State
 from ros2_kafka_bridge.route.status import totals
 from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.turns.term import Term
@@ -101,6 +101,29 @@ def test_a_route_without_traffic_is_given_away_for_its_last_failures_only(
     now_s += well_s
     lane.fail(RouteError('Kafka is away'), term)
     assert lane.give_away(term) is given_away
+
+
+def test_a_route_that_is_tried_again_is_one_that_has_failed_until_it_tells_more() -> None:
+    house = House(MemoryLock('ours'))
+    seen: list[tuple[State, str, bool | None]] = []
+
+    def look() -> None:
+        now = house.snapshot
+        seen.append((now.state, now.reason, now.measures.kafka_up))
+
+    def fail_twice(stop: Stop) -> None:
+        direction.snapshot = direction.snapshot._replace(measures=Measures(kafka_up=False))
+        look()
+        if len(seen) < 3:
+            fail(stop)
+        house.lane.stop.ask()
+        look()
+
+    direction = MemoryDirection(0, fail_twice)
+    house.directions = [direction]
+    house.run()
+    failed = (State.FAILED, 'no permission; tried again now', None)
+    assert seen == [(State.STOPPED, '', False), failed, failed, (State.STOPPED, '', False)]
 
 
 def test_a_route_that_fails_stays_where_no_other_bridge_stands_by(
