@@ -97,7 +97,8 @@ class RosSink:
     @property
     def load(self) -> Load:
         """What its history holds, as far as its readers have told."""
-        return Load(self._published - self._acknowledged, self._room or 0)
+        held = self._published - self._acknowledged
+        return Load(held, 0) if self._room is None else Load(min(held, self._room), self._room)
 
     @property
     def matches(self) -> Matches:
