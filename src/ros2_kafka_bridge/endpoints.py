@@ -132,17 +132,26 @@ class Matches(NamedTuple):
     mismatched: int = 0
 
 
-class RecordSource(Protocol):
+class KafkaEnd(Protocol):
+    """The end of a route that is in Kafka."""
+
+    @property
+    def away(self) -> str:
+        """Why nothing can be read or produced just now; empty when all is well."""
+        ...
+
+    @property
+    def reached(self) -> bool:
+        """Whether Kafka has ever answered."""
+        ...
+
+
+class RecordSource(KafkaEnd, Protocol):
     """The records of one topic, read as a member of a group.
 
     It keeps how far each partition has come, and hears of it by `advance`. Behind the last record
     there may be offsets that are no records (marks of transactions): it passes them by itself.
     """
-
-    @property
-    def away(self) -> str:
-        """Why nothing can be read just now; empty when all is well."""
-        ...
 
     @property
     def lost_upstream(self) -> int:
@@ -178,8 +187,8 @@ class RecordSource(Protocol):
     def commit_before_revoke(self) -> None:
         """Commit from inside `Rebalance.revoked`."""
 
-    def lag(self) -> int:
-        """How many records of the partitions come behind what has ended."""
+    def lag(self) -> int | None:
+        """How many records of the partitions come behind what has ended; None: not known."""
         ...
 
     def close(self) -> None:
@@ -193,13 +202,8 @@ class Reports(NamedTuple, Generic[Token]):
     failed: Sequence[tuple[Token, BridgeError]]
 
 
-class RecordSink(Protocol[Token]):
+class RecordSink(KafkaEnd, Protocol[Token]):
     """Where records are produced."""
-
-    @property
-    def away(self) -> str:
-        """Why nothing can be produced just now; empty when all is well."""
-        ...
 
     @property
     def load(self) -> Load:

@@ -307,7 +307,7 @@ class KafkaToRos:
         return obstacle.reason
 
     def _show(self, reason: str) -> None:
-        self._telling.tell(reason, self._source.away, self._pause)
+        self._telling.tell(reason, self._source, self._pause)
         self._take_snapshot(self._source.lag())
 
     def _take_snapshot(self, lag: int | None) -> None:

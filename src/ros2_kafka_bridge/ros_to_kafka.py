@@ -304,12 +304,11 @@ class RosToKafka:
             return
         self._drop_excess()
         full = self._room() <= 0 or len(self._window.pending) >= self._window.max_entries
-        away = self._sink.away if self._window else ''
-        reason = away or ('the window is full: Kafka takes too slowly' if full else '')
+        reason = self._sink.away or ('the window is full: Kafka takes too slowly' if full else '')
         self._show(self._spooling.full or reason)
 
     def _show(self, reason: str) -> None:
-        self._telling.tell(reason, self._sink.away, self._pause)
+        self._telling.tell(reason, self._sink, self._pause)
         self._take_snapshot()
 
     def _take_snapshot(self) -> None:

@@ -23,6 +23,8 @@ def test_the_counters_of_each_scrape_balance_and_never_fall_under_load(
                 held = now.of('messages_in_flight', route=route)
                 held += now.of('messages_spooled', route=route)
                 assert taken == ended + held, (route, taken, ended, held)
+            limit = now.of('sink_queue_limit_messages', route='to_ros')
+            assert now.of('sink_queue_messages', route='to_ros') <= limit
             for key in before.counters if before else ():
                 assert now.samples[key] >= before.samples[key], key  # type: ignore[union-attr]
             before = now
@@ -40,6 +42,7 @@ def test_the_counters_of_each_scrape_balance_and_never_fall_under_load(
     assert before.of('produce_seconds_count', route='to_kafka') >= 20_000
     assert before.of('produce_seconds_count', route='to_ros') == 0
     assert before.of('worker_up') == 2
+    assert {before.of('kafka_up', route=route) for route in ROUTES} == {1}
     assert before.of('worker_resident_memory_bytes') > 1e7
     assert before.of('bytes_confirmed_total', route='to_ros') >= 20_000
     assert before.of('route_state', route='to_ros', state='running') == 1

@@ -7,6 +7,7 @@ from house_to_ros import House
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route.counters import State
 
 
 @pytest.fixture(autouse=True)
@@ -104,6 +105,21 @@ def test_a_dead_letter_topic_that_cannot_be_written_is_an_error() -> None:
     [_, trouble] = house.direction.snapshot.measures.troubles
     assert 'may not be written' in trouble.text
     assert house.direction.snapshot.measures.errors == {'DecodeError': 1, 'RouteError': 1}
+
+
+def test_a_route_begins_until_kafka_has_answered_and_is_up_while_it_does() -> None:
+    house = House()
+    seen: list[tuple[State, str, bool | None]] = []
+    for reached, away in ((False, 'no broker'), (True, ''), (True, 'no broker')):
+        house.source.reached, house.source.away = reached, away
+        house.direction._show(away)
+        snapshot = house.direction.snapshot
+        seen.append((snapshot.state, snapshot.reason, snapshot.measures.kafka_up))
+    assert seen == [
+        (State.STARTING, 'no broker', False),
+        (State.RUNNING, '', True),
+        (State.WAITING, 'no broker', False),
+    ]
 
 
 def test_kafka_that_is_away_is_told_among_the_errors() -> None:

@@ -12,6 +12,7 @@ from ros2_kafka_bridge.errors import (
     RouteError,
     TransportError,
 )
+from ros2_kafka_bridge.route.counters import State
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Stop
 
@@ -200,6 +201,23 @@ def test_the_measures_of_a_snapshot_fit_its_counters() -> None:
     assert (measures.end_to_end.counts[-1], sum(measures.end_to_end.counts)) == (1, 2)
     assert measures.errors == {'EncodeError': 1}
     assert (measures.matched, measures.queued, measures.queue_limit) == (1, 0, house.sink.room)
+
+
+def test_a_route_with_nothing_to_send_tells_whether_kafka_was_and_is_there() -> None:
+    house = House()
+    seen: list[tuple[State, str, bool | None]] = []
+    for reached, away in ((False, ''), (False, 'no broker'), (True, ''), (True, 'no broker')):
+        house.sink.reached, house.sink.away = reached, away
+        house.direction._telling._at_s = 0.0
+        house.steps(1)
+        snapshot = house.direction.snapshot
+        seen.append((snapshot.state, snapshot.reason, snapshot.measures.kafka_up))
+    assert seen == [
+        (State.STARTING, '', False),
+        (State.STARTING, 'no broker', False),
+        (State.RUNNING, '', True),
+        (State.WAITING, 'no broker', False),
+    ]
 
 
 def test_what_is_delivered_while_the_route_ends_is_measured_too() -> None:

@@ -1,6 +1,5 @@
 """What a Kafka client says of itself, kept until somebody asks."""
 
-import contextlib
 import logging
 import time
 from typing import Final
@@ -45,6 +44,7 @@ class ClientHealth:
         self._without_since_s: float | None = None  # a report of no broker, and none of any since
         self.has_lost_brokers = False
         self.is_connected = False  # to a broker, at the last report
+        self.reached = False  # any broker, by any of its clients
         self.away = ''
 
     def on_open(self) -> None:
@@ -68,6 +68,7 @@ class ClientHealth:
         """
         now_s = time.monotonic()
         self.is_connected = statistics.is_connected
+        self.reached = self.reached or statistics.is_connected
         if statistics.knows_brokers:
             self._without_since_s = None
         elif self._without_since_s is None:
@@ -88,17 +89,21 @@ class ClientHealth:
 
     def on_contact(self) -> None:
         """Note that the broker has answered."""
+        self.reached = True
         if self.away:
             self.away = ''
             if self._said:
                 self._log.info('Kafka is back')
             self._said = ''
 
-    def ask(self, client: Consumer, topic: str, within_s: float) -> None:
+    def ask(self, client: Consumer, topic: str, within_s: float) -> bool:
         """Ask whether the broker is there: where nothing is read or sent, nothing else tells."""
-        with contextlib.suppress(KafkaException):
+        try:
             client.list_topics(topic, timeout=within_s)
-            self.on_contact()
+        except KafkaException:
+            return False
+        self.on_contact()
+        return True
 
     def forget_failure(self) -> None:
         """Forget what had made the client useless: it is of use again."""

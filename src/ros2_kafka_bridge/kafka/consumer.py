@@ -76,6 +76,11 @@ class KafkaSource:
         """Why nothing can be read just now; empty when all is well."""
         return self._member.away
 
+    @property
+    def reached(self) -> bool:
+        """Whether Kafka has ever answered."""
+        return self._health.reached
+
     def open(self, rebalance: Rebalance) -> None:
         """Join the group.
 
@@ -121,12 +126,16 @@ class KafkaSource:
         """Commit from inside a rebalance, where polling for the answer is not possible."""
         self._member.commits.before_revoke()
 
-    def lag(self) -> int:
+    def lag(self) -> int | None:
         """How many records of the partitions come behind what has ended.
+
+        None without a place in the group: it is not known which they are.
 
         Raises:
             RouteError: The client is of no use any more.
         """
+        if not self._member.is_in_group:
+            return None
         ask = self._member.is_paused and not self._health.away
         with self._translating():
             return self._lag.count(self._member.client, ask=ask)

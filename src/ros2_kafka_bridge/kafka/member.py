@@ -92,6 +92,11 @@ class Member:
         return self._health.away or self._watchdog.reason
 
     @property
+    def is_in_group(self) -> bool:
+        """Whether it knows which partitions it has."""
+        return not self._watchdog.joins
+
+    @property
     def is_paused(self) -> bool:
         """Whether it stays without reading on."""
         return self._is_paused
@@ -312,11 +317,15 @@ class Member:
         return self._is_shut_out
 
     def _look_for_broker(self) -> None:
-        """Ask whether a broker that was away is back: a quiet topic would not tell."""
+        """Ask whether a broker that was away is back: a quiet topic would not tell.
+
+        Whoever waits for the group asks, too: one that stands still looks as if it were there.
+        """
         now_s = time.monotonic()
-        if self._health.away and now_s >= self._look_at_s:
+        if (self._health.away or self._watchdog.reason) and now_s >= self._look_at_s:
             self._look_at_s = now_s + _LOOK_EVERY_S
-            self._health.ask(self.client, self._topic, _LOOK_S)
+            answers = self._health.ask(self.client, self._topic, _LOOK_S)
+            self._watchdog.note_whether_there(answers=answers)
 
     def _look_whether_useless(self) -> None:
         """Look at a client from which nothing comes; one that is given up says what it did."""

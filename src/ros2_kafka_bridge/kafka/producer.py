@@ -69,6 +69,11 @@ class KafkaSink(Generic[Token]):
         return self._health.away
 
     @property
+    def reached(self) -> bool:
+        """Whether Kafka has ever answered."""
+        return self._health.reached
+
+    @property
     def load(self) -> Load:
         """What is on its way, of what may be."""
         queued = 0 if self._producer is None else len(self._producer)
@@ -176,6 +181,8 @@ class KafkaSink(Generic[Token]):
         statistics = read(text)
         self.round_trip_s = statistics.round_trip_s
         self._health.on_statistics(statistics)
+        if statistics.is_connected and not self.load.queued:
+            self._health.on_contact()  # where nothing is sent, nothing else tells that it is back
 
     def _report(self, token: Token, error: KafkaError | None, message: Message) -> None:
         if error is None and self._is_there(message):

@@ -14,6 +14,7 @@ _NOT_LET_IN: Final = (
     'Kafka is there and does not let this bridge into its group: the coordinator of the group, or '
     'another member, holds it up'
 )
+_NO_ANSWER: Final = 'Kafka does not answer: the bridge waits for its place in the group'
 _STUCK_LOOK_S = 10.0
 _ANSWER_S: Final = 0.5  # of the broker, behind a fetch
 
@@ -31,6 +32,7 @@ class Watchdog:
         self._look_s = fetch_s + _ANSWER_S
         self._outside_since_s: float | None = None  # without a place in the group that it had
         self._joins_since_s: float | None = None  # while Kafka was there
+        self._is_there = False  # it has answered since, when it was asked last
         self._behind: dict[
             int, int
         ] = {}  # how far those were read that hold more, at the last look
@@ -39,17 +41,27 @@ class Watchdog:
     def begin(self) -> None:
         """Note that there is a new client."""
         self._outside_since_s = None
+        self._is_there = False
         self._joins_since_s = time.monotonic()
         self._behind = {}
         self._stuck_look_at_s = time.monotonic() + _STUCK_LOOK_S
 
     @property
     def reason(self) -> str:
-        """Why nothing is read though Kafka is there; empty while there is no reason to say so."""
+        """Why nothing is read though Kafka seems there; empty while that needs no reason."""
         since_s = self._joins_since_s
         if since_s is None or time.monotonic() - since_s < _JOINING_S:
             return ''
-        return _NOT_LET_IN
+        return _NOT_LET_IN if self._is_there else _NO_ANSWER
+
+    def note_whether_there(self, *, answers: bool) -> None:
+        """Note whether Kafka has answered just now."""
+        self._is_there = answers
+
+    @property
+    def joins(self) -> bool:
+        """Whether the client waits for its place in the group."""
+        return self._joins_since_s is not None
 
     @property
     def is_outside(self) -> bool:
@@ -63,6 +75,7 @@ class Watchdog:
     def on_lost(self) -> None:
         """Note that the client has lost its partitions."""
         self._outside_since_s = self._joins_since_s = time.monotonic()
+        self._is_there = False
 
     def look_whether_outside(self, away: str) -> None:
         """Give up a client that does not find back into its group.

@@ -272,6 +272,11 @@ METRICS: Final = (
         _rebalances,
     ),
     MetricDefinition(
+        'kafka_up', 'gauge', 'Whether Kafka answers the route; no sample while it does not '
+        'run here.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.measures.kafka_up),
+    ),
+    MetricDefinition(
         'dds_matched_endpoints', 'gauge', "DDS endpoints that match the route's own.", _ROUTE,
         _of_routes(lambda told: told.snapshot.measures.matched),
     ),

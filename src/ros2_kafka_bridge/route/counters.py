@@ -86,6 +86,7 @@ class Measures(NamedTuple):
         errors: How many of each class of `errors.py`.
         waited_s: For how long the sink held the route back.
         rebalances: How often partitions came or went (Kafka -> ROS).
+        kafka_up: Whether Kafka answers the route; None where it asks nothing of Kafka.
         matched: DDS endpoints that match the route's own, now.
         mismatched: DDS endpoints on its topic that do not match, now.
         queued: What the sink holds: the history of the writer, the queue of the producer.
@@ -107,6 +108,7 @@ class Measures(NamedTuple):
     errors: dict[str, int] = {}  # noqa: RUF012 (never changed)
     waited_s: float = 0.0
     rebalances: int = 0
+    kafka_up: bool | None = None
     matched: int = 0
     mismatched: int = 0
     queued: int = 0
@@ -150,7 +152,7 @@ class Measures(NamedTuple):
         """Without what is a state and no sum."""
         return self._replace(
             matched=0, mismatched=0, queued=0, queue_limit=0, spool_bytes=0,
-            broker_round_trip_s=None,
+            kafka_up=None, broker_round_trip_s=None,
         )  # fmt: skip
 
 
@@ -225,12 +227,17 @@ class Counters:
         """Count `count` records or messages that ended in `outcome`."""
         self.ended[outcome] += count
 
-    def tell(self, failure: str, obstacle: str, pause: str = '') -> None:
-        """Note what the route is doing: it has failed, pauses, waits, or, all empty, it runs."""
+    def tell(self, failure: str, obstacle: str, pause: str = '', *, reached: bool = True) -> None:
+        """Note what the route is doing: it has failed, pauses, waits, or, all empty, it runs.
+
+        It only begins until Kafka is `reached`.
+        """
         if failure:
             self.state = State.FAILED
         elif pause:
             self.state = State.PAUSED
+        elif not reached:
+            self.state = State.STARTING
         else:
             self.state = State.WAITING if obstacle else State.RUNNING
         self.reason = failure or pause or obstacle

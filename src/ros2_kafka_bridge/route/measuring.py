@@ -101,10 +101,12 @@ class Meter:
         self.end_to_end = Histogram()
         self.round_trip = Histogram()
         self.troubles = Troubles()
+        self.kafka_up: bool | None = None
         self._away = ''
 
-    def look(self, away: str) -> None:
+    def look(self, away: str, *, reached: bool = True) -> None:
         """Note that the other side is away, once until it is back."""
+        self.kafka_up = reached and not away
         if away and away != self._away:
             self.troubles.note_away(away, is_new=not self._away)
         self._away = away
@@ -159,6 +161,7 @@ class Meter:
             bytes_confirmed=self.bytes_confirmed,
             waited_s=self.waited_s,
             rebalances=rebalances,
+            kafka_up=self.kafka_up,
             matched=matches.matched,
             mismatched=matches.mismatched,
             queued=load.queued,

@@ -4,6 +4,7 @@ import time
 from typing import Any
 
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters
+from ros2_kafka_bridge.endpoints import KafkaEnd
 from ros2_kafka_bridge.route.counters import Counters
 from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.threads.pause import Pause
@@ -31,18 +32,19 @@ class Telling:
         """Whether it is time: a second after the last time, or once a pause begins or ends."""
         return time.monotonic() >= self._at_s or self._paused != pause.asked
 
-    def tell(self, obstacle: str, away: str, pause: Pause) -> None:
+    def tell(self, obstacle: str, kafka: KafkaEnd, pause: Pause) -> None:
         """Note what the direction does.
 
         Args:
             obstacle: What it waits for; empty where it runs.
-            away: Why Kafka cannot be reached; empty where it can.
+            kafka: The end of the route that is in Kafka.
             pause: Of the route.
         """
         self._at_s = time.monotonic() + SNAPSHOT_S
         self._paused = pause.asked
         letters = self._dead_letters
-        self._counters.tell(letters.problem, obstacle, pause.reason if self._paused else '')
-        self._meter.look(away)
+        reason = pause.reason if self._paused else ''
+        self._counters.tell(letters.problem, obstacle, reason, reached=kafka.reached)
+        self._meter.look(kafka.away, reached=kafka.reached)
         if (error := letters.take_error()) is not None:
             self._meter.troubles.note(error, f'dead-letter topic {letters.topic}')

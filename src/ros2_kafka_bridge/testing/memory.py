@@ -70,6 +70,7 @@ class MemoryRecordSource:
     waiting: deque[MemoryRecord] = field(default_factory=deque)
     committed: dict[int, int] = field(default_factory=dict)
     away: str = ''
+    reached: bool = True
     lost_upstream: int = 0
     ends: dict[int, int] = field(default_factory=dict)
     held: bool = False
@@ -164,6 +165,7 @@ class MemoryRecordSink(Generic[Token]):
     room: int = 1_000_000
     answering: bool = True
     away: str = ''
+    reached: bool = True
     is_open: bool = False
     hurried: int = 0
     delivered_at_close: int = 0

@@ -163,12 +163,14 @@ class Life(NamedTuple):
         past: What its failures so far say.
         began_s: When the last try began.
         drains: Whether a stop was asked for by then: there is none after this one.
+        has_heard: Whether Kafka has ever told which bridge runs it.
     """
 
     stage: Stage = Running()
     past: Past = Past()
     began_s: float = 0.0
     drains: bool = False
+    has_heard: bool = False
 
     # What is asked
 
@@ -206,7 +208,8 @@ class Life(NamedTuple):
         """What is said of it; None where that is for what runs the route to say."""
         match self.stage:
             case AwaitingTurn(away=away):
-                return Shown(State.WAITING, away or _JOINS)
+                state = State.WAITING if self.has_heard else State.STARTING
+                return Shown(state, away or _JOINS)
             case StandingBy(failure=None, owed=owed):
                 return Shown(State.WAITING, _stands_by(owed))
             case AwaitingSpool(holder=holder):
@@ -283,7 +286,8 @@ class Life(NamedTuple):
             stage = AwaitingTurn(away, self.owed)
         else:  # until Kafka has told, that is what is known
             stage = Failed(failure, self.owed, SpoolWait())
-        return self._replace(stage=stage)
+        heard = self.has_heard or isinstance(stage, StandingBy)
+        return self._replace(stage=stage, has_heard=heard)
 
     def owing(self, owed: Owed) -> Self:
         """It stands by, and has looked for what it has on disk."""
@@ -302,7 +306,8 @@ class Life(NamedTuple):
         """It has come: what kept this bridge from it counts no more."""
         failure = self.failure
         stage = Running() if failure is None else Failed(failure, Owed(), SpoolWait())
-        return self._replace(stage=stage, past=self.past._replace(since_s=None))
+        past = self.past._replace(since_s=None)
+        return self._replace(stage=stage, past=past, has_heard=True)
 
     def without_spool(self, in_use: SpoolInUseError, now_s: float) -> Self:
         """Another process has its spool still."""

@@ -202,6 +202,20 @@ def test_what_was_read_before_a_partition_was_lost_and_given_back_counts_for_not
     assert reads._partitions.positions == {0: 50}
 
 
+def test_how_far_a_reader_is_behind_is_not_known_without_a_place_in_its_group(
+    source: Callable[..., KafkaSource],
+) -> None:
+    reads = source(told(KafkaError._PARTITION_EOF, 100))
+    watchdog = reads._member._watchdog
+    watchdog.begin()
+    assert reads.lag() is None
+    watchdog.on_assign()
+    reads._partitions.clear()
+    assert reads.lag() == 0, 'it has none of the partitions'
+    watchdog.on_lost()
+    assert reads.lag() is None
+
+
 def test_an_error_that_names_no_partition_of_its_own_is_heeded(
     source: Callable[..., KafkaSource],
 ) -> None:

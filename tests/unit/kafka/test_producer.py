@@ -3,9 +3,11 @@
 import logging
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import pytest
+from confluent_kafka import KafkaError
+from patience import eventually
 
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import TransportError
@@ -14,6 +16,8 @@ from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.testing.embedded_broker import EmbeddedBroker
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
+
+OFTEN: Final[dict[str, Any]] = {'statistics.interval.ms': 50}
 
 
 @pytest.mark.parametrize(('given', 'confirmed'), [({}, 1), ({'linger.ms': 60_000}, 0)])
@@ -37,6 +41,32 @@ def test_a_hurried_record_lingers_only_where_the_user_says_so(
             reports += sink.poll(0.01).confirmed
         assert len(reports) == confirmed
         sink.close()
+
+
+def test_a_sink_that_sends_nothing_knows_whether_kafka_answers() -> None:
+    with EmbeddedBroker() as broker:
+        config = {**OFTEN, 'bootstrap.servers': broker.bootstrap_servers}
+        sink: KafkaSink[str] = KafkaSink(
+            properties.producer_properties(config, client_id='test'), 'orders', LOG
+        )
+        assert not sink.reached
+        sink.open()
+        eventually(lambda: not sink.poll(0.01).confirmed and sink.reached, 30)
+        sink._health.on_error(KafkaError(KafkaError._ALL_BROKERS_DOWN, '1/1 brokers are down'))
+        assert 'Kafka is away' in sink.away
+        eventually(lambda: not sink.poll(0.01).confirmed and not sink.away, 30)
+        sink.close()
+
+
+def test_a_sink_that_never_finds_kafka_says_so() -> None:
+    config = {**OFTEN, 'bootstrap.servers': '127.0.0.1:9'}
+    sink: KafkaSink[str] = KafkaSink(
+        properties.producer_properties(config, client_id='test'), '', LOG
+    )
+    sink.open()
+    eventually(lambda: not sink.poll(0.01).confirmed and 'Kafka is away' in sink.away, 30)
+    assert not sink.reached
+    sink.close()
 
 
 class Report(NamedTuple):

@@ -87,14 +87,20 @@ def test_a_client_that_kafka_does_not_let_into_its_group_says_so(
     watch.begin()
     assert watch.reason == ''
     now_s += 10
+    assert 'Kafka does not answer' in watch.reason, 'a broker that stands still looks so, too'
+    watch.note_whether_there(answers=True)
     assert 'does not let this bridge into its group' in watch.reason
+    assert watch.joins
     watch.on_assign()
     assert watch.reason == ''
+    assert not watch.joins
     now_s += 3600
     assert watch.reason == '', 'a quiet topic is no reason'
     watch.on_lost()
     assert watch.reason == '', 'it may be back at once'
     now_s += 10
+    assert 'Kafka does not answer' in watch.reason, 'it has answered before'
+    watch.note_whether_there(answers=True)
     assert 'does not let this bridge into its group' in watch.reason
     watch.look_whether_outside('Kafka is away')
     now_s += 5
