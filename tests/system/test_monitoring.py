@@ -73,8 +73,14 @@ def test_the_command_line_says_whether_it_is_ready(loaded: Watched, bench: Bench
     status, out, _ = bench.command('status', config, '--json')
     assert status == 0
     assert {it['name'] for it in json.loads(out)['routes']} == set(ROUTES)
-    status, out, _ = bench.command('run', config, '--status')
-    assert (status, f'{bench.name}: ready, active' in out) == (0, True)
+    loaded.config.write_text(f'{loaded.config.read_text()}nonsense: [')
+    for words in (
+        ['status', config],
+        ['run', config, '--status'],
+        ['status', '--address', f'localhost:{httpx.URL(loaded.url).port}'],
+    ):
+        status, out, _ = bench.command(*words)
+        assert (status, f'{bench.name}: ready, active' in out) == (0, True)
 
 
 def test_a_broker_that_is_away_is_told_and_is_no_reason_to_restart(

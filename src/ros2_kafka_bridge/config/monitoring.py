@@ -11,6 +11,9 @@ from ros2_kafka_bridge.config.base import After, Before, Settings, setting, sett
 from ros2_kafka_bridge.config.mistakes import Mistake
 from ros2_kafka_bridge.config.values import no_bool
 
+ADDRESSES: Final = 'host:port such as 127.0.0.1:9464 or [::1]:9464'
+"""How an address is written, for a sentence."""
+
 _SHORTEST_TOKEN: Final = 16
 _ENDPOINTS: Final = ('OTEL_EXPORTER_OTLP_ENDPOINT', 'OTEL_EXPORTER_OTLP_TRACES_ENDPOINT')
 
@@ -31,14 +34,17 @@ class Address(str):
         return int(self.rpartition(':')[2])
 
 
-def _address(value: str) -> str:
-    if value == 'off':
-        return value
-    host, colon, port = value.rpartition(':')
+def is_address(text: str) -> bool:
+    """Whether a text is the `host:port` of an `Address`."""
+    host, colon, port = text.rpartition(':')
     bare = host.strip('[]')
     right = colon and bare and (':' not in bare or host == f'[{bare}]')
-    if not right or not re.fullmatch(r'\d{1,5}', port) or int(port) > 65_535:
-        raise ValueError('expected host:port such as 127.0.0.1:9464 or [::1]:9464, or off')
+    return bool(right and re.fullmatch(r'\d{1,5}', port) and int(port) <= 65_535)
+
+
+def _address(value: str) -> str:
+    if value != 'off' and not is_address(value):
+        raise ValueError(f'expected {ADDRESSES}, or off')
     return value
 
 

@@ -1,17 +1,20 @@
 """How a running bridge is doing, asked where it is watched: what `status` prints."""
 
 import json
+import os
 import sys
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 from urllib.error import HTTPError, URLError
 from urllib.request import ProxyHandler, Request, build_opener
 
 from ros2_kafka_bridge.commands.screen import screen, show_line, show_table
-from ros2_kafka_bridge.config.monitoring import Address
+from ros2_kafka_bridge.config.monitoring import ADDRESSES, Address, is_address
 from ros2_kafka_bridge.config.settings import Config
+from ros2_kafka_bridge.config.whereabouts import whereabouts
 from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.process.load import load_checked
 
 _PATIENCE_S: Final = 10.0
 _EVERY_ADDRESS: Final = {'0.0.0.0': '127.0.0.1', '::': '::1'}  # noqa: S104 (only compared)
@@ -20,19 +23,39 @@ _COLUMNS: Final = (
 )  # fmt: skip
 
 
-def report(config: Config, file: Path, *, as_json: bool) -> int:
-    """Ask the bridge of a configuration how it is doing, and print it.
+class _Asked(NamedTuple):
+    """Which bridge is asked.
+
+    Args:
+        address: Where.
+        name: Its name; empty for whoever answers there.
+        runs: What it has to be run with, to answer there.
+    """
+
+    address: Address
+    name: str
+    runs: str
+
+
+def report(file: Path | None, address: str, *, as_json: bool) -> int:
+    """Ask a bridge how it is doing, and print it.
+
+    Args:
+        file: Its configuration, which may have mistakes.
+        address: Where it is asked, in place of a file.
+        as_json: For programs instead of people.
 
     Returns:
         0 when it is ready, 1 when it is not.
 
     Raises:
-        ConfigError: The file says no address, or nobody answers there, or somebody else.
+        ConfigError: It is not said which bridge, or nobody answers there, or somebody else.
     """
-    address = _address(config, file)
-    state = _ask(address, file)
-    if state['bridge']['name'] != config.name:
-        other = f'{address} is the bridge {state["bridge"]["name"]}, not {config.name}'
+    asked = _asked(file, address)
+    state = _ask(asked)
+    name = state['bridge']['name']
+    if asked.name and name != asked.name:
+        other = f'{asked.address} is the bridge {name}, not {asked.name}'
         raise ConfigError([f'{other}: give each bridge a port of its own in monitoring.listen'])
     if as_json:
         sys.stdout.write(json.dumps(state, indent=2) + '\n')
@@ -41,15 +64,47 @@ def report(config: Config, file: Path, *, as_json: bool) -> int:
     return 0 if state['bridge']['ready'] else 1
 
 
-def _address(config: Config, file: Path) -> Address:
+def _asked(file: Path | None, address: str) -> _Asked:
+    if file is None:
+        return _at(address)
+    if address:
+        raise ConfigError([f'--address: {file} says it already: leave one out'])
+    try:
+        config = load_checked(file, with_ros=False)
+    except ConfigError as error:
+        return _of_wrong(file, error)
+    return _of_config(config, file)
+
+
+def _at(address: str) -> _Asked:
+    if not address:
+        raise ConfigError(['which bridge? name its FILE, or --address HOST:PORT'])
+    if not is_address(address):
+        raise ConfigError([f'--address: expected {ADDRESSES}'])
+    return _Asked(Address(address), '', 'this address as monitoring.listen')
+
+
+def _of_config(config: Config, file: Path) -> _Asked:
     address = config.monitoring.address if config.monitoring else None
     if address is None:
         text = f'{file}: the bridge cannot be asked, because it listens nowhere; add '
         raise ConfigError([f'{text}monitoring: {{listen: 127.0.0.1:9464}} and start it again'])
-    return address
+    return _Asked(address, config.name, str(file))
 
 
-def _ask(address: Address, file: Path) -> dict[str, Any]:
+def _of_wrong(file: Path, error: ConfigError) -> _Asked:
+    """The bridge of a file with mistakes: one that runs goes by what it has read before."""
+    found = whereabouts(file, os.environ)
+    if found is None:
+        other = f'{file}: does not tell which bridge to ask: --address HOST:PORT needs no file'
+        raise ConfigError([*error.problems, other]) from None
+    said = f'has mistakes, as it is read here: ros2-kafka-bridge check {file} shows them'
+    sys.stderr.write(f'{file}: {said}\n')
+    return _Asked(found.address, found.name, str(file))
+
+
+def _ask(asked: _Asked) -> dict[str, Any]:
+    address = asked.address
     host = _EVERY_ADDRESS.get(address.host, address.host)
     url = f'http://[{host}]' if ':' in host else f'http://{host}'
     request = Request(f'{url}:{address.port}/api/state')  # noqa: S310 (http, as it is written here)
@@ -64,7 +119,7 @@ def _ask(address: Address, file: Path) -> dict[str, Any]:
         raise ConfigError([f'{address}: what answers there is no bridge ({status})']) from None
     except (URLError, OSError) as error:
         reason = getattr(error, 'reason', error)
-        text = f'{address} does not answer ({reason}): does a bridge run with {file}?'
+        text = f'{address} does not answer ({reason}): does a bridge run with {asked.runs}?'
         raise ConfigError([text]) from None
     except ValueError:
         found = None

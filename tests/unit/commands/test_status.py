@@ -1,0 +1,175 @@
+"""What `status` asks and prints: of a right file, of one with mistakes, and without a file."""
+
+import json
+import re
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ros2_kafka_bridge.commands.status.report import report
+from ros2_kafka_bridge.config.whereabouts import whereabouts
+from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.process.load import load_checked
+
+HEAD = """\
+name: warehouse-1
+monitoring: {{listen: '{address}', token: '{token}'}}
+"""
+TOKEN = 'a-token-for-the-tests'  # noqa: S105 (of tests)
+REST = """\
+kafka: {bootstrap.servers: x}
+routes:
+  - {name: orders, from: {kafka: o}, to: {ros: /o, type: std_msgs/msg/String}, format: text}
+"""
+ROUTE = {
+    'name': 'orders', 'state': 'running', 'reason': '', 'rate': 1.5, 'delay_s': [0.004, 2.0],
+    'lag': 7, 'in_flight': 0, 'ended': {'dead_lettered': 3},
+}  # fmt: skip
+STATE: dict[str, Any] = {
+    'bridge': {
+        'name': 'warehouse-1', 'ready': True, 'lifecycle': 'active', 'problems': [],
+    },
+    'routes': [ROUTE, {**ROUTE, 'name': 'returned', 'lag': None, 'delay_s': None}],
+    'workers': [],
+    'broker': None,
+}  # fmt: skip
+
+
+class _Bridge(BaseHTTPRequestHandler):
+    def do_GET(self) -> None:
+        body = json.dumps(STATE).encode()
+        self.send_response(200)
+        self.send_header('content-length', str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture(scope='module')
+def address() -> Iterator[str]:
+    """Where a bridge answers."""
+    with ThreadingHTTPServer(('127.0.0.1', 0), _Bridge) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f'127.0.0.1:{server.server_port}'
+        server.shutdown()
+        thread.join()
+
+
+@pytest.fixture
+def file(tmp_path: Path, address: str) -> Path:
+    made = tmp_path / 'bridge.yaml'
+    made.write_text(HEAD.format(address=address, token=TOKEN) + REST)
+    return made
+
+
+def cells(out: str, route: str) -> list[str]:
+    (line,) = [line for line in out.splitlines() if line.startswith(f'  {route} ')]
+    return re.split(r'\s{2,}', line.strip())
+
+
+def test_what_a_route_has_no_figure_for_is_a_dash(
+    file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert report(file, '', as_json=False) == 0
+    told = capsys.readouterr()
+    assert told.err == ''
+    assert told.out.startswith('warehouse-1: ready, active\n')
+    assert cells(told.out, 'orders')[3:] == ['4.0 ms', '2.0 s', '7', '0', '3', '-']
+    assert cells(told.out, 'returned')[3:] == ['-', '-', '-', '0', '3', '-']
+
+
+@pytest.mark.parametrize(
+    ('right', 'wrong'),
+    [
+        ('format: text', 'format: textt'),
+        ('std_msgs/msg/String', 'robot_msgs/msg/Order'),
+        (TOKEN, '${NOWHERE_SET}'),
+        ('- {name: orders', '- {name: orders:'),
+        ('kafka: {', "kafka: {x: ', "),
+        ('  - {name', ' \t- {name'),
+    ],
+)
+def test_a_file_with_mistakes_is_enough_to_ask_the_bridge_that_runs(
+    file: Path, capsys: pytest.CaptureFixture[str], right: str, wrong: str
+) -> None:
+    """It runs by what it has read; a variable or a type may be there for it alone."""
+    file.write_text(file.read_text().replace(right, wrong))
+    with pytest.raises(ConfigError):
+        load_checked(file, with_ros=False)
+    assert report(file, '', as_json=True) == 0
+    told = capsys.readouterr()
+    assert json.loads(told.out) == STATE
+    (line,) = told.err.splitlines()
+    assert line.startswith(f'{file}: has mistakes')
+    assert line.endswith(f'ros2-kafka-bridge check {file} shows them')
+
+
+@pytest.mark.parametrize(
+    ('right', 'wrong'),
+    [
+        ('name: warehouse-1', 'nam: warehouse-1'),
+        ('name: warehouse-1', 'name: ware.house'),
+        ('name: warehouse-1', 'name: ${NOWHERE_SET}'),
+        ('name: warehouse-1', 'name: x\nname: warehouse-1'),
+        ('name: warehouse-1', 'name: "warehouse-1'),
+        ('listen: ', 'listen: 7, listens: '),
+        ('monitoring: {', 'monitorings: {'),
+        ('monitoring: {', 'monitoring: {{'),
+    ],
+)
+def test_a_file_that_does_not_tell_the_bridge_is_refused_with_its_mistakes(
+    file: Path, right: str, wrong: str
+) -> None:
+    file.write_text(file.read_text().replace(right, wrong).replace('format: text', 'format: x'))
+    with pytest.raises(ConfigError) as refused:
+        load_checked(file, with_ros=False)
+    with pytest.raises(ConfigError) as caught:
+        report(file, '', as_json=False)
+    *mistakes, cure = caught.value.problems
+    assert mistakes == refused.value.problems
+    assert '--address HOST:PORT' in cure
+
+
+def test_a_monitoring_that_says_no_address_has_the_one_of_every_bridge(tmp_path: Path) -> None:
+    file = tmp_path / 'bridge.yaml'
+    file.write_text('name: a\nmonitoring: {node: maybe}\nkafka: [\n')
+    assert whereabouts(file, {}) == ('a', '127.0.0.1:9464')
+    file.write_text('name: ${A}\nmonitoring: {listen: "${B}"}\n')
+    assert whereabouts(file, {'A': 'a', 'B': '[::1]:7'}) == ('a', '[::1]:7')
+
+
+@pytest.mark.parametrize('more', ['', 'monitoring: {listen: off}\n'])
+def test_a_right_file_of_a_bridge_that_listens_nowhere_says_that_alone(
+    tmp_path: Path, more: str
+) -> None:
+    file = tmp_path / 'bridge.yaml'
+    file.write_text(f'name: a\n{more}{REST}')
+    with pytest.raises(ConfigError, match='it listens nowhere') as caught:
+        report(file, '', as_json=False)
+    assert len(caught.value.problems) == 1
+
+
+def test_a_bridge_is_asked_by_its_address_without_a_file(
+    address: str, file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert report(None, address, as_json=False) == 0
+    assert capsys.readouterr().out.startswith('warehouse-1: ready')
+    with pytest.raises(ConfigError, match='--address: expected host:port'):
+        report(None, 'off', as_json=False)
+    with pytest.raises(ConfigError, match='leave one out'):
+        report(file, address, as_json=False)
+    with pytest.raises(ConfigError, match='name its FILE'):
+        report(None, '', as_json=False)
+
+
+def test_another_bridge_at_the_address_of_a_file_is_named(file: Path) -> None:
+    file.write_text(file.read_text().replace('warehouse-1', 'warehouse-2'))
+    with pytest.raises(ConfigError, match='is the bridge warehouse-1, not warehouse-2'):
+        report(file, '', as_json=False)
