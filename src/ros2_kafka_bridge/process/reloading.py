@@ -33,7 +33,7 @@ def check(plan: Plan) -> Generator[None, None, Checked]:
     try:
         with _checker(plan) as process:
             data = yield from _all_of(process)
-            return _CHECKED.decode(data)
+        return _late(plan) if data is None else _CHECKED.decode(data)
     except (OSError, ValueError):
         return Checked(problems=('the file could not be checked: the log says why',))
 
@@ -57,8 +57,14 @@ def _checker(plan: Plan) -> Iterator[subprocess.Popen[bytes]]:
             process.stdout.close()
 
 
-def _all_of(process: subprocess.Popen[bytes]) -> Generator[None, None, bytes]:
-    """What a process prints until it ends, or until it has taken too long."""
+def _late(plan: Plan) -> Checked:
+    cure = 'is it a file, and does its disk answer?'
+    problem = f'{plan.file}: reading it has taken longer than {_CHECK_S:.0f} s: {cure}'
+    return Checked(problems=(problem,))
+
+
+def _all_of(process: subprocess.Popen[bytes]) -> Generator[None, None, bytes | None]:
+    """What a process prints until it ends; None where that takes too long."""
     assert process.stdout is not None, 'it was started with a pipe'
     pipe, data = process.stdout.fileno(), b''
     os.set_blocking(pipe, False)
@@ -69,7 +75,7 @@ def _all_of(process: subprocess.Popen[bytes]) -> Generator[None, None, bytes]:
                 data += chunk
             return data
         yield
-    return b''
+    return None
 
 
 # Hand over

@@ -4,6 +4,8 @@ import os
 import socket
 import subprocess
 import sys
+import time
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,14 @@ from ros2_kafka_bridge.config.mistakes import field_names
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.formats import extras
-from ros2_kafka_bridge.process.difference import _OF_ALL_ROUTES, Difference, check, difference
+from ros2_kafka_bridge.process import reloading
+from ros2_kafka_bridge.process.difference import (
+    _OF_ALL_ROUTES,
+    Checked,
+    Difference,
+    check,
+    difference,
+)
 from ros2_kafka_bridge.process.load import load_checked
 from ros2_kafka_bridge.process.monitor_process import bind
 from ros2_kafka_bridge.process.plan import (
@@ -170,6 +179,17 @@ def test_only_the_chosen_routes_count() -> None:
 # The check, in a process of its own
 
 
+def ended(steps: Generator[None, None, Checked]) -> Checked:
+    """What comes of steps at their end."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            found: Checked = end.value
+            return found
+        time.sleep(0.05)
+
+
 def checked(before: Plan) -> Any:
     descriptor = write_plan(before)
     try:
@@ -220,6 +240,26 @@ def test_every_mistake_is_told_and_a_chosen_route_that_is_gone_is_one(tmp_path: 
     assert all(problem.startswith(f'{file}:') for problem in problems)
     file.write_text(TEXT.replace('name: b', 'name: c'))
     assert checked(before)['problems'] == ['--routes: no route b, there are a, c']
+
+
+def test_a_file_that_cannot_be_read_to_its_end_is_told_with_the_time_that_it_has_had(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A FIFO that nobody writes, or a disk in a network that hangs."""
+    monkeypatch.setattr(reloading, '_CHECK_S', 2.0)
+    file = tmp_path / 'bridge.yaml'
+    os.mkfifo(file)
+    problems = ended(reloading.check(plan_of(loads(TEXT, 'x', {}), file))).problems
+    assert len(problems) == 1
+    assert problems[0].startswith(f'{file}: reading it has taken longer than 2 s: ')
+
+
+def test_a_check_that_breaks_down_is_told_as_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, 'executable', '/bin/false')
+    problems = ended(reloading.check(plan_of(loads(TEXT, 'x', {}), tmp_path))).problems
+    assert problems == ('the file could not be checked: the log says why',)
 
 
 def test_a_plan_goes_through_a_file_in_memory_whoever_has_read_it_before() -> None:
