@@ -26,7 +26,10 @@ def test_a_bridge_that_waits_for_a_manager_is_configured_activated_and_shut_down
         config.write_text(right.replace('format: text', 'format: textt'))
         assert not node.change('configure')
         assert node.state == 'unconfigured'
-        assert 'format: expected text' in bridge.output()
+        bridge.wait_for(' ERROR   configure: refused: all goes on as it was')
+        wrong = [line for line in lines(bridge.log) if 'format: expected text' in line]
+        assert len(wrong) == 1, bridge.output()
+        assert f' ERROR   configure: {config}:' in wrong[0]
         config.write_text(right)
         assert node.change('configure'), bridge.output()
         assert node.state == 'inactive'

@@ -35,6 +35,7 @@ class OperationResult(NamedTuple):
     done: bool
     text: str
     changes: tuple[str, ...] = ()
+    said: bool = False
 
 
 def _done(text: str, changes: tuple[str, ...] = ()) -> OperationResult:
@@ -106,7 +107,7 @@ class Operations:
         """Do what a request asks for, at once or when it is its turn."""
 
         def tell(result: OperationResult) -> None:
-            answer(Answer(request.number, result.done, result.text, result.changes))
+            answer(Answer(request.number, *result))
 
         match request.do:
             case Do.PAUSE:
@@ -152,9 +153,18 @@ class Operations:
         else:
             return
         self._running = None
-        if asked.do in _FROM:
-            self._log.info('%s: %s', asked.do, result.text)
-        asked.answer(result)
+        asked.answer(result if asked.do is Do.PREVIEW else self._said(asked.do, result))
+
+    def _said(self, do: Do, result: OperationResult) -> OperationResult:
+        """Say in the log what has come of it: of a refusal each line for itself."""
+        if not result.done:
+            for line in result.text.split('\n'):
+                self._log.error('%s: %s', do, line)
+        elif do is Do.RELOAD:
+            self._log.info('reloaded: %s', result.text)
+        else:
+            self._log.info('%s: %s', do, result.text)
+        return result._replace(said=True)
 
     def _steps(self, do: Do) -> Steps:
         needed = _FROM.get(do)
@@ -244,11 +254,6 @@ class Operations:
         except OSError as error:
             result = _out_of(error)
         self.reload = Reload(time.time(), result.done, result.text)
-        if result.done:
-            self._log.info('reloaded: %s', result.text)
-        else:
-            for line in result.text.split('\n'):
-                self._log.error('reload: %s', line)
         return result
 
     def _reloaded(self) -> Steps:

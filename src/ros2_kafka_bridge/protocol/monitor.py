@@ -58,12 +58,14 @@ class Answer(msgspec.Struct, frozen=True, tag='answer'):
         done: Whether it was done, or, for a preview, would be.
         text: What was done, or why not and what to do; may have several lines.
         changes: For a preview and a reload: what differs, a line each.
+        said: Whether the supervisor has said it in the log.
     """
 
     number: int
     done: bool
     text: str
     changes: tuple[str, ...] = ()
+    said: bool = False
 
 
 class Configured(msgspec.Struct, frozen=True, tag='configured'):

@@ -106,7 +106,8 @@ class ManagedNode(LifecycleNodeMixin, Node):
         answer = self._ask(do)
         if answer.done:
             return TransitionCallbackReturn.SUCCESS
-        self._log.error('%s was not done: %s', do, in_one_line(answer))
+        if not answer.said:
+            self._log.error('%s was not done: %s', do, in_one_line(answer))
         # After a failed shutdown the machine would be final, though the bridge goes on.
         return (
             TransitionCallbackReturn.ERROR

@@ -174,7 +174,7 @@ class Offers:
         if do is not Do.PREVIEW:
             self._log.info('%s was asked for, by ROS', about)
         answer = self._ask(do, route)
-        if not answer.done:
+        if not answer.done and not answer.said:
             self._log.warning('%s, asked for by ROS, was not done: %s', about, in_one_line(answer))
         return answer
 
