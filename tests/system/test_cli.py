@@ -27,6 +27,7 @@ def test_a_status_line_of_each_route_comes_every_ten_seconds(
     assert (status['level'], status['route']) == ('info', 'to_kafka')
     written = r'running: 10 confirmed, [01]/s, 0 in flight, 0 dead-lettered'
     assert re.fullmatch(written, status['message'])
+    assert (status['state'], status['confirmed'], status['in_flight']) == ('running', 10, 0)
 
 
 PROFILE = """<?xml version="1.0" encoding="UTF-8"?>

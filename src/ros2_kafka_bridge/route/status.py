@@ -1,4 +1,4 @@
-"""What a person reads of the counters: lines of the log, one for each route every ten seconds."""
+"""What the log says of the counters: one line for each route every ten seconds."""
 
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -13,11 +13,27 @@ _MOST_NAMES: Final = 3
 _PERIOD_S: Final = 10.0
 
 
-def status_line(now: Snapshot, before: Snapshot, period_s: float) -> str:
-    """One line that says how a route is doing."""
+def confirmed_per_s(now: Snapshot, before: Snapshot, period_s: float) -> float:
+    """How many were confirmed in a second."""
     # What runs a route again after its process had died counts from 0.
     earlier = before.confirmed if before.confirmed <= now.confirmed else 0
-    rate = (now.confirmed - earlier) / period_s
+    return (now.confirmed - earlier) / period_s
+
+
+def figures(now: Snapshot, rate: float) -> dict[str, str | float | None]:
+    """How a route is doing, for a program."""
+    return {
+        'state': str(now.state),
+        'confirmed': now.confirmed,
+        'rate': round(rate, 1),
+        'in_flight': now.in_flight,
+        'lag': now.lag,
+        'dead_lettered': now.dead_lettered,
+    }
+
+
+def status_line(now: Snapshot, rate: float) -> str:
+    """The same in one line, for a person."""
     state = f'{now.state} ({now.reason})' if now.reason else str(now.state)
     lag = '' if now.lag is None else f', lag {now.lag}'
     given_up = f', {now.given_up} given up' if now.given_up else ''
@@ -110,6 +126,7 @@ class StatusLog:
         now = {snapshot.route: snapshot for snapshot in self._snapshots()}
         for route, snapshot in now.items():
             before = self._before.get(route) or Counters(route).snapshot(0)
-            line = status_line(snapshot, before, period_s)
-            route_log(route).info('%s', line)
+            per_s = confirmed_per_s(snapshot, before, period_s)
+            told = {'figures': figures(snapshot, per_s)}
+            route_log(route).info('%s', status_line(snapshot, per_s), extra=told)
         self._before, self._said_s = now, now_s

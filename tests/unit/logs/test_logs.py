@@ -11,7 +11,9 @@ import pytest
 from ros2_kafka_bridge.errors import About, DecodeError
 from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.logs.summed import Summed
+from ros2_kafka_bridge.route.counters import Counters, Outcome, State
 from ros2_kafka_bridge.route.refused import about_labelled
+from ros2_kafka_bridge.route.status import StatusLog
 
 TRACE = '4bf92f3577b34da6a3ce929d0e0e4736'
 LOG = logs.RouteLog(logging.getLogger('test'), 'to_ros')
@@ -180,6 +182,27 @@ def test_a_sum_tells_how_many_it_stands_for(capfd: pytest.CaptureFixture[str]) -
     first, last = map(json.loads, capfd.readouterr().err.splitlines())
     assert (first['offset'], first.get('times')) == (0, None)
     assert (last['offset'], last['times']) == (2, 2)
+
+
+@pytest.mark.usefixtures('_own_handlers')
+@pytest.mark.parametrize(('lag', 'also'), [(0, {'lag': 0}), (None, {})])
+def test_the_status_of_a_route_has_its_figures_in_fields_of_their_own(
+    clock: Clock, capfd: pytest.CaptureFixture[str], lag: int | None, also: dict[str, int]
+) -> None:
+    logs.set_up('json')
+    counters = Counters('orders', state=State.WAITING, reason='Kafka is away')
+    status = StatusLog(lambda: [counters.snapshot(12, lag)])
+    counters.end(Outcome.CONFIRMED, 15)
+    counters.end(Outcome.DEAD_LETTERED, 3)
+    clock.now_s += 10
+    status.say()
+    told = json.loads(capfd.readouterr().err)
+    before = {'time', 'level', 'pid', 'thread', 'route', 'message'}
+    assert {name: value for name, value in told.items() if name not in before} == {
+        'state': 'waiting', 'confirmed': 15, 'rate': 1.5, 'in_flight': 12, 'dead_lettered': 3,
+        **also,
+    }  # fmt: skip
+    assert told['message'].startswith('waiting (Kafka is away): 15 confirmed, 2/s, 12 in flight')
 
 
 @pytest.mark.usefixtures('_own_handlers')
