@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from promql import mistakes, told
+from promql import asked, mistakes, told
 from ruamel.yaml import YAML
 
 ROOT = Path(__file__).parents[2]
@@ -57,9 +57,16 @@ def test_no_alert_is_left_out_of_that() -> None:
     is_silent: set[str] = set()
     for group in load('alerts_test.yaml')['tests']:
         for case in group.get('promql_expr_test', ()):
-            [name] = re.findall(r'alertname="(\w+)"', case['expr'])
-            (fires if case['exp_samples'] else is_silent).add(name)
+            names = re.findall(r'alertname="(\w+)"', case['expr'])
+            (fires if case['exp_samples'] else is_silent).update(names)
     assert fires == is_silent == set(alerts())
+
+
+def test_the_healthy_stream_tells_all_that_alerts_ask_for() -> None:
+    [healthy] = [it for it in load('alerts_test.yaml')['tests'] if 'healthy' in it['name']]
+    given = {it['series'].partition('{')[0] for it in healthy['input_series']}
+    wanted = {one.name for rule in rules() for one in asked(rule['expr'])}
+    assert wanted - recorded().keys() == given
 
 
 def test_rules_ask_only_for_what_a_scrape_has() -> None:
