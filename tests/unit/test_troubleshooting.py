@@ -11,7 +11,7 @@ import pytest
 import typer.main
 
 from ros2_kafka_bridge.cli import app
-from ros2_kafka_bridge.monitoring.prometheus import METRICS
+from ros2_kafka_bridge.monitoring.prometheus import METRICS, PREFIX
 
 ROOT: Final = Path(__file__).parents[2]
 SOURCES: Final = ROOT / 'src' / 'ros2_kafka_bridge'
@@ -89,6 +89,22 @@ def test_every_metric_that_is_named_is_there(name: str) -> None:
     known = {metric.full_name for metric in METRICS}
     named = set(re.findall(r'(?<![:\w])ros2_kafka_bridge_\w+', page(name)))
     assert named <= known
+
+
+@pytest.mark.parametrize(
+    ('section', 'other'),
+    [('### Kafka -> ROS\n', '(ROS to Kafka).'), ('### ROS -> Kafka\n', '(Kafka to ROS).')],
+)
+def test_a_bottleneck_is_looked_for_in_what_routes_of_that_direction_tell(
+    section: str, other: str
+) -> None:
+    rows = re.findall(r'^\|.*', page('tuning.md').split(section)[1].split('\n#')[0], re.MULTILINE)
+    named = set(re.findall(r'`(\w+)`', ''.join(rows)))
+    foreign = {
+        metric.full_name.removeprefix(PREFIX) for metric in METRICS if metric.help.endswith(other)
+    }
+    assert foreign
+    assert named & foreign == set()
 
 
 @pytest.mark.parametrize('name', PAGES)

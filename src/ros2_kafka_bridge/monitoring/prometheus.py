@@ -247,7 +247,8 @@ METRICS: Final = (
     ),
     MetricDefinition(
         'broker_round_trip_seconds', 'gauge', 'Round trip to the slowest broker in the last '
-        'seconds, as librdkafka measures it.', ('route', 'quantile'), _broker_round_trip,
+        'seconds, as librdkafka measures it (ROS to Kafka).', ('route', 'quantile'),
+        _broker_round_trip,
     ),
     MetricDefinition(
         'consumer_lag_records', 'gauge', 'Records in Kafka behind the last that has '
