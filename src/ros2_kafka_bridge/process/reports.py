@@ -33,17 +33,18 @@ def report_of(
             Worker(worker.number, worker.pid, worker.starts, worker.problem)
             for worker in crew.workers
         ),
-        routes=tuple(_route(name, crew, now_s) for name in plan.names),
+        routes=tuple(_route(name, crew, lifecycle, now_s) for name in plan.names),
         paused=tuple(name for name in plan.names if name in crew.paused),
         reload=reload,
     )
 
 
-def _route(name: str, crew: 'Crew', now_s: float) -> RouteReport:
+def _route(name: str, crew: 'Crew', lifecycle: Lifecycle, now_s: float) -> RouteReport:
     worker = crew.worker_of(name)
     if worker is None:
         snapshot = crew.last.get(name) or Counters(name).snapshot(0)
-        stopped = snapshot._replace(state=State.STOPPED, reason='', beat_s=0.0)
+        reason = '' if lifecycle is Lifecycle.ACTIVE else f'the bridge is {lifecycle}'
+        stopped = snapshot._replace(state=State.STOPPED, reason=reason, beat_s=0.0)
         return RouteReport(0, now_s - stopped.made_s, 0.0, stopped)
     snapshot = worker.snapshots[name]
     age_s = max(0.0, now_s - snapshot.made_s)

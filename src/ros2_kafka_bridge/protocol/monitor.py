@@ -102,7 +102,7 @@ class RouteReport(msgspec.Struct, frozen=True):
     """A route as its worker told it last.
 
     Args:
-        worker: Number of its worker.
+        worker: Number of its worker, 0 where it has none, as in a bridge that is not active.
         age_s: How long ago the snapshot was made by the route's own thread. A route that fails or
             stands by makes none meanwhile.
         busy_s: For how long its thread has done one thing without coming back to its loop, 0 for

@@ -56,6 +56,16 @@ def test_a_bridge_that_is_not_active_is_not_ready(lifecycle: Lifecycle) -> None:
     assert health.problems == [f'lifecycle: it is {lifecycle}']
 
 
+@pytest.mark.parametrize('lifecycle', [Lifecycle.UNCONFIGURED, Lifecycle.INACTIVE])
+def test_a_route_that_no_worker_has_says_why_and_names_no_worker(lifecycle: Lifecycle) -> None:
+    stopped = snapshot('a', State.STOPPED, reason=f'the bridge is {lifecycle}')
+    told = report(RouteReport(0, 0.5, 0.0, stopped), lifecycle=lifecycle, workers=())
+    assert readiness(told, 0.5, ['a']).problems == [
+        f'lifecycle: it is {lifecycle}',
+        f'route/a: stopped: the bridge is {lifecycle}',
+    ]
+
+
 def test_a_bridge_that_stops_is_not_ready_but_lives() -> None:
     told = report(snapshot('a'), snapshot('b'), stopping=True)
     assert ready(told).problems == ['stopping: it drains to end']

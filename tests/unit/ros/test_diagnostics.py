@@ -148,8 +148,10 @@ def test_a_dead_worker_is_an_error_of_its_own_and_of_its_routes(config: Config) 
 def test_a_bridge_that_was_deactivated_warns_and_its_workers_are_no_errors(
     config: Config,
 ) -> None:
-    stopped = [one._replace(state=State.STOPPED) for one in both()]
+    reason = 'the bridge is inactive'
+    stopped = [one._replace(state=State.STOPPED, reason=reason) for one in both()]
     found = said(config, told(*stopped, pid=0, lifecycle=Lifecycle.INACTIVE))
+    assert found['orders'].message == 'stopped: the bridge is inactive'
     assert {found[name].level for name in ('bridge', 'orders', 'status')} == {Level.WARN}
     assert found['worker 1'].level is Level.OK
     assert 'activate' in found['bridge'].message

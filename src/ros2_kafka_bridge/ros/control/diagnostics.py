@@ -252,14 +252,18 @@ def _diagnoses(
 ) -> Iterator[Diagnosis]:
     worker = workers.get(told.worker)
     if worker is None or not worker.pid:
-        stopped = told.snapshot.state is State.STOPPED
-        reason = (worker.problem if worker else '') or 'it does not run'
-        text = f'worker {told.worker} is away: {reason}'
-        yield Diagnosis(Level.WARN, 'stopped') if stopped else Diagnosis(Level.ERROR, text)
+        yield _without_worker(told, worker)
     else:
         yield _of_state(route, told)
         yield from _of_sink(route, told.snapshot)
     yield from _of_changes(route, told.snapshot, change)
+
+
+def _without_worker(told: RouteReport, worker: Worker | None) -> Diagnosis:
+    if told.snapshot.state is State.STOPPED:
+        return Diagnosis(Level.WARN, _how_it_is(told.snapshot))
+    reason = (worker.problem if worker else '') or 'it does not run'
+    return Diagnosis(Level.ERROR, f'worker {told.worker} is away: {reason}')
 
 
 _LEVELS: Final = {
@@ -281,9 +285,13 @@ def _of_state(route: AnyRoute, told: RouteReport) -> Diagnosis:
         return Diagnosis(
             Level.STALE, f'silent: its thread has told nothing for {told.age_s:.0f} s'
         )
-    text = ': '.join(part for part in (str(now.state), now.reason) if part)
     todo = advice(now, to_ros=isinstance(route, KafkaToRosRoute))
-    return Diagnosis(_LEVELS[now.state], '. '.join(part for part in (text, todo) if part))
+    text = '. '.join(part for part in (_how_it_is(now), todo) if part)
+    return Diagnosis(_LEVELS[now.state], text)
+
+
+def _how_it_is(now: Snapshot) -> str:
+    return ': '.join(part for part in (str(now.state), now.reason) if part)
 
 
 def _of_sink(route: AnyRoute, now: Snapshot) -> Iterator[Diagnosis]:
