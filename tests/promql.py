@@ -9,18 +9,22 @@ from promql_parser import Matcher, MatchOp, VectorSelector
 
 from ros2_kafka_bridge import errors
 from ros2_kafka_bridge.monitoring.prometheus import METRICS
+from ros2_kafka_bridge.protocol.monitor import Lifecycle
 from ros2_kafka_bridge.route.counters import Outcome, State
 
 OF_SCRAPES = frozenset({'job', 'instance'})
 """Labels that Prometheus itself puts on every series."""
 
 _VALUES: dict[str, set[str]] = {
-    'state': {state.value for state in State},
     'outcome': {outcome.value for outcome in Outcome},
     'quantile': {'0.5', '0.99'},
     'direction': {'kafka_to_ros', 'ros_to_kafka'},
     'error': {name for name in dir(errors) if name.endswith('Error')},
     'job': {'ros2-kafka-bridge'},
+}
+_STATES: dict[str, set[str]] = {
+    'ros2_kafka_bridge_route_state': {state.value for state in State},
+    'ros2_kafka_bridge_lifecycle_state': {state.value for state in Lifecycle},
 }
 
 
@@ -85,19 +89,19 @@ def _mistakes_of(one: Asked, series: dict[str, frozenset[str]]) -> Iterator[str]
     for matcher in one.matchers:
         if matcher.name not in series[one.name]:
             yield f'{one.name} has no label {matcher.name}'
-        yield from (
-            f'{matcher.name} is never {value}'
-            for value in _values_of(matcher)
-            if value not in _VALUES.get(matcher.name, {value})
-        )
+        known = _STATES[one.name] if matcher.name == 'state' else _VALUES.get(matcher.name)
+        if known is not None:
+            yield from (
+                f'{matcher.name} is never {value}' for value in _values_of(matcher) - known
+            )
 
 
-def _values_of(matcher: Matcher) -> list[str]:
+def _values_of(matcher: Matcher) -> set[str]:
     if '$' in matcher.value:  # a variable of a dashboard
-        return []
+        return set()
     if matcher.op in (MatchOp.Re, MatchOp.NotRe):
-        return matcher.value.split('|')
-    return [matcher.value]
+        return set(matcher.value.split('|'))
+    return {matcher.value}
 
 
 def _joined_by(expression: str) -> Iterator[str]:

@@ -64,6 +64,24 @@ def test_a_paused_route_is_ready_and_says_that_it_is_paused(loaded: Watched) -> 
     assert loaded.post('api/routes/nobody/pause').status_code == 404
 
 
+def test_a_bridge_that_waits_for_its_manager_says_so_of_each_route(
+    bench: Bench, unique: Unique
+) -> None:
+    topic, port = unique('orders'), free_port()
+    bench.create_topic(topic)
+    monitoring = settings(port, start='unconfigured')
+    config = bench.config([to_ros(topic, '/orders')], monitoring=monitoring)
+    with bench.bridge(config) as process:
+        bridge = Watched(process, port, config)
+        told = bridge.becomes('readyz', 503, 'it is unconfigured')
+        assert '[-]route/to_ros failed: stopped: the bridge is unconfigured\n' in told
+        assert 'worker' not in told
+        scrape = bridge.scrape()
+        assert scrape.of('lifecycle_state', state='unconfigured') == 1
+        assert scrape.of('lifecycle_state') == 1
+        assert process.end(60) == 0, process.output()
+
+
 def test_the_command_line_says_whether_it_is_ready(loaded: Watched, bench: Bench) -> None:
     config = str(loaded.config)
     status, out, err = bench.command('status', config)

@@ -19,7 +19,7 @@ from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.config.routes import AnyRoute, direction_of, ends_of, type_of
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.monitoring.state import Watch
-from ros2_kafka_bridge.protocol.monitor import Report, RouteReport, Worker
+from ros2_kafka_bridge.protocol.monitor import Lifecycle, Report, RouteReport, Worker
 from ros2_kafka_bridge.route.counters import BOUNDS_S, Distribution, Outcome, State
 
 PREFIX: Final = 'ros2_kafka_bridge_'
@@ -129,6 +129,12 @@ def _states(seen: Seen) -> Iterator[Sample]:
     for told in seen.told:
         for state in State:
             yield (told.snapshot.route, state.value), float(told.snapshot.state is state)
+
+
+def _lifecycle(seen: Seen) -> Iterator[Sample]:
+    if seen.report is not None:
+        for state in Lifecycle:
+            yield (state.value,), float(seen.report.lifecycle is state)
 
 
 def _about_routes(seen: Seen) -> Iterator[Sample]:
@@ -309,6 +315,10 @@ METRICS: Final = (
     MetricDefinition(
         'worker_resident_memory_bytes', 'gauge', 'Memory of the process.', _WORKER,
         _of_workers(lambda worker: memory_bytes(worker.pid) if worker.pid else None),
+    ),
+    MetricDefinition(
+        'lifecycle_state', 'gauge', '1 for the state in which the bridge is, 0 for the others.',
+        ('state',), _lifecycle,
     ),
     MetricDefinition(
         'report_age_seconds', 'gauge', 'How long ago the supervisor has told all these numbers.',

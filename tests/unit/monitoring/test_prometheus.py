@@ -11,7 +11,7 @@ from prometheus_client.parser import text_string_to_metric_families as prometheu
 from prometheus_client.registry import CollectorRegistry
 
 from ros2_kafka_bridge.monitoring.prometheus import METRICS, PREFIX, BridgeCollector
-from ros2_kafka_bridge.protocol.monitor import Reload
+from ros2_kafka_bridge.protocol.monitor import Lifecycle, Reload
 from ros2_kafka_bridge.route.counters import Measures, Outcome, State
 
 from .conftest import Told
@@ -116,6 +116,13 @@ def test_a_route_is_in_one_state(told: Told) -> None:
     states = {s: of(told, 'route_state', route='returned', state=s) for s in State}
     assert [state for state, value in states.items() if value] == [State.WAITING]
     assert len(states) == 6
+
+
+def test_a_bridge_is_in_one_state_of_its_lifecycle(told: Told) -> None:
+    told.tell(report(lifecycle=Lifecycle.INACTIVE))
+    states = {s: of(told, 'lifecycle_state', state=s) for s in Lifecycle}
+    assert [state for state, value in states.items() if value] == [Lifecycle.INACTIVE]
+    assert len(states) == 4
 
 
 def test_counters_of_errors_begin_at_zero(told: Told) -> None:
