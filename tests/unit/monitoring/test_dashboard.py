@@ -35,12 +35,22 @@ def test_every_metric_is_on_it() -> None:
     assert {metric.full_name for metric in METRICS} <= on_it
 
 
-def test_every_expression_keeps_to_the_bridges_and_routes_that_were_chosen() -> None:
+def test_every_expression_keeps_to_the_bridges_instances_and_routes_that_were_chosen() -> None:
     for expression in expressions():
         for one in asked(expression):
             chosen = {matcher.name: matcher.value for matcher in one.matchers}
             assert chosen.get('bridge') == '$bridge', expression
+            assert chosen.get('instance') == '$instance', expression
             assert chosen.get('route', '$route') == '$route', expression
+
+
+def test_routes_of_one_name_on_several_robots_stay_apart() -> None:
+    for target in (target for panel in SHOWN for target in panel['targets']):
+        for labels in re.findall(r'\bby \(([^)]*)\)', target['expr']):
+            if 'route' in labels:
+                assert labels.startswith('bridge, instance, route'), target['expr']
+        if '{{route}}' in target['legendFormat']:
+            assert '{{instance}}' in target['legendFormat'], target['expr']
 
 
 def test_a_legend_and_the_variables_name_labels_that_are_there() -> None:
@@ -49,12 +59,26 @@ def test_a_legend_and_the_variables_name_labels_that_are_there() -> None:
         for target in panel['targets']:
             assert set(re.findall(r'{{(\w+)}}', target['legendFormat'])) <= known
     names = {metric.full_name for metric in METRICS}
-    queries = [v['definition'] for v in DASHBOARD['templating']['list'] if v['type'] == 'query']
-    for query in queries:
-        match = re.fullmatch(r'label_values\((\w+)(?:{bridge=~"\$bridge"})?, (\w+)\)', query)
-        assert match is not None, query
+    variables = [v for v in DASHBOARD['templating']['list'] if v['type'] == 'query']
+    for variable in variables:
+        match = re.fullmatch(r'label_values\((\w+)(?:{(.*)})?, (\w+)\)', variable['definition'])
+        assert match is not None, variable['definition']
+        assert variable['query']['query'] == variable['definition']
         assert match[1] in names
-        assert match[2] in known
+        assert match[3] in known
+        # Each keeps to what was chosen in those before it.
+        before = variables[: variables.index(variable)]
+        chosen = ','.join(f'{one["name"]}=~"${one["name"]}"' for one in before)
+        assert (match[2] or '') == chosen
+
+
+def test_a_style_of_its_own_is_for_a_legend_that_is_there() -> None:
+    for panel in SHOWN:
+        legends = [target['legendFormat'] for target in panel['targets']]
+        for override in panel['fieldConfig']['overrides']:
+            assert override['matcher']['id'] == 'byRegexp'
+            pattern = override['matcher']['options']
+            assert [it for it in legends if re.fullmatch(pattern, it)], panel['title']
 
 
 def test_every_panel_and_target_asks_the_data_source_that_was_chosen() -> None:
