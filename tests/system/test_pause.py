@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from driven import Driven
 from harness import Bench, eventually, lines, to_kafka, to_ros, values
+from numbers_to_kafka import how_many
 from words import ROS_TOPIC, texts, wait_for, words
 
 COUNT = 20_000
@@ -130,6 +131,43 @@ def test_a_paused_route_from_ros_holds_its_publisher_back(
     last = driven.last('to_kafka')
     assert (last.confirmed, last.lost_upstream) == (COUNT, 0)
     assert all(snapshot.balanced for snapshot in driven.snapshots('to_kafka'))
+
+
+@pytest.mark.parametrize(
+    ('options', 'all_counted'),
+    [(('--depth', '1'), True), (('--reliability', 'best_effort'), False)],
+    ids=['KEEP_LAST', 'best effort'],
+)
+def test_a_paused_route_costs_other_publishers_what_they_send_meanwhile(
+    bench: Bench,
+    driven: Driven,
+    topic_name: str,
+    tmp_path: Path,
+    options: tuple[str, ...],
+    *,
+    all_counted: bool,
+) -> None:
+    until = tmp_path / 'until'
+    bench.create_topic(topic_name)
+    route = to_kafka(ROS_TOPIC, topic_name)
+    route['from'] |= {'max_samples': 500}
+    driven.start([route])
+    options = (*options, '--rate', '2000', '--until', str(until))
+    with bench.publisher(ROS_TOPIC, *options) as publisher:
+        eventually(partial(bench.reaches, topic_name, 500), 60, driven.output)
+        driven.order('pause to_kafka')
+        driven.wait_for_state('to_kafka', 'paused')
+        driven.wait_for_snapshots(30)
+        until.touch()
+        publisher.wait_for('published ')
+        count = how_many(publisher)
+        driven.order('resume to_kafka')
+        driven.wait_for_state('to_kafka', 'running')
+        driven.wait_for_snapshots(30)
+        assert driven.process.end() == 0
+    last = driven.last('to_kafka')
+    assert last.confirmed < count
+    assert (last.confirmed + last.lost_upstream == count) is all_counted
 
 
 def test_a_stop_takes_what_a_paused_route_has_left_in_ros(
