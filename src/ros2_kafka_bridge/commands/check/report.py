@@ -1,6 +1,7 @@
 """What a configuration would meet: the broker, the graph, route by route. Nothing is changed."""
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 
@@ -48,7 +49,7 @@ def report(config: Config, file: Path, *, connect: bool) -> int:
     for section, word in (('kafka', 'kafka'), ('schema_registry', 'schema registry')):
         for name, value in shown.get(section, {}).items():
             console.print(f'  {word} {name}: {value}')
-    show_notes(console, warnings(config))
+    show_notes(console, [*warnings(config), *tracing_notes(config, os.environ)])
     if connect:
         return _report_connected(console, config)
     failed = False
@@ -63,6 +64,18 @@ def report(config: Config, file: Path, *, connect: bool) -> int:
             show_line(console, f'    BAD {finding.text}', 'bold red')
         failed = failed or bool(bad)
     return 1 if failed else 0
+
+
+def tracing_notes(config: Config, environ: Mapping[str, str]) -> Iterator[str]:
+    """What tracing promises to others and does not do."""
+    tracing = config.tracing
+    writes = any(isinstance(route, RosToKafkaRoute) for route in config.routes)
+    if writes and tracing is not None and tracing.sample and not tracing.exports(environ):
+        yield (
+            'tracing: no span is made (no endpoint, or OTEL_SDK_DISABLED), and yet a share of '
+            f'{tracing.sample:g} of the records names one as the parent, which nobody finds: set '
+            'endpoint (or OTEL_EXPORTER_OTLP_ENDPOINT where the bridge runs), or sample: 0'
+        )
 
 
 def _said_type(route: AnyRoute) -> str | None:
