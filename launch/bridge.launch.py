@@ -32,8 +32,9 @@ from launch import LaunchDescription
 if TYPE_CHECKING:
     from launch.action import Action
 
-# A stop is a drain, of 8 s if the file says nothing else (`drain_s`); launch would wait for 5.
-LONGEST_DRAIN_S = '30'
+# A second signal ends a drain, and launch would send it after 5 s. More than twice the longest
+# `drain_s` and 65 s, as the unit of systemd has it.
+STOP_TIMEOUT_S = '90'
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -50,7 +51,7 @@ def generate_launch_description() -> LaunchDescription:
         ],
         output='screen',
         emulate_tty=False,
-        sigterm_timeout=LONGEST_DRAIN_S,
+        sigterm_timeout=LaunchConfiguration('stop_timeout_s'),
     )
     return LaunchDescription([*_arguments(), bridge, *_autostart(bridge)])
 
@@ -65,6 +66,12 @@ def _arguments() -> list['Action']:
             default_value='text',
             choices=['text', 'json'],
             description='How a line of its log is written.',
+        ),
+        DeclareLaunchArgument(
+            'stop_timeout_s',
+            default_value=STOP_TIMEOUT_S,
+            description='How long a stop may take, before it is signalled again, which ends a '
+            'drain: more than twice the longest drain_s and 65 s.',
         ),
         DeclareLaunchArgument(
             'autostart',
