@@ -3,12 +3,16 @@
 import json
 import os
 import signal
+import socket
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Final
 
 import httpx
 import pytest
 from harness import Bench, eventually, to_kafka, to_ros
+from monitors import Stage
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics
 from prometheus_client.parser import text_string_to_metric_families as prometheus
 from scrapes import PREFIX, ROUTES, Watched, settings, under_load, watched
@@ -185,3 +189,16 @@ def test_a_bridge_that_does_not_answer_is_said_to_be_away(bench: Bench, unique: 
     status, _, err = bench.command('status', str(bench.config(routes)))
     assert status == 2
     assert 'monitoring: {listen: 127.0.0.1:9464}' in err
+
+
+def test_a_probe_is_answered_however_many_ask_for_nothing(tmp_path: Path, ros_domain: int) -> None:
+    assert ros_domain
+    with Stage(tmp_path, 1) as stage, ExitStack() as idle:
+        for _ in range(12):
+            for _ in range(50):
+                place = ('127.0.0.1', stage.monitor.port)
+                idle.enter_context(socket.create_connection(place, timeout=30))
+            assert stage.monitor.get('livez').status_code == 200
+        log = stage.monitor.log.read_text()
+    said = log.count('500 connections at once: who has been idle for longest is let go')
+    assert 0 < said < 10, log

@@ -14,7 +14,7 @@ from starlette.routing import Route
 from ros2_kafka_bridge.config.settings import MonitoringSettings
 from ros2_kafka_bridge.dead_letters.letter import LetterPlace
 from ros2_kafka_bridge.errors import BridgeError
-from ros2_kafka_bridge.logs.lines import route_log, summed
+from ros2_kafka_bridge.logs.lines import RouteLog, summed
 from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.monitoring import letters
 from ros2_kafka_bridge.monitoring.guard import Refusal, is_of_own_user, without_right
@@ -55,14 +55,15 @@ class Orders:
     Args:
         watch: Knows the bridge, and passes on what is asked for.
         replay: Runs replays.
+        log: Where is said who asked for what; it has the sum of wrong tokens.
     """
 
-    def __init__(self, watch: Watch, replay: ReplayRunner) -> None:
+    def __init__(self, watch: Watch, replay: ReplayRunner, log: RouteLog) -> None:
         self._watch = watch
         self._replay = replay
         self._reading = asyncio.Semaphore(2)
-        self._log = route_log()
-        self.wrong_tokens = summed(self._log)
+        self._log = log
+        self._wrong_tokens = summed(log)
 
     @property
     def routes(self) -> list[Route]:
@@ -106,7 +107,7 @@ class Orders:
         given = request.headers.get('authorization', '')
         refusal = without_right(self._settings, given)
         if refusal is not None and given:
-            self.wrong_tokens.warning(f'the page: a wrong token from {_who(request)}')
+            self._wrong_tokens.warning(f'the page: a wrong token from {_who(request)}')
             await asyncio.sleep(_WRONG_TOKEN_S)  # who guesses, guesses slowly
         return refusal
 

@@ -2,13 +2,17 @@
 
 import asyncio
 import logging
+import resource
 import socket
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from ros2_kafka_bridge.logs.lines import route_log, summed
+from ros2_kafka_bridge.logs.summed import Summed
 from ros2_kafka_bridge.monitoring.guard import Names, names_of
 from ros2_kafka_bridge.monitoring.replay import ReplayRunner
 from ros2_kafka_bridge.monitoring.sides import Sides
@@ -18,24 +22,49 @@ from ros2_kafka_bridge.monitoring.web import Page, make_app
 _GRACE_S: Final = 2
 _PATIENCE_S: Final = 15
 _BACKLOG: Final = 128
+_MOST_CONNECTIONS: Final = 500
 
 
 class Connection(H11Protocol):
     """A connection that has to ask for something, in a whole request, within some seconds.
 
-    uvicorn waits for ever for the first one, and for the rest of one that has begun. Some hundred
-    of such connections would shut everybody out, also the probes of Kubernetes, which would then
-    end the bridge.
+    uvicorn waits for ever for the first one, and for the rest of one that has begun. Where there
+    are too many it refuses what comes last, also the probes of Kubernetes, which would then end
+    the bridge: so here who has been idle for longest makes room.
+
+    Args:
+        said: The log, which is told when there are too many.
+        most: How many there may be at once.
+        given: What uvicorn gives each connection.
     """
 
     patience_s: float = _PATIENCE_S
+    idle_since_s: float = 0.0
     _last: Any = None
     _timer: asyncio.TimerHandle | None = None
 
+    def __init__(self, said: Summed, most: int, **given: Any) -> None:
+        super().__init__(**given)
+        self._said = said
+        self._most = most
+
+    @property
+    def is_answered(self) -> bool:
+        """Whether it has asked for something that it has not got yet."""
+        return self.cycle is not None and not self.cycle.response_complete
+
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin to wait."""
+        """Begin to wait, in the place of another if need be."""
         super().connection_made(transport)
+        self.idle_since_s = self.loop.time()
         self._timer = self.loop.call_later(self.patience_s, self._look)
+        if len(self.connections) > self._most:
+            self._make_room()
+
+    def on_response_complete(self) -> None:
+        """Begin to wait for what it asks for next."""
+        self.idle_since_s = self.loop.time()
+        super().on_response_complete()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Wait no more."""
@@ -45,12 +74,23 @@ class Connection(H11Protocol):
 
     def _look(self) -> None:
         """Let go who has asked for nothing since the last look, and is not being answered."""
-        answered = self.cycle is None or self.cycle.response_complete
-        if answered and self.cycle is self._last:
+        if not self.is_answered and self.cycle is self._last:
             self.transport.close()
             return
         self._last = self.cycle
         self._timer = self.loop.call_later(self.patience_s, self._look)
+
+    def _make_room(self) -> None:
+        """Let go who has been idle for longest; where nobody is, who is answered for longest."""
+        others = [it for it in self.connections if isinstance(it, Connection) and it is not self]
+        oldest = min(others, key=lambda it: (it.is_answered, it.idle_since_s))
+        # That it is lost comes with the next turn of the loop, others may come before.
+        self.connections.discard(oldest)
+        oldest.transport.abort()  # not close: one that takes nothing would stay
+        who = self.client[0] if self.client else 'somebody'
+        text = f'the page: {self._most} connections at once'
+        done = 'who has been idle for longest is let go'
+        self._said.warning(f'{text}: {done}', f'; the newest is from {who}', kind='connections')
 
 
 class Server:
@@ -67,12 +107,15 @@ class Server:
         self._listener = listener
         self._sides = Sides(watch, failed)
         self._replay = ReplayRunner(self._sides.look_again)
-        page = Page(watch, self._sides, self._replay, self._names, self._stopping, failed)
+        log = route_log()
+        page = Page(watch, self._sides, self._replay, self._names, self._stopping, failed, log)
         _log_as_the_bridge()
+        # It is called as a class would be, which is all that uvicorn does with it.
+        connection: Any = partial(Connection, summed(log, first=1), _most_connections())
         self._server = uvicorn.Server(
             uvicorn.Config(
                 make_app(page),
-                http=Connection,
+                http=connection,
                 lifespan='on',
                 log_config=None,
                 log_level='error',
@@ -82,7 +125,6 @@ class Server:
                 ws='none',
                 timeout_keep_alive=_PATIENCE_S,
                 timeout_graceful_shutdown=_GRACE_S,
-                limit_concurrency=500,
                 h11_max_incomplete_event_size=32 * 1024,
             )
         )
@@ -110,6 +152,13 @@ class Server:
         more = settings.allowed_hosts if settings else ()
         found = [names_of(name, port, more) for name in own]
         return Names(frozenset().union(*(it.hosts for it in found)), found[0].added)
+
+
+def _most_connections() -> int:
+    """As many as leave half of the open files to all else: without one, no probe gets in."""
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    files = 2 * _MOST_CONNECTIONS if soft == resource.RLIM_INFINITY else soft
+    return min(_MOST_CONNECTIONS, files // 2)
 
 
 def _log_as_the_bridge() -> None:

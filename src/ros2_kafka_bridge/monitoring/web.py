@@ -21,7 +21,7 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from ros2_kafka_bridge.logs.summed import Summed
+from ros2_kafka_bridge.logs.lines import RouteLog
 from ros2_kafka_bridge.monitoring import view
 from ros2_kafka_bridge.monitoring.actions import Orders
 from ros2_kafka_bridge.monitoring.board import Board
@@ -48,6 +48,7 @@ class Page(NamedTuple):
         names: Tells what may stand in `Host`.
         stopping: Whether the server is to end.
         failed: Told when what draws the page has met a bug.
+        log: Where is said what others do to it; its sums are said as long as it is shown.
     """
 
     watch: Watch
@@ -56,12 +57,13 @@ class Page(NamedTuple):
     names: Callable[[], Names]
     stopping: Callable[[], bool]
     failed: Callable[[], None]
+    log: RouteLog
 
 
 def make_app(page: Page) -> Starlette:
     """All of it as an ASGI application."""
-    orders = Orders(page.watch, page.replay)
-    desk = _Desk(page, orders.wrong_tokens)
+    orders = Orders(page.watch, page.replay, page.log)
+    desk = _Desk(page)
     routes = [
         Route('/', desk.index),
         Route('/metrics', desk.metrics),
@@ -93,9 +95,9 @@ async def _missing(_request: Request, error: Exception) -> Response:
 class _Desk:
     """Answers what only looks."""
 
-    def __init__(self, page: Page, wrong_tokens: Summed) -> None:
+    def __init__(self, page: Page) -> None:
         self._watch = page.watch
-        self._wrong_tokens = wrong_tokens
+        self._log = page.log
         self._sides = page.sides
         self._replay = page.replay
         self._failed = page.failed
@@ -113,13 +115,13 @@ class _Desk:
             ticking.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await ticking
-            self._wrong_tokens.close()
+            self._log.close()
 
     async def _tick(self) -> None:
         """Keep the board as the last report has it, as long as somebody looks."""
         try:
             while True:
-                self._wrong_tokens.tick()
+                self._log.tick()
                 if self.events.browsers:
                     await run_in_threadpool(self._show)
                 else:

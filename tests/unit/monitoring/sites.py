@@ -7,6 +7,7 @@ from typing import Any, Final
 import httpx
 from monitors import TOKEN
 
+from ros2_kafka_bridge.logs.lines import route_log
 from ros2_kafka_bridge.monitoring.guard import names_of
 from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
 from ros2_kafka_bridge.monitoring.web import Page, make_app
@@ -62,7 +63,8 @@ class Site:
         monitoring = told.watch.config.monitoring
         more = monitoring.allowed_hosts if monitoring else []
         names = names_of(listen, 9464, more)
-        page = Page(told.watch, sides, replay, lambda: names, lambda: False, lambda: None)
+        log = route_log()
+        page = Page(told.watch, sides, replay, lambda: names, lambda: False, lambda: None, log)
         self.app = make_app(page)
 
     def browser(self) -> httpx.AsyncClient:

@@ -1,20 +1,46 @@
-"""Connections that ask for nothing, or never to the end."""
+"""Connections that ask for nothing, or never to the end, and too many of them."""
 
 import asyncio
+import logging
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
 from typing import Final
 
+import pytest
 import uvicorn
-from starlette.types import Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.server import ServerState
 
+from ros2_kafka_bridge.logs.lines import route_log, summed
 from ros2_kafka_bridge.monitoring.server import Connection
 
 _PATIENCE_S: Final = 0.2
 _ASKED: Final = b'GET / HTTP/1.1\r\nhost: x\r\n'
+_LAST: Final = b'connection: close\r\n\r\n'
+_SLOW: Final = _ASKED.replace(b'/ ', b'/slow ') + _LAST
 
 
 class _Hurried(Connection):
     patience_s = _PATIENCE_S
+
+
+@asynccontextmanager
+async def _served(app: ASGIApp, kind: type[Connection], most: int) -> AsyncIterator[int]:
+    """The port of a server with such connections; none is left behind."""
+    config = uvicorn.Config(app, http=kind, log_config=None, lifespan='off', ws='none')
+    config.load()
+    state, said = ServerState(), summed(route_log(), first=1)
+    loop = asyncio.get_running_loop()
+
+    def connect() -> Connection:
+        return kind(said, most, config=config, server_state=state, app_state={})
+
+    server = await loop.create_server(connect, '127.0.0.1', 0)
+    async with asyncio.timeout(30):
+        yield server.sockets[0].getsockname()[1]
+        server.close()
+        while state.connections:  # noqa: ASYNC110 (nothing tells it)
+            await asyncio.sleep(0.01)
 
 
 async def _slow(_scope: Scope, _receive: Receive, send: Send) -> None:
@@ -39,22 +65,82 @@ def test_who_asks_for_nothing_is_let_go_and_who_is_answered_is_not() -> None:
         return got
 
     async def run() -> tuple[bytes, bytes, bytes]:
-        config = uvicorn.Config(_slow, http=_Hurried, log_config=None, lifespan='off', ws='none')
-        config.load()
-        state = ServerState()
-        loop = asyncio.get_running_loop()
-        server = await loop.create_server(lambda: _Hurried(config, state, {}), '127.0.0.1', 0)
-        port = server.sockets[0].getsockname()[1]
-        async with asyncio.timeout(30):
-            found = await asyncio.gather(
+        async with _served(_slow, _Hurried, 500) as port:
+            return await asyncio.gather(
                 talk(port, b''), talk(port, _ASKED, b'a'), talk(port, _ASKED + b'\r\n')
             )
-        server.close()
-        assert not state.connections
-        return found
 
     silent, endless, answered = asyncio.run(run())
     assert silent == b''
     assert endless == b''
     assert answered.startswith(b'HTTP/1.1 200')
     assert b'end' in answered
+
+
+async def _at_once(_scope: Scope, _receive: Receive, send: Send) -> None:
+    await send({'type': 'http.response.start', 'status': 200, 'headers': []})
+    await send({'type': 'http.response.body', 'body': b'ok'})
+
+
+async def _mixed(scope: Scope, receive: Receive, send: Send) -> None:
+    await (_slow if scope['path'] == '/slow' else _at_once)(scope, receive, send)
+
+
+def test_who_has_been_idle_for_longest_makes_room_for_the_newest(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    logger = logging.getLogger('ros2_kafka_bridge')
+    monkeypatch.setattr(logger, 'handlers', [caplog.handler])
+    monkeypatch.setattr(logger, 'propagate', False)
+
+    async def run() -> None:
+        async with _served(_mixed, Connection, 4) as port:
+            ends = [await asyncio.open_connection('127.0.0.1', port) for _ in range(4)]
+            (slow, ask_slow), (kept, ask_kept), (first, _), (second, _) = ends
+            ask_slow.write(_SLOW)
+            assert b'200' in await slow.readline()
+            ask_kept.write(_ASKED + b'\r\n')
+            assert b'200' in await kept.readline()
+            for idle in (first, second, kept):  # in the order in which they have fallen silent
+                probe, ask = await asyncio.open_connection('127.0.0.1', port)
+                ask.write(_ASKED + _LAST)
+                assert b'200' in await probe.readline()
+                ask.close()
+                await _is_let_go(idle)
+                ends.append(await asyncio.open_connection('127.0.0.1', port))
+            assert (await slow.read()).endswith(b'end\r\n0\r\n\r\n')
+            for _, end in ends:
+                end.close()
+
+    asyncio.run(run())
+    text = 'the page: 4 connections at once: who has been idle for longest is let go'
+    assert caplog.messages == [f'{text}; the newest is from 127.0.0.1']
+
+
+async def _is_let_go(reader: asyncio.StreamReader) -> None:
+    with suppress(ConnectionResetError):
+        await reader.read()
+
+
+def test_where_all_are_being_answered_the_newest_still_gets_in() -> None:
+    async def forever(_scope: Scope, receive: Receive, send: Send) -> None:
+        if _scope['path'] == '/slow':
+            await receive()
+            await receive()  # until it is gone
+            return
+        await _at_once(_scope, receive, send)
+
+    async def run() -> bytes:
+        async with _served(forever, Connection, 3) as port:
+            ends = [await asyncio.open_connection('127.0.0.1', port) for _ in range(3)]
+            for _, asking in ends:
+                asking.write(_SLOW)
+            await asyncio.sleep(_PATIENCE_S)
+            probe, ask = await asyncio.open_connection('127.0.0.1', port)
+            ask.write(_ASKED + b'\r\n')
+            said = await probe.readline()
+            for _, end in [*ends, (probe, ask)]:
+                end.close()
+            return said
+
+    assert asyncio.run(run()).startswith(b'HTTP/1.1 200')
