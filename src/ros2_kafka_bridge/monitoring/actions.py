@@ -17,7 +17,12 @@ from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.logs.lines import RouteLog, summed
 from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.monitoring import letters
-from ros2_kafka_bridge.monitoring.guard import Refusal, is_of_own_user, without_right
+from ros2_kafka_bridge.monitoring.guard import (
+    Refusal,
+    is_of_own_user,
+    without_json,
+    without_right,
+)
 from ros2_kafka_bridge.monitoring.replay import ReplayRunner
 from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
 from ros2_kafka_bridge.monitoring.state import Watch
@@ -87,7 +92,8 @@ class Orders:
         """Make the handler of something that only those with the token may ask for."""
 
         async def handle(request: Request) -> Response:
-            if refusal := await self._without_right(request):
+            refusal = without_json(request.headers) or await self._without_right(request)
+            if refusal is not None:
                 return _refused(refusal)
             body = bytearray()
             async for part in request.stream():

@@ -99,6 +99,17 @@ def without_right(settings: MonitoringSettings, authorization: str) -> Refusal |
     return Refusal(HTTPStatus.UNAUTHORIZED, f'{said} of the bridge (monitoring.token)')
 
 
+def without_json(headers: Headers) -> Refusal | None:
+    """Why the body of a request may not be read; None if it may.
+
+    The form of a page of another site can send every kind but this one, without being asked first.
+    """
+    kind = headers.get('content-type', '').partition(';')[0].strip().lower()
+    if kind == 'application/json':
+        return None
+    return Refusal(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, 'the body must be application/json')
+
+
 def is_loopback(host: str) -> bool:
     """Whether a `Host` names this machine itself."""
     name = host[1:].partition(']')[0] if host.startswith('[') else host.partition(':')[0]
@@ -184,8 +195,4 @@ def _cross_site(headers: Headers, host: str, names: Names) -> Refusal | None:
     if (origin and origin not in allowed) or site not in _OWN_SITES:
         who = printable(origin) or 'another site'
         return Refusal(HTTPStatus.FORBIDDEN, f'a page of {who} may change nothing here')
-    kind = headers.get('content-type', '').partition(';')[0].strip().lower()
-    if kind != 'application/json':
-        text = 'the body must be application/json'
-        return Refusal(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, text)
     return None

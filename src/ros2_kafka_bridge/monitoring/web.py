@@ -89,7 +89,14 @@ def make_app(page: Page) -> Starlette:
 async def _missing(_request: Request, error: Exception) -> Response:
     status = getattr(error, 'status_code', HTTPStatus.NOT_FOUND)
     text = {404: 'there is nothing here', 405: 'not in this way'}.get(status, str(error))
-    return JSONResponse({'error': text}, status)
+    headers = {'allow': _ways(error)} if status == HTTPStatus.METHOD_NOT_ALLOWED else {}
+    return JSONResponse({'error': text}, status, headers)
+
+
+def _ways(error: Exception) -> str:
+    """The methods that a path knows; that of a file does not say its own."""
+    told = (getattr(error, 'headers', None) or {}).get('Allow', 'GET, HEAD')
+    return ', '.join(sorted(told.split(', ')))
 
 
 class _Desk:

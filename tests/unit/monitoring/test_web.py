@@ -149,6 +149,21 @@ def test_what_is_not_there_is_said_in_words(site: Site) -> None:
     assert site.ask('DELETE', 'api/state', ORDERING).status_code == 405
 
 
+@pytest.mark.parametrize('method', ['POST', 'PUT', 'DELETE', 'OPTIONS'])
+@pytest.mark.parametrize('path', ['', 'metrics', 'livez', 'api/state', 'static/main.js'])
+def test_what_can_only_be_read_says_so(site: Site, path: str, method: str) -> None:
+    for headers in ({}, {'content-type': 'text/plain'}, ORDERING):
+        answer = site.ask(method, path, headers)
+        assert (answer.status_code, answer.json()['error']) == (405, 'not in this way')
+        assert answer.headers['allow'] == 'GET, HEAD'
+
+
+def test_what_can_only_be_ordered_says_so(site: Site) -> None:
+    for method in ('GET', 'OPTIONS'):
+        answer = site.ask(method, 'api/reload')
+        assert (answer.status_code, answer.headers['allow']) == (405, 'POST')
+
+
 def test_metrics_can_be_chosen_by_name(site: Site) -> None:
     text = site.get('metrics?name[]=ros2_kafka_bridge_worker_up').text
     assert 'ros2_kafka_bridge_worker_up' in text

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import pytest
 from monitors import TOKEN
+from starlette.routing import Route
 
 from ros2_kafka_bridge.monitoring import actions, guard, letters
 from ros2_kafka_bridge.monitoring.guard import is_loopback
@@ -93,6 +94,25 @@ def test_what_another_site_can_make_a_browser_send_is_refused(
 ) -> None:
     assert site.post(path, content, **headers).status_code == status
     assert site.told.requests == []
+
+
+@pytest.mark.parametrize('method', ['POST', 'PUT', 'DELETE', 'OPTIONS'])
+@pytest.mark.parametrize('path', ['', 'metrics', 'api/state', 'api/reload', 'nothing'])
+def test_another_site_does_not_learn_which_ways_there_are(
+    site: Site, path: str, method: str
+) -> None:
+    answer = site.ask(method, path, {'origin': 'http://evil.example'})
+    assert answer.status_code == 403
+    assert 'allow' not in answer.headers
+    assert site.ask(method, path, {'sec-fetch-site': 'cross-site'}).status_code == 403
+    assert site.ask(method, path, {'host': 'evil.example'}).status_code == 421
+
+
+def test_all_that_can_be_ordered_is_tried_here(site: Site) -> None:
+    routes = [it for it in site.app.routes if isinstance(it, Route)]
+    ordered = [it.path for it in routes if it.methods != {'GET', 'HEAD'}]
+    tried = [f'/{path}'.replace('/orders/', '/{name}/') for path, _ in WRITES]
+    assert sorted(ordered) == sorted(tried)
 
 
 @pytest.mark.parametrize('where', ['cross-site', 'same-site'])
