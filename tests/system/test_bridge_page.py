@@ -2,7 +2,6 @@
 
 import functools
 import http.server
-import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -11,16 +10,15 @@ from pathlib import Path
 from typing import Any, Final
 
 import pytest
+from browsers import CHROMIUM, chromium, opened
 from harness import Bench, eventually, to_kafka, to_ros
 from monitors import TOKEN, Stage
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 from ruamel.yaml import YAML
 
 from ros2_kafka_bridge.testing.local_kafka import free_port
 
 Unique = Callable[[str], str]
-CHROMIUM: Final = shutil.which('chromium')
-PATIENCE_MS: Final = 90_000
 WIDTHS: Final = ((1440, 900), (820, 1000), (360, 780))
 VIEWS: Final = ('routes', 'graph', 'letters', 'errors', 'system')
 
@@ -29,28 +27,8 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason='no chromium: apt insta
 
 @pytest.fixture(scope='module')
 def browser() -> Iterator[Browser]:
-    expect.set_options(timeout=PATIENCE_MS)
-    with sync_playwright() as playwright:
-        found = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
+    with chromium() as found:
         yield found
-        found.close()
-
-
-@contextmanager
-def opened(browser: Browser, url: str, **options: Any) -> Iterator[Page]:
-    """A page in a session of its own; nothing goes wrong in its console."""
-    options.setdefault('viewport', {'width': 1440, 'height': 900})
-    context = browser.new_context(**options)
-    context.set_default_timeout(PATIENCE_MS)
-    page = context.new_page()
-    said: list[str] = []
-    page.on('pageerror', lambda error: said.append(str(error)))
-    page.on('console', lambda it: said.append(it.text) if it.type == 'error' else None)
-    page.goto(url)
-    yield page
-    context.close()
-    # A browser tells each refused request as an error; here some are meant to be.
-    assert [it for it in said if 'status of 40' not in it] == []
 
 
 def unlock(page: Page, token: str = TOKEN) -> None:
@@ -302,7 +280,7 @@ def look_at_it(page: Page) -> None:
     topic = page.locator('.topic.wrong')
     expect(topic).to_contain_text('/orders')
     expect(topic).to_contain_text('volatile is offered, transient_local is asked for')
-    expect(topic.locator('.todo')).to_contain_text('Set it in to.qos')
+    expect(topic.locator('.todo')).to_have_text('Set to.qos: {durability: transient_local}')
     page.click('nav a[href="#system"]')
     expect(page.locator('#broker-state')).to_have_text('answers')
     page.click('nav a[href="#routes"]')

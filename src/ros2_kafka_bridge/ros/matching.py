@@ -1,11 +1,13 @@
 """Whether a route's own ROS endpoint and those of others would match, and why not."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import NamedTuple
 
 from ros2_kafka_bridge.config.routes import AnyRoute, KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.ros.node import Peer, own_nodes
-from ros2_kafka_bridge.ros.qos import mismatch, profile
+from ros2_kafka_bridge.ros.qos import Unmatched, mismatch, profile, unmatched
 
 
 class Mismatch(NamedTuple):
@@ -20,9 +22,19 @@ def reader_problem(route: KafkaToRosRoute, reader: Peer) -> Mismatch | None:
     if reader.message_type != route.sink.type:
         text = f'reads {route.sink.ros} as {reader.message_type}'
         return Mismatch(text, 'set to.type, or give one of the two another topic')
-    if reason := mismatch(profile(route.sink.qos), reader.qos):
-        return Mismatch(f'does not match: {reason}', 'set it in to.qos')
+    if found := unmatched(profile(route.sink.qos), reader.qos):
+        reasons = '; '.join(it.reason for it in found)
+        return Mismatch(
+            f'does not match: {reasons}', f'set to.qos: {_with(route.sink.qos, found)}'
+        )
     return None
+
+
+def _with(qos: QoS, found: Sequence[Unmatched]) -> str:
+    """The whole QoS of a route as it would have to be, to be pasted into its file."""
+    said = {name: value for name, value in asdict(qos).items() if value is not None}
+    wanted = said | {it.setting: it.value for it in found}
+    return f'{{{", ".join(f"{name}: {value}" for name, value in wanted.items())}}}'
 
 
 def publisher_problem(

@@ -52,7 +52,8 @@ function topicNode(topic) {
     h('div', { class: 'topic-head' }, h('h3', {}, topic.name), h('span', { class: 'note' }, topic.types.join(' and ') || 'nobody is there'),
       h('span', { class: 'note' }, routes)),
     h('ul', { class: 'wrongs' }, ...wrong.map((it) => h('li', {}, h('b', {}, it.node), ` and ${it.route}: ${it.problem}.`,
-      it.cure ? h('span', { class: 'todo' }, `${it.cure[0].toUpperCase()}${it.cure.slice(1)}.`) : null))),
+      // No full stop behind what is to be pasted.
+      it.cure ? h('span', { class: 'todo' }, `${it.cure[0].toUpperCase()}${it.cure.slice(1)}${it.cure.endsWith('}') ? '' : '.'}`) : null))),
     h('div', { class: 'sides' }, side('publisher', topic.publishers, topic), side('subscriber', topic.subscribers, topic)));
 }
 
