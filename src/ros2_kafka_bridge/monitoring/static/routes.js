@@ -182,7 +182,7 @@ function drawTiles({ routes, letters, broker }) {
     ['In flight', count(sum((it) => it.in_flight)), spooled ? `${count(spooled)} wait on disk` : 'nothing waits on disk', ''],
     ['Lag in Kafka', count(sum((it) => it.lag)), most ? `most: ${most.name}` : 'records behind', ''],
     ['Slowest p99', seconds(slow?.delay_s?.[1]), slow?.delay_s ? slow.name : 'nothing moves', ''],
-    ['Dead letters', count(dead), held === null ? 'since the start' : `since the start; ${count(held)} kept`, dead ? 'warn' : ''],
+    ['Dead letters', count(dead), `since the workers started${held === null ? '' : `; ${count(held)} kept`}`, dead ? 'warn' : ''],
     ['Kafka', kafkaWord(broker), broker?.problem ? 'look at System' : broker ? `asked in ${seconds(broker.round_trip_s)}` : 'not asked yet', broker?.problem ? 'bad' : ''],
   ];
   keyed($('tiles'), tiles, (it) => it[0], ([word]) => {
