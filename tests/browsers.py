@@ -24,9 +24,9 @@ NOWHERE: Final = 'http://bridge.invalid/'
 
 
 @contextmanager
-def chromium() -> Iterator[Browser]:
+def chromium(patience_ms: int = PATIENCE_MS) -> Iterator[Browser]:
     """A browser that waits patiently for what is expected of it."""
-    expect.set_options(timeout=PATIENCE_MS)
+    expect.set_options(timeout=patience_ms)
     with sync_playwright() as playwright:
         found = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
         yield found

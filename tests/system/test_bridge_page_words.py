@@ -1,13 +1,17 @@
 """What the live page says and shows of a bridge that is made up."""
 
+import re
 import time
 from collections.abc import Iterator
 from typing import Any, Final
 
 import pytest
 from browsers import CHROMIUM, MadeUp, chromium, shown
-from monitors import report, snapshot
+from monitors import distribution, report, snapshot
 from playwright.sync_api import Browser, Locator, Page, expect
+
+from ros2_kafka_bridge.protocol.monitor import Report
+from ros2_kafka_bridge.route.counters import Measures
 
 CONFIG: Final = """
 name: made-up
@@ -28,8 +32,18 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason='no chromium: apt insta
 
 @pytest.fixture(scope='module')
 def browser() -> Iterator[Browser]:
-    with chromium() as found:
+    with chromium(20_000) as found:
         yield found
+
+
+def moving(delay_s: float, each_second: int) -> Iterator[Report]:
+    """Five minutes of a bridge whose first route moves."""
+    now_s = time.time()
+    for second in range(300):
+        count = second * each_second
+        measures = Measures(in_bridge=distribution(count, delay_s))
+        orders = snapshot('orders', taken=count, confirmed=count, measures=measures)
+        yield report(orders, snapshot('returned'), time_s=now_s - 300 + second)
 
 
 def tile(page: Page, word: str) -> Locator:
@@ -64,3 +78,23 @@ def test_how_many_dead_letters_are_kept_is_not_cut_off(browser: Browser, width: 
         expect(note).to_have_text('since the workers started; 3,142,592 kept')
         hidden = 'it => [it.scrollWidth - it.clientWidth, it.scrollHeight - it.clientHeight]'
         assert note.evaluate(hidden) == [0, 0]
+
+
+def test_on_a_telephone_each_number_stands_by_its_word_and_in_its_card(browser: Browser) -> None:
+    told = MadeUp(CONFIG, *moving(0.2, 1200))
+    with shown(browser, told, viewport={'width': 360, 'height': 780}) as page:
+        row = page.locator('#routes tbody tr', has_text='orders → /orders')
+        expect(row.locator('.latency .value')).to_have_text(re.compile(r'\d{3} ms / \d{3} ms'))
+        number, cell = (
+            row.locator('.rate .value').bounding_box(),
+            row.locator('.rate').bounding_box(),
+        )
+        assert number is not None
+        assert cell is not None
+        assert number['x'] == cell['x']
+        assert number['y'] + number['height'] + 20 > cell['y'] + cell['height']
+        edge = 'it => it.closest("tr").getBoundingClientRect().right - 12'
+        for value in row.locator('.value').all():
+            box = value.bounding_box()
+            assert box is not None
+            assert box['x'] + box['width'] <= value.evaluate(edge)
