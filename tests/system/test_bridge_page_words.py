@@ -98,3 +98,19 @@ def test_on_a_telephone_each_number_stands_by_its_word_and_in_its_card(browser: 
             box = value.bounding_box()
             assert box is not None
             assert box['x'] + box['width'] <= value.evaluate(edge)
+
+
+def test_a_chart_says_from_when_to_when_it_goes(browser: Browser) -> None:
+    told = MadeUp(CONFIG, *moving(0.2, 1200))
+    with shown(browser, told, timezone_id='UTC') as page:
+        page.locator('#routes .link', has_text='orders').click()
+        charts = page.locator('#drawer .times')
+        expect(charts).to_have_count(2)
+        before, after = time.time() - 60, time.time()
+        began, ended = charts.first.locator('time').all_inner_texts()
+        assert ended[-5:] in {at(before), at(after)}
+        assert began[-5:] in {at(before - 600), at(after - 600)}
+
+
+def at(time_s: float) -> str:
+    return time.strftime('%H:%M', time.gmtime(time_s))

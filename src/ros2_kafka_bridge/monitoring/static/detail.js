@@ -17,8 +17,8 @@ export class Detail {
       ends: h('p', { class: 'note' }),
       reason: h('p'),
       advice: h('p', { class: 'note' }),
-      rate: spark(560, 90), rateWord: h('p', { class: 'note' }),
-      held: spark(560, 90), heldWord: h('p', { class: 'note' }), heldTitle: h('h3'),
+      rate: spark(560, 90), rateTimes: times(), rateWord: h('p', { class: 'note' }),
+      held: spark(560, 90), heldTimes: times(), heldWord: h('p', { class: 'note' }), heldTitle: h('h3'),
       facts: h('div', { class: 'groups' }),
       errors: h('ol', { class: 'cards' }),
       button: h('button', { type: 'button', class: 'main', onclick: () => pause(this.route) }),
@@ -29,8 +29,8 @@ export class Detail {
         h('button', { type: 'button', class: 'close', 'aria-label': 'Close', onclick: () => this.node.close() }, '×')),
       p.ends, h('div', { class: 'why' }, p.reason, p.advice),
       h('div', { class: 'actions' }, p.button, p.hint),
-      h('h3', {}, 'Confirmed a second'), h('div', { class: 'chart' }, p.rate, p.rateWord),
-      p.heldTitle, h('div', { class: 'chart' }, p.held, p.heldWord),
+      h('h3', {}, 'Confirmed a second'), h('div', { class: 'chart' }, p.rate, p.rateTimes, p.rateWord),
+      p.heldTitle, h('div', { class: 'chart' }, p.held, p.heldTimes, p.heldWord),
       p.facts, h('h3', {}, 'Last errors'), p.errors,
     );
   }
@@ -67,6 +67,8 @@ export class Detail {
     setText(p.rateWord, `now ${rate(route.rate)}, most ${rate(rates.most)} in the last ${this.history.span / 60} minutes`);
     const held = this.history.held(this.name);
     drawSpark(p.held, held, this.history.span);
+    const ends = this.history.ends.map((at) => clock(at).slice(0, -3));
+    for (const axis of [p.rateTimes, p.heldTimes]) ends.forEach((it, at) => setText(axis.children[at], it));
     setText(p.heldTitle, route.lag === null ? 'In flight and on disk' : 'Lag in records');
     setText(p.heldWord, `now ${count(route.lag ?? route.in_flight + route.spooled)}, most ${count(held.most)}`);
     drawn(p.facts, [route, about], () => this.groups(route, about));
@@ -113,6 +115,9 @@ export class Detail {
         .flatMap(([word, value]) => [h('dt', {}, word), h('dd', {}, value)]))));
   }
 }
+
+// Below a chart: from when to when.
+const times = () => h('p', { class: 'times' }, h('time'), h('time'));
 
 // An error: what has happened, and what to do: after the last semicolon, where the text says it.
 export function card(trouble) {

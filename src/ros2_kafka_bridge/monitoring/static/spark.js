@@ -53,6 +53,9 @@ export class History {
     return { points, most: Math.max(0, ...points.map((p) => p[1])) };
   }
 
+  // From when to when the lines go, by the clock of the server.
+  get ends() { return [this.last - this.span, this.last]; }
+
   rates(name) { return this.series(name, RATE); }
 
   held(name) { return this.series(name, HELD); }
