@@ -11,7 +11,7 @@ from monitors import distribution, report, snapshot
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from ros2_kafka_bridge.protocol.monitor import Report
-from ros2_kafka_bridge.route.counters import Measures
+from ros2_kafka_bridge.route.counters import Measures, Snapshot, State, Trouble
 
 CONFIG: Final = """
 name: made-up
@@ -114,3 +114,30 @@ def test_a_chart_says_from_when_to_when_it_goes(browser: Browser) -> None:
 
 def at(time_s: float) -> str:
     return time.strftime('%H:%M', time.gmtime(time_s))
+
+
+def test_behind_what_a_route_waits_for_stands_what_can_have_led_to_it_alone(
+    browser: Browser,
+) -> None:
+    now_s = time.time()
+    refused = Trouble(now_s - 50, 'TransportError', 'Kafka does not let it into its group', 1)
+    later = tuple(
+        Trouble(now_s - 20, error, f'orders[0]@3: {error}', 1)
+        for error in ('DecodeError', 'EncodeError', 'RecordTooLargeError')
+    )
+    told = MadeUp(
+        CONFIG,
+        report(
+            waiting('orders', 'Kafka is away', troubles=(refused, *later)),
+            waiting('returned', 'Kafka is away', troubles=later),
+        ),
+    )
+    with shown(browser, told) as page:
+        said = page.locator('.attention li .note')
+        well = 'Nothing is lost: it goes on by itself once that has ended.'
+        led = re.compile(rf'{well} Last error, [0-9: -]+: Kafka does not let it into its group')
+        expect(said).to_have_text([led, well])
+
+
+def waiting(route: str, reason: str, **measures: Any) -> Snapshot:
+    return snapshot(route, State.WAITING, reason=reason, measures=Measures(**measures))

@@ -5,6 +5,8 @@ import { drawSpark, spark } from './spark.js';
 import { ORDER, TONES, arrow, bytes, clock, count, counted, rate, seconds } from './words.js';
 
 const RECENT_S = 120;
+// Each ends with its one message: no route waits because of them.
+const OF_ONE_MESSAGE = new Set(['DecodeError', 'EncodeError', 'RecordTooLargeError']);
 const COLUMNS = [
   ['name', 'Route', (r) => r.name],
   ['state', 'State', (r) => ORDER.indexOf(r.state)],
@@ -129,7 +131,8 @@ export class Routes {
 
   drawAttention({ routes, troubles, bridge }) {
     // What a route waits for may follow from an error that it has met just before.
-    const before = (it) => troubles.find((one) => one.route === it.name && bridge.now_s - one.time_s < RECENT_S && !it.reason.includes(one.text));
+    const before = (it) => troubles.find((one) => one.route === it.name && bridge.now_s - one.time_s < RECENT_S
+      && !OF_ONE_MESSAGE.has(one.error) && !it.reason.includes(one.text));
     const said = (it) => (before(it) ? ` Last error, ${clock(before(it).time_s)}: ${before(it).text}` : '');
     const found = routes.filter(needsAttention);
     found.sort((a, b) => ORDER.indexOf(a.state) - ORDER.indexOf(b.state));
