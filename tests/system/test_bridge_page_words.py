@@ -141,3 +141,19 @@ def test_behind_what_a_route_waits_for_stands_what_can_have_led_to_it_alone(
 
 def waiting(route: str, reason: str, **measures: Any) -> Snapshot:
     return snapshot(route, State.WAITING, reason=reason, measures=Measures(**measures))
+
+
+def test_what_does_not_match_is_said_of_a_route_that_waits_as_well(browser: Browser) -> None:
+    returned = snapshot('returned', measures=Measures(mismatched=2))
+    orders = waiting('orders', '0 of 1 subscribers are there', mismatched=1)
+    with shown(browser, MadeUp(CONFIG, report(returned, orders))) as page:
+        rows = page.locator('.attention li')
+        expect(rows.locator('.chip')).to_have_text(['waiting', 'mismatch', 'mismatch'])
+        expect(rows.locator('.link')).to_have_text(['orders', 'orders', 'returned'])
+        expect(rows.locator('p:not(.note)')).to_have_text(
+            [
+                '0 of 1 subscribers are there',
+                '1 DDS endpoint on its topic does not match it',
+                '2 DDS endpoints on its topic do not match it',
+            ]
+        )

@@ -134,12 +134,17 @@ export class Routes {
     const before = (it) => troubles.find((one) => one.route === it.name && bridge.now_s - one.time_s < RECENT_S
       && !OF_ONE_MESSAGE.has(one.error) && !it.reason.includes(one.text));
     const said = (it) => (before(it) ? ` Last error, ${clock(before(it).time_s)}: ${before(it).text}` : '');
-    const found = routes.filter(needsAttention);
-    found.sort((a, b) => ORDER.indexOf(a.state) - ORDER.indexOf(b.state));
+    const chosen = routes.filter(needsAttention);
+    chosen.sort((a, b) => ORDER.indexOf(a.state) - ORDER.indexOf(b.state));
+    // A route that waits may do so because of what does not match: both are said.
+    const found = chosen.flatMap((it) => [
+      ...(it.state === 'running' ? [] : [{ ...it, key: it.name }]),
+      ...(it.mismatched ? [{ ...it, key: `${it.name} mismatch`, odd: true }] : []),
+    ]);
     const most = 6;
     const rows = found.slice(0, most);
-    if (found.length > most) rows.push({ name: '…', more: found.length - most });
-    keyed($('attention'), rows, (it) => it.name, (it) => {
+    if (found.length > most) rows.push({ key: '…', more: found.length - most });
+    keyed($('attention'), rows, (it) => it.key, (it) => {
       const node = h('li');
       const button = h('button', { type: 'button', class: 'link', onclick: () => (it.more ? this.all() : this.open(it.name)) });
       node.parts = [h('span', { class: 'chip' }), button, h('p'), h('p', { class: 'note' })];
@@ -148,14 +153,13 @@ export class Routes {
     }, (node, it) => {
       const [chip, button, reason, todo] = node.parts;
       show(chip, !it.more);
-      setText(button, it.more ? `${counted(it.more, 'more route')}` : it.name);
+      setText(button, it.more ? `${count(it.more)} more` : it.name);
       if (it.more) return;
-      const state = it.state === 'running' ? 'mismatch' : it.state;
-      setText(chip, state);
-      setAttr(chip, 'class', `chip ${TONES[it.state === 'running' ? 'waiting' : it.state]}`);
+      setText(chip, it.odd ? 'mismatch' : it.state);
+      setAttr(chip, 'class', `chip ${it.odd ? 'warn' : TONES[it.state]}`);
       const odd = `${counted(it.mismatched, 'DDS endpoint')} on its topic ${it.mismatched === 1 ? 'does' : 'do'} not match it`;
-      setText(reason, it.reason || (it.mismatched ? odd : it.state));
-      setText(todo, it.state === 'running' ? 'The ROS graph shows which, and why.' : it.advice + said(it));
+      setText(reason, it.odd ? odd : it.reason || it.state);
+      setText(todo, it.odd ? 'The ROS graph shows which, and why.' : it.advice + said(it));
     });
   }
 
