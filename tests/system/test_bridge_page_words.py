@@ -157,3 +157,23 @@ def test_what_does_not_match_is_said_of_a_route_that_waits_as_well(browser: Brow
                 '2 DDS endpoints on its topic do not match it',
             ]
         )
+
+
+def test_what_kafka_told_before_it_went_away_is_shown_as_that(browser: Browser) -> None:
+    topic = {'name': 'orders', 'problem': '', 'leaderless': 0, 'under_replicated': 0}
+    seen: dict[str, Any] = {
+        'problem': '', 'seen_s': 1_750_000_000, 'cluster_id': 'abc', 'controller': 1,
+        'brokers': [{'id': 1, 'address': 'localhost:9'}], 'round_trip_s': 0.1, 'topics': [topic],
+    }  # fmt: skip
+    told = report(snapshot('orders'), snapshot('returned'))
+    away = MadeUp(CONFIG, told, broker=seen | {'problem': 'no broker answers'})
+    with shown(browser, away, 'system', timezone_id='UTC') as page:
+        kafka = page.locator('#broker')
+        expect(kafka).to_contain_text('Kafka last answered at 2025-06-15 15:06:40.')
+        expect(kafka).to_contain_text('1, all well then')
+        expect(kafka).not_to_contain_text('asked')
+    with shown(browser, MadeUp(CONFIG, told, broker=seen), 'system', timezone_id='UTC') as page:
+        kafka = page.locator('#broker')
+        expect(kafka).to_contain_text('at 2025-06-15 15:06:40, answered in 100 ms')
+        expect(kafka.locator('dd').last).to_have_text('1, all well')
+        expect(kafka).not_to_contain_text('then')

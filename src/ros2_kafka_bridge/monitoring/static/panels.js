@@ -41,14 +41,16 @@ function worker(it) {
 }
 
 function kafka(broker) {
+  const then = broker.problem ? ' then' : '';
   const odd = (broker.topics ?? []).filter((it) => it.problem || it.leaderless || it.under_replicated);
   return [
     broker.problem ? h('p', { class: 'empty bad' }, broker.problem) : null,
+    then && broker.cluster_id ? h('p', { class: 'before' }, `Kafka last answered at ${clock(broker.seen_s)}. What it told then:`) : null,
     broker.cluster_id ? h('dl', { class: 'facts' }, ...facts([
       ['cluster', broker.cluster_id],
-      ['asked', `at ${clock(broker.seen_s)}, answered in ${seconds(broker.round_trip_s)}`],
+      ['asked', then ? '' : `at ${clock(broker.seen_s)}, answered in ${seconds(broker.round_trip_s)}`],
       ['brokers', h('ul', {}, ...broker.brokers.map((it) => h('li', {}, `${it.address} (${it.id}${it.id === broker.controller ? ', controller' : ''})`)))],
-      ['topics of routes', `${count(broker.topics.length)}, ${odd.length ? `${count(odd.length)} with trouble` : 'all well'}`],
+      ['topics of routes', `${count(broker.topics.length)}, ${odd.length ? `${count(odd.length)} with trouble` : 'all well'}${then}`],
     ])) : null,
     odd.length ? h('ul', { class: 'cards' }, ...odd.map((it) => h('li', { class: 'card' }, h('b', {}, it.name),
       h('p', { class: 'said' }, it.problem || [it.leaderless && `${counted(it.leaderless, 'partition')} without a leader`,
