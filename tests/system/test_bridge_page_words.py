@@ -26,6 +26,7 @@ routes:
     to: {kafka: returned}
     format: text
 """
+DASH: Final = '\N{EN DASH}'
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason='no chromium: apt install chromium')
 
@@ -44,6 +45,14 @@ def moving(delay_s: float, each_second: int) -> Iterator[Report]:
         measures = Measures(in_bridge=distribution(count, delay_s))
         orders = snapshot('orders', taken=count, confirmed=count, measures=measures)
         yield report(orders, snapshot('returned'), time_s=now_s - 300 + second)
+
+
+def waiting(route: str, reason: str, **measures: Any) -> Snapshot:
+    return snapshot(route, State.WAITING, reason=reason, measures=Measures(**measures))
+
+
+def at(time_s: float) -> str:
+    return time.strftime('%H:%M', time.gmtime(time_s))
 
 
 def tile(page: Page, word: str) -> Locator:
@@ -112,10 +121,6 @@ def test_a_chart_says_from_when_to_when_it_goes(browser: Browser) -> None:
         assert began[-5:] in {at(before - 600), at(after - 600)}
 
 
-def at(time_s: float) -> str:
-    return time.strftime('%H:%M', time.gmtime(time_s))
-
-
 def test_behind_what_a_route_waits_for_stands_what_can_have_led_to_it_alone(
     browser: Browser,
 ) -> None:
@@ -137,10 +142,6 @@ def test_behind_what_a_route_waits_for_stands_what_can_have_led_to_it_alone(
         well = 'Nothing is lost: it goes on by itself once that has ended.'
         led = re.compile(rf'{well} Last error, [0-9: -]+: Kafka does not let it into its group')
         expect(said).to_have_text([led, well])
-
-
-def waiting(route: str, reason: str, **measures: Any) -> Snapshot:
-    return snapshot(route, State.WAITING, reason=reason, measures=Measures(**measures))
 
 
 def test_what_does_not_match_is_said_of_a_route_that_waits_as_well(browser: Browser) -> None:
@@ -177,3 +178,30 @@ def test_what_kafka_told_before_it_went_away_is_shown_as_that(browser: Browser) 
         expect(kafka).to_contain_text('at 2025-06-15 15:06:40, answered in 100 ms')
         expect(kafka.locator('dd').last).to_have_text('1, all well')
         expect(kafka).not_to_contain_text('then')
+
+
+@pytest.mark.parametrize(
+    ('lags', 'value', 'note'),
+    [
+        ((None, None), DASH, 'not known'),
+        ((1200, None), '1,200', 'most: orders; 1 route not known'),
+        ((0, None), '0', 'records behind; 1 route not known'),
+        ((7, 5), '12', 'most: orders'),
+    ],
+)
+def test_a_lag_that_is_not_known_is_not_none(
+    browser: Browser, lags: tuple[int | None, int | None], value: str, note: str
+) -> None:
+    more = CONFIG.partition('  - name: returned')[0].partition('routes:\n')[2]
+    names = ('orders', 'bills')
+    orders, bills = (snapshot(name, lag=lag) for name, lag in zip(names, lags, strict=True))
+    told = MadeUp(
+        CONFIG + more.replace('orders', 'bills'), report(orders, bills, snapshot('returned'))
+    )
+    with shown(browser, told) as page:
+        lag = tile(page, 'Lag in Kafka')
+        expect(lag.locator('.value')).to_have_text(value)
+        expect(lag.locator('.note')).to_have_text(note)
+        page.locator('#routes .link', has_text='bills').click()
+        now = DASH if lags[1] is None else lags[1]
+        expect(page.locator('#drawer .chart .note').last).to_contain_text(f'now {now}, most')

@@ -69,8 +69,9 @@ export class Detail {
     drawSpark(p.held, held, this.history.span);
     const ends = this.history.ends.map((at) => clock(at).slice(0, -3));
     for (const axis of [p.rateTimes, p.heldTimes]) ends.forEach((it, at) => setText(axis.children[at], it));
-    setText(p.heldTitle, route.lag === null ? 'In flight and on disk' : 'Lag in records');
-    setText(p.heldWord, `now ${count(route.lag ?? route.in_flight + route.spooled)}, most ${count(held.most)}`);
+    const lags = about?.direction === 'kafka_to_ros';
+    setText(p.heldTitle, lags ? 'Lag in records' : 'In flight and on disk');
+    setText(p.heldWord, `now ${count(lags ? route.lag : route.in_flight + route.spooled)}, most ${count(held.most)}`);
     drawn(p.facts, [route, about], () => this.groups(route, about));
     drawn(p.errors, view.troubles.filter((it) => it.route === this.name), (found) => (found.length
       ? found.map(card) : [h('li', { class: 'empty' }, 'None.')]));

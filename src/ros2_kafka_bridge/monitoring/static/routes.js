@@ -174,12 +174,11 @@ function needsAttention(it) {
   return it.state !== 'running' || it.mismatched > 0;
 }
 
-function drawTiles({ routes, letters, broker }) {
+function drawTiles({ routes, about, letters, broker }) {
   const sum = (read) => routes.reduce((total, it) => total + (read(it) ?? 0), 0);
   const running = routes.filter((it) => it.state === 'running').length;
   const failed = routes.filter((it) => it.state === 'failed').length;
   const slow = routes.reduce((worst, it) => ((it.delay_s?.[1] ?? -1) > (worst?.delay_s?.[1] ?? -1) ? it : worst), null);
-  const most = routes.reduce((worst, it) => ((it.lag ?? 0) > (worst?.lag ?? 0) ? it : worst), null);
   const dead = sum((it) => it.ended.dead_lettered);
   const held = letters.some((it) => it.held !== null) ? letters.reduce((total, it) => total + (it.held ?? 0), 0) : null;
   const spooled = sum((it) => it.spooled);
@@ -187,7 +186,7 @@ function drawTiles({ routes, letters, broker }) {
     ['Routes running', `${count(running)} / ${count(routes.length)}`, failed ? `${counted(failed, 'route')} failed` : 'none failed', failed ? 'bad' : ''],
     ['Confirmed a second', rate(sum((it) => it.rate)), `${bytes(sum((it) => it.bytes_rate))}/s`, ''],
     ['In flight', count(sum((it) => it.in_flight)), spooled ? `${count(spooled)} wait on disk` : 'nothing waits on disk', ''],
-    ['Lag in Kafka', count(sum((it) => it.lag)), most ? `most: ${most.name}` : 'records behind', ''],
+    ['Lag in Kafka', ...lagWords(routes, about), ''],
     ['Slowest p99', seconds(slow?.delay_s?.[1]), slow?.delay_s ? slow.name : 'nothing moves', ''],
     ['Dead letters', count(dead), `since the workers started${held === null ? '' : `; ${count(held)} kept`}`, dead ? 'warn' : ''],
     ['Kafka', kafkaWord(broker), broker?.problem ? 'look at System' : broker ? `asked in ${seconds(broker.round_trip_s)}` : 'not asked yet', broker?.problem ? 'bad' : ''],
@@ -203,6 +202,18 @@ function drawTiles({ routes, letters, broker }) {
     setAttr(node.parts[1], 'title', note);
     setAttr(node, 'class', `tile ${tone}`);
   });
+}
+
+// A lag that is not known, while Kafka is away for instance, is not none.
+function lagWords(routes, about) {
+  const from = new Set(about.filter((it) => it.direction === 'kafka_to_ros').map((it) => it.name));
+  const reading = routes.filter((it) => from.has(it.name));
+  const known = reading.filter((it) => it.lag !== null);
+  if (!known.length) return ['–', reading.length ? 'not known' : 'no route reads Kafka'];
+  const most = known.reduce((worst, it) => (it.lag > worst.lag ? it : worst));
+  const rest = reading.length - known.length;
+  const note = [most.lag ? `most: ${most.name}` : 'records behind', rest ? `${counted(rest, 'route')} not known` : ''];
+  return [count(known.reduce((total, it) => total + it.lag, 0)), note.filter(Boolean).join('; ')];
 }
 
 export function kafkaWord(broker) {
