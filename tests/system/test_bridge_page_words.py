@@ -205,3 +205,9 @@ def test_a_lag_that_is_not_known_is_not_none(
         page.locator('#routes .link', has_text='bills').click()
         now = DASH if lags[1] is None else lags[1]
         expect(page.locator('#drawer .chart .note').last).to_contain_text(f'now {now}, most')
+
+
+def test_a_route_without_a_type_of_its_own_says_whose_it_has(browser: Browser) -> None:
+    with shown(browser, MadeUp(CONFIG, report(snapshot('returned')))) as page:
+        page.locator('#routes .link', has_text='returned').click()
+        expect(page.locator('#drawer')).to_contain_text('the type of its publishers as text')

@@ -82,6 +82,13 @@ def test_all_is_ok_while_every_route_runs(config: Config) -> None:
     assert found['bridge'].message == 'active, 2 routes'
 
 
+def test_a_route_without_a_type_of_its_own_says_whose_it_has() -> None:
+    without = FILE.replace('/status, type: std_msgs/msg/String', '/status')
+    found = said(loads(without, 'shop.yaml', {}), told(*both()))
+    assert dict(found['orders'].values)['type'] == 'std_msgs/msg/String'
+    assert dict(found['status'].values)['type'] == 'that of its publishers'
+
+
 @pytest.mark.parametrize(
     ('state', 'reason', 'level'),
     [

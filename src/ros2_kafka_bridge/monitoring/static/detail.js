@@ -53,7 +53,7 @@ export class Detail {
     setText(p.title, route.name);
     setText(p.chip, route.state);
     setAttr(p.chip, 'class', `chip ${TONES[route.state]}`);
-    setText(p.ends, about ? `${arrow(about)} · ${about.type || 'type from the graph'} as ${about.format}` : '');
+    setText(p.ends, about ? `${arrow(about)} · ${about.type || 'the type of its publishers'} as ${about.format}` : '');
     setText(p.reason, route.reason);
     setText(p.advice, route.advice);
     show(p.reason.parentNode, Boolean(route.reason || route.advice));

@@ -326,7 +326,7 @@ def _of_route(route: AnyRoute) -> tuple[tuple[str, str], ...]:
     return (
         ('source', source),
         ('sink', sink),
-        ('type', type_of(route)),
+        ('type', type_of(route) or 'that of its publishers'),
         ('format', str(route.format)),
     )
 
