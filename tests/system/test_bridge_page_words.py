@@ -26,6 +26,11 @@ routes:
     to: {kafka: returned}
     format: text
 """
+LINES: Final = """it => {
+    const content = document.createRange();
+    content.selectNodeContents(it);
+    return content.getClientRects().length;
+}"""
 DASH: Final = '\N{EN DASH}'
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason='no chromium: apt install chromium')
@@ -211,3 +216,13 @@ def test_a_route_without_a_type_of_its_own_says_whose_it_has(browser: Browser) -
     with shown(browser, MadeUp(CONFIG, report(snapshot('returned')))) as page:
         page.locator('#routes .link', has_text='returned').click()
         expect(page.locator('#drawer')).to_contain_text('the type of its publishers as text')
+
+
+@pytest.mark.parametrize('width', [1280, 360])
+def test_two_times_stand_in_one_line_of_the_drawer(browser: Browser, width: int) -> None:
+    told = MadeUp(CONFIG, *moving(0.2, 1200))
+    with shown(browser, told, viewport={'width': width, 'height': 800}) as page:
+        page.locator('#routes .link', has_text='orders').click()
+        times = page.locator('#drawer dd', has_text=re.compile(r'\d ms / \d+ ms'))
+        expect(times).to_have_count(2)
+        assert [it.evaluate(LINES) for it in times.all()] == [1, 1]
