@@ -74,6 +74,7 @@ LONG: Final = {
     'system/test_schema_registry': 40,
     'integration/test_ros_to_kafka': 40,
     'system/test_init': 35,
+    'system/test_bridge_page_words': 35,
     'system/test_drain': 35,
     'integration/test_reload': 35,
     'system/test_cli': 35,

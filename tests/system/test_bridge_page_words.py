@@ -226,3 +226,14 @@ def test_two_times_stand_in_one_line_of_the_drawer(browser: Browser, width: int)
         times = page.locator('#drawer dd', has_text=re.compile(r'\d ms / \d+ ms'))
         expect(times).to_have_count(2)
         assert [it.evaluate(LINES) for it in times.all()] == [1, 1]
+
+
+def test_while_a_lag_is_not_known_its_chart_shows_nothing_else(browser: Browser) -> None:
+    now_s = time.time()
+    told = [
+        report(snapshot('orders', lag=lag, in_flight=held), time_s=now_s + second)
+        for second, lag, held in ((-90, 50, 0), (-80, 40, 0), (-20, None, 400), (0, None, 400))
+    ]
+    with shown(browser, MadeUp(CONFIG, *told)) as page:
+        page.locator('#routes .link', has_text='orders').click()
+        expect(page.locator('#drawer .chart .note').last).to_have_text(f'now {DASH}, most 50')

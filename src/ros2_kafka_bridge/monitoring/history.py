@@ -2,6 +2,7 @@
 
 import threading
 from collections import deque
+from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.protocol.monitor import Report
@@ -20,12 +21,13 @@ class Point(NamedTuple):
     Args:
         time_s: Since 1970.
         rate: Confirmed a second, since the point before.
-        held: The lag of a route from Kafka, what another has in flight and on disk.
+        held: The lag of a route from Kafka, None while that is not known; what another has in
+            flight and on disk.
     """
 
     time_s: float
     rate: float
-    held: int
+    held: int | None
 
 
 class RouteStatistics(NamedTuple):
@@ -61,6 +63,7 @@ class History:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._tracks: dict[str, _Track] = {}
+        self._lagging: set[str] = set()  # routes that have told a lag
 
     def add(self, report: Report) -> None:
         """Take a report."""
@@ -70,8 +73,14 @@ class History:
             for told in report.routes:
                 name = told.snapshot.route
                 track = before.get(name) or _Track(deque(maxlen=SPAN_S), deque())
-                _extend(track, report.time_s, told.snapshot)
+                _extend(track, report.time_s, told.snapshot, self._held(told.snapshot))
                 self._tracks[name] = track
+            self._lagging &= self._tracks.keys()
+
+    def _held(self, now: Snapshot) -> int | None:
+        if now.lag is not None:
+            self._lagging.add(now.route)
+        return now.lag if now.route in self._lagging else now.in_flight + now.spooled
 
     def recent(self, route: str) -> RouteStatistics:
         """A route in the last seconds: rates of five, percentiles of sixty."""
@@ -95,7 +104,7 @@ class History:
             waited=min(1.0, _gain(last.waited_s, then.measures.waited_s) / passed_s),
         )
 
-    def spark(self, route: str) -> list[tuple[int, int, int]]:
+    def spark(self, route: str) -> list[tuple[int, int, int | None]]:
         """The last ten minutes in steps of five seconds: when, mean rate, most held."""
         with self._lock:
             track = self._tracks.get(route)
@@ -104,12 +113,16 @@ class History:
         for point in points:
             buckets.setdefault(int(point.time_s) // BUCKET_S * BUCKET_S, []).append(point)
         return [
-            (at, round(sum(p.rate for p in found) / len(found)), max(p.held for p in found))
+            (at, round(sum(p.rate for p in found) / len(found)), _most(p.held for p in found))
             for at, found in buckets.items()
         ]
 
 
-def _extend(track: _Track, time_s: float, snapshot: Snapshot) -> None:
+def _most(held: Iterable[int | None]) -> int | None:
+    return max((it for it in held if it is not None), default=None)
+
+
+def _extend(track: _Track, time_s: float, snapshot: Snapshot, held: int | None) -> None:
     rate = 0.0
     if track.snapshots and time_s <= track.snapshots[-1][0]:
         # The clock was set back: nothing from before can be compared with what comes.
@@ -118,7 +131,6 @@ def _extend(track: _Track, time_s: float, snapshot: Snapshot) -> None:
     if track.snapshots:
         then_s, then = track.snapshots[-1]
         rate = _gain(snapshot.confirmed, then.confirmed) / max(time_s - then_s, 0.1)
-    held = snapshot.in_flight + snapshot.spooled if snapshot.lag is None else snapshot.lag
     track.points.append(Point(time_s, rate, held))
     track.snapshots.append((time_s, snapshot))
     while time_s - track.snapshots[0][0] > _WINDOW_S:

@@ -9,7 +9,7 @@ import { drawErrors, drawSystem } from './panels.js';
 import { Routes } from './routes.js';
 import { get, listen } from './server.js';
 import { History } from './spark.js';
-import { count, span } from './words.js';
+import { count, reading, span } from './words.js';
 
 const VIEWS = ['routes', 'graph', 'letters', 'errors', 'system'];
 
@@ -31,7 +31,7 @@ listen((changed) => {
   connected = true;
   Object.assign(view, changed);
   if (changed.bridge) offsetS = changed.bridge.now_s - Date.now() / 1000;
-  if (changed.routes) history.add(view.bridge.now_s, view.routes);
+  if (changed.routes) history.add(view.bridge.now_s, view.routes, reading(view.about));
   draw();
 }, async () => {
   try {

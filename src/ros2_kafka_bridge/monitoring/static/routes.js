@@ -2,7 +2,7 @@
 
 import { $, h, keyed, setAttr, setText, show } from './dom.js';
 import { drawSpark, spark } from './spark.js';
-import { ORDER, TONES, arrow, bytes, clock, count, counted, rate, seconds } from './words.js';
+import { ORDER, TONES, arrow, bytes, clock, count, counted, rate, reading, seconds } from './words.js';
 
 const RECENT_S = 120;
 // Each ends with its one message: no route waits because of them.
@@ -206,12 +206,12 @@ function drawTiles({ routes, about, letters, broker }) {
 
 // A lag that is not known, while Kafka is away for instance, is not none.
 function lagWords(routes, about) {
-  const from = new Set(about.filter((it) => it.direction === 'kafka_to_ros').map((it) => it.name));
-  const reading = routes.filter((it) => from.has(it.name));
-  const known = reading.filter((it) => it.lag !== null);
-  if (!known.length) return ['–', reading.length ? 'not known' : 'no route reads Kafka'];
+  const names = reading(about);
+  const lagging = routes.filter((it) => names.has(it.name));
+  const known = lagging.filter((it) => it.lag !== null);
+  if (!known.length) return ['–', lagging.length ? 'not known' : 'no route reads Kafka'];
   const most = known.reduce((worst, it) => (it.lag > worst.lag ? it : worst));
-  const rest = reading.length - known.length;
+  const rest = lagging.length - known.length;
   const note = [most.lag ? `most: ${most.name}` : 'records behind', rest ? `${counted(rest, 'route')} not known` : ''];
   return [count(known.reduce((total, it) => total + it.lag, 0)), note.filter(Boolean).join('; ')];
 }

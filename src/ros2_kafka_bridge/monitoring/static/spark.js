@@ -25,19 +25,20 @@ export class History {
   }
 
   // One report: the rate goes into the mean of its step, what is held into the most of it.
-  add(nowS, routes) {
+  // What a route of `reading` held is not known where its lag is not.
+  add(nowS, routes, reading) {
     const at = Math.floor(nowS / this.step) * this.step;
     this.last = at;
     const known = new Set();
     for (const route of routes) {
       known.add(route.name);
-      const held = route.lag ?? route.in_flight + route.spooled;
+      const held = route.lag ?? (reading.has(route.name) ? null : route.in_flight + route.spooled);
       const points = this.routes.get(route.name) ?? [];
       const newest = points.at(-1);
       if (newest && newest[0] === at) {
         newest[3] += 1;
         newest[RATE] += (route.rate - newest[RATE]) / newest[3];
-        newest[HELD] = Math.max(newest[HELD], held);
+        if (held !== null) newest[HELD] = Math.max(newest[HELD] ?? 0, held);
       } else {
         points.push([at, route.rate, held, 1]);
       }
@@ -49,7 +50,7 @@ export class History {
 
   // [seconds ago, value] of a route, and the largest value.
   series(name, which) {
-    const points = (this.routes.get(name) ?? []).map((p) => [p[0] - this.last, p[which]]);
+    const points = (this.routes.get(name) ?? []).map((p) => [p[0] - this.last, p[which]]).filter((p) => p[1] !== null);
     return { points, most: Math.max(0, ...points.map((p) => p[1])) };
   }
 

@@ -51,4 +51,5 @@ export const OUTCOMES = {
   confirmed: 'confirmed', dead_lettered: 'dead-lettered', dropped: 'dropped', skipped: 'skipped (own records)',
   returned: 'returned at a rebalance', lost: 'lost on a damaged disk', given_up: 'given up at a take-over',
 };
+export const reading = (about) => new Set(about.filter((it) => it.direction === 'kafka_to_ros').map((it) => it.name));
 export const arrow = (about) => (about ? `${about.source} → ${about.sink}` : '');
