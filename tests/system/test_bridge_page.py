@@ -101,6 +101,7 @@ def test_the_keyboard_is_enough(browser: Browser, stage: Stage) -> None:
         page.keyboard.press('5')
         expect(page.locator('#view-system')).to_be_visible()
         page.keyboard.press('1')
+        expect(page.locator('#view-routes')).to_be_visible()
         page.focus('#routes tbody tr:first-child .link')
         page.keyboard.press('Enter')
         drawer = page.locator('#drawer')
