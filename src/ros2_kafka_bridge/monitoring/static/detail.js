@@ -103,7 +103,7 @@ export class Detail {
         ['DDS endpoints that match', count(route.matched)],
         ['that do not match', count(route.mismatched)],
         ['rebalances', about?.direction === 'kafka_to_ros' ? count(route.rebalances) : null],
-        ['worker', count(route.worker)],
+        ['worker', route.worker ? count(route.worker) : null],
         ['numbers are', `${seconds(Math.max(0.1, route.age_s))} old`],
       ],
       Settings: about ? [
