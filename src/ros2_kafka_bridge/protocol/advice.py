@@ -9,8 +9,8 @@ _FINAL: Final = 'It is not tried again: mend what the reason names, then reload 
 _ADVICE: Final = {
     State.STARTING: 'Wait: it begins once Kafka and ROS have answered.',
     State.RUNNING: '',
-    State.STOPPED: 'It ends with the bridge, which stops or is not active, or was taken out of the '
-    'configuration.',
+    State.STOPPED: 'It ends with the bridge, which stops or is not active, or was taken out of '
+    'the configuration.',
 }
 _TO_ROS: Final = {
     State.WAITING: 'Nothing is lost: it goes on by itself once that has ended.',
