@@ -11,18 +11,33 @@ import select
 import sys
 import threading
 from collections import deque
-from typing import Final
+from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.logs.text import count
 
 STDERR: Final = 2
+THREAD: Final = 'log'
 _PATIENCE_S: Final = 0.2
-_LAST_S: Final = 1.0
+_LAST_S: Final = 3.0
 _MOST_BYTES: Final = 1024 * 1024
+
+
+class _Line(NamedTuple):
+    """A line that waits to be written.
+
+    Args:
+        data: With its end.
+        left_out: How many before it were.
+    """
+
+    data: bytes
+    left_out: int
 
 
 class LogHandler(logging.Handler):
     """Writes lines in their order; of those that nobody reads it keeps a number of bytes.
+
+    Any thread may use it, also one that logs in the middle of it, as a garbage collection may.
 
     Args:
         descriptor: Where to write.
@@ -35,46 +50,57 @@ class LogHandler(logging.Handler):
         self._descriptor = descriptor
         self._most_bytes = most_bytes
         self._encoding = getattr(sys.stderr, 'encoding', None) or 'utf-8'
-        self._lines: deque[bytes] = deque()
+        self._lines: deque[_Line] = deque()
         self._bytes = 0
         self._left_out = 0
         self._is_stuck = self._is_started = False
         self._changed = threading.Condition()
 
+    def createLock(self) -> None:  # noqa: N802 (logging's name)
+        """Have no lock of its own: who waits for a line to be out would hold it."""
+        self.lock = None
+
+    def handle(self, record: logging.LogRecord) -> bool:
+        """Write a record, unless a filter is against it."""
+        passed = self.filter(record)
+        if passed:
+            self.emit(record)
+        return bool(passed)
+
     def emit(self, record: logging.LogRecord) -> None:
         """Have a line written; returns when it is out, or when that takes too long."""
         try:
-            line = self._encoded(record)
+            data = self._encoded(record)
             with self._changed:
-                self._add(line)
+                self._add(data)
                 if not self._is_stuck:
                     self._is_stuck = not self._changed.wait_for(self._is_out, _PATIENCE_S)
         except Exception:  # noqa: BLE001 (as in every handler: a line of the log ends nothing)
             self.handleError(record)
 
     def flush(self) -> None:
-        """Wait until all is written, as long as some of it is read."""
+        """Wait until all is written, or that takes too long; what was left out is told."""
         with self._changed:
-            left = None
-            while self._lines and len(self._lines) != left:
-                left = len(self._lines)
-                self._changed.wait_for(lambda: len(self._lines) != left, _LAST_S)  # noqa: B023 (called at once)
+            if self._left_out:
+                self._append(b'')
+            self._changed.wait_for(self._is_out, _LAST_S)
 
     def _encoded(self, record: logging.LogRecord) -> bytes:
         return f'{self.format(record)}\n'.encode(self._encoding, 'backslashreplace')
 
-    def _add(self, line: bytes) -> None:
-        if self._lines and self._bytes + len(line) > self._most_bytes:
+    def _add(self, data: bytes) -> None:
+        if self._lines and self._bytes + len(data) > self._most_bytes:
             self._left_out += 1
-            return
-        if self._left_out:
-            line = self._encoded(_note(self._left_out)) + line
-            self._left_out = 0
-        self._lines.append(line)
-        self._bytes += len(line)
+        else:
+            self._append(data)
+
+    def _append(self, data: bytes) -> None:
         if not self._is_started:
-            threading.Thread(target=self._write_all, name='log', daemon=True).start()
+            threading.Thread(target=self._write_all, name=THREAD, daemon=True).start()
             self._is_started = True
+        self._lines.append(_Line(data, self._left_out))
+        self._bytes += len(data)
+        self._left_out = 0
         self._changed.notify_all()
 
     def _is_out(self) -> bool:
@@ -87,10 +113,12 @@ class LogHandler(logging.Handler):
             with self._changed:
                 self._changed.wait_for(lambda: self._lines)
                 line = self._lines[0]
-            is_written = _write(self._descriptor, line)
+            before = self._encoded(_note(line.left_out)) if line.left_out else b''
+            is_written = _write(self._descriptor, before + line.data)
             with self._changed:
-                self._left_out += not is_written
-                self._bytes -= len(self._lines.popleft())
+                if not is_written:
+                    self._left_out += line.left_out + bool(line.data)
+                self._bytes -= len(self._lines.popleft().data)
                 self._is_stuck = self._is_stuck and bool(self._lines)
                 self._changed.notify_all()
 
@@ -102,13 +130,13 @@ def _write(descriptor: int, line: bytes) -> bool:
         try:
             line = line[os.write(descriptor, line) :]
         except BlockingIOError:  # another program has set this for all who share it
-            select.select([], [descriptor], [], _LAST_S)
+            select.select([], [descriptor], [], 1.0)
         except OSError:  # the reader has gone, or the disk is full
             return False
     return True
 
 
 def _note(left_out: int) -> logging.LogRecord:
-    text = f'{count(left_out, "line")} of this log left out here: nobody read it in time'
+    text = f'{count(left_out, "line")} of this log left out here: it could not be written'
     name = 'ros2_kafka_bridge'
     return logging.LogRecord(name, logging.WARNING, __file__, 0, text, None, None)

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.logs import lines as logs
+from ros2_kafka_bridge.logs.handler import THREAD
 from ros2_kafka_bridge.monitoring.state import Watch
 from ros2_kafka_bridge.threads.stop import SIGNALS, Stop
 
@@ -156,7 +157,7 @@ class _Process:
         deadline_s = time.monotonic() + _CLOSING_S
         for thread in self._threads:
             thread.join(max(0.0, deadline_s - time.monotonic()))
-        if threading.active_count() > 1:
+        if any(thread.name not in {'MainThread', THREAD} for thread in threading.enumerate()):
             # One that still asks Kafka or ROS would meet an interpreter that is being taken down.
             logging.shutdown()
             os._exit(int(self._failed))

@@ -5,6 +5,7 @@ import logging
 import os
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Final
 
 import pytest
@@ -84,19 +85,29 @@ def test_a_log_that_nobody_reads_holds_nobody_up_and_is_told_later(pipe: Pipe) -
     thread.join(30)
     assert not thread.is_alive(), 'who logs waits for nobody'
     pipe.handler.flush()  # nor does the end of the process
-    _, *lines = pipe.read_until(lambda text: text.endswith(lines_of(said, 1000)))
-    kept = len(lines)
-    assert lines == said[:kept], 'the first ones, in their order'
+    _, *lines, note = pipe.read_until(lambda text: text.endswith('written\n'))
+    assert lines == said[: len(lines)], 'the first ones, in their order'
+    left_out = 500 - len(lines)
+    assert note == f'{left_out} lines of this log left out here: it could not be written'
     pipe.say('read again')
-    note, last = pipe.read_until(lambda text: text.endswith('read again\n'))
-    assert note == f'{500 - kept} lines of this log left out here: nobody read it in time'
-    assert last == 'read again'
+    assert pipe.read_until(lambda text: text.endswith('\n')) == ['read again']
 
 
-def lines_of(said: list[str], most_bytes: int) -> str:
-    """As many lines as there is room for."""
-    text = ''.join(f'{line}\n' for line in said)
-    return text[: text.rindex('\n', 0, most_bytes) + 1]
+def test_what_a_full_disk_did_not_take_is_counted(tmp_path: Path) -> None:
+    descriptor = os.open('/dev/full', os.O_WRONLY)
+    pipe = Pipe()
+    handler, pipe.handler = pipe.handler, LogHandler(descriptor)
+    pipe.say(*(f'line {number}' for number in range(10)))
+    with (tmp_path / 'log').open('wb') as room:
+        os.dup2(room.fileno(), descriptor)
+    pipe.say('room again')
+    assert (tmp_path / 'log').read_text().splitlines() == [
+        '10 lines of this log left out here: it could not be written',
+        'room again',
+    ]
+    handler.flush()
+    for one in (descriptor, pipe.read_end, pipe.write_end):
+        os.close(one)
 
 
 @pytest.mark.usefixtures('_no_patience')
