@@ -107,6 +107,7 @@ class Lane:
     def end_term(self) -> None:
         """Forget what has run the route, but for what it has counted."""
         self._work = self._work.given_up()
+        self._life = self._life._replace(retries=False)
 
     def begin(self) -> None:
         """Note that a try begins: to run it, or to have its turn."""
@@ -263,9 +264,11 @@ class Lane:
             total = total._replace(beat_s=0.0)
         if total.state is State.STARTING and work.direction is None and self.paused:
             return total._replace(state=State.PAUSED, reason=self.pause.reason)
-        if total.state is State.STOPPED and not self.stop.asked and life.past.failure is not None:
+        failure = life.past.failure
+        is_tried = total.state is State.STOPPED and life.retries and not self.stop.asked
+        if is_tried and failure is not None:
             # What runs it has told nothing yet since that has ended it.
-            reason = f'{life.past.failure.text}; tried again now'
+            reason = f'{failure.text}; tried again now'
             return _at_rest(total)._replace(state=State.FAILED, reason=reason)
         if total.state is State.WAITING:
             return total._replace(reason=total.reason + life.past.says(total.confirmed))

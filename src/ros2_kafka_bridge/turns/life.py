@@ -163,14 +163,14 @@ class Life(NamedTuple):
         past: What its failures so far say.
         began_s: When the last try began.
         drains: Whether a stop was asked for by then: there is none after this one.
-        has_heard: Whether Kafka has ever told which bridge runs it.
+        retries: Whether what runs it has failed in this term.
     """
 
     stage: Stage = Running()
     past: Past = Past()
     began_s: float = 0.0
     drains: bool = False
-    has_heard: bool = False
+    retries: bool = False
 
     # What is asked
 
@@ -208,8 +208,7 @@ class Life(NamedTuple):
         """What is said of it; None where that is for what runs the route to say."""
         match self.stage:
             case AwaitingTurn(away=away):
-                state = State.WAITING if self.has_heard else State.STARTING
-                return Shown(state, away or _JOINS)
+                return Shown(State.WAITING, away or _JOINS)
             case StandingBy(failure=None, owed=owed):
                 return Shown(State.WAITING, _stands_by(owed))
             case AwaitingSpool(holder=holder):
@@ -250,7 +249,7 @@ class Life(NamedTuple):
             stage = FailedForGood(failure)
         else:
             stage = Failed(failure, self.owed, self._wait_after(failure))
-        return self._after(failure, now_s, confirmed)._replace(stage=stage)
+        return self._after(failure, now_s, confirmed)._replace(stage=stage, retries=True)
 
     def _wait_after(self, failure: Failure) -> SpoolWait:
         return self.wait if failure.holder is None else self.wait._replace(since_s=None)
@@ -286,8 +285,7 @@ class Life(NamedTuple):
             stage = AwaitingTurn(away, self.owed)
         else:  # until Kafka has told, that is what is known
             stage = Failed(failure, self.owed, SpoolWait())
-        heard = self.has_heard or isinstance(stage, StandingBy)
-        return self._replace(stage=stage, has_heard=heard)
+        return self._replace(stage=stage)
 
     def owing(self, owed: Owed) -> Self:
         """It stands by, and has looked for what it has on disk."""
@@ -307,7 +305,7 @@ class Life(NamedTuple):
         failure = self.failure
         stage = Running() if failure is None else Failed(failure, Owed(), SpoolWait())
         past = self.past._replace(since_s=None)
-        return self._replace(stage=stage, past=past, has_heard=True)
+        return self._replace(stage=stage, past=past, retries=False)
 
     def without_spool(self, in_use: SpoolInUseError, now_s: float) -> Self:
         """Another process has its spool still."""

@@ -3,7 +3,7 @@
 from typing import NamedTuple, Self
 
 from ros2_kafka_bridge.errors import BridgeError
-from ros2_kafka_bridge.route.counters import Counters, Snapshot
+from ros2_kafka_bridge.route.counters import Counters, Snapshot, State
 from ros2_kafka_bridge.route.measuring import Troubles
 from ros2_kafka_bridge.wiring import Direction
 
@@ -58,8 +58,9 @@ def _sum(before: Snapshot, now: Snapshot) -> Snapshot:
 def _given_up(total: Snapshot) -> Snapshot:
     """Count as given up what was in flight."""
     return total._replace(
-        given_up=total.given_up + total.in_flight, in_flight=0, measures=total.measures.sums
-    )
+        state=State.STARTING, reason='', measures=total.measures.sums,
+        given_up=total.given_up + total.in_flight, in_flight=0,
+    )  # fmt: skip
 
 
 def _without_spooled(before: Snapshot) -> Snapshot:

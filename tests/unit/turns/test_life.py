@@ -40,8 +40,8 @@ NOTHING, LATER = Owed(), Owed(1060.0, Failure('disk full'))
 SAID = Failure('Kafka is away')
 STAGES: list[tuple[Stage, Shown | None]] = [
     (Running(), None),
-    (AwaitingTurn('', NOTHING), Shown(State.STARTING, 'asks Kafka which bridge runs this route')),
-    (AwaitingTurn('no broker', LATER), Shown(State.STARTING, 'no broker')),
+    (AwaitingTurn('', NOTHING), Shown(State.WAITING, 'asks Kafka which bridge runs this route')),
+    (AwaitingTurn('no broker', LATER), Shown(State.WAITING, 'no broker')),
     (StandingBy(NOTHING), Shown(State.WAITING, STANDS_BY)),
     (
         StandingBy(LATER),
@@ -80,15 +80,6 @@ def fail(
 @pytest.mark.parametrize(('stage', 'shown'), STAGES, ids=name_of)
 def test_what_is_shown_follows_from_the_stage(stage: Stage, shown: Shown | None) -> None:
     assert Life(stage).shown == shown
-
-
-def test_a_route_begins_until_kafka_has_told_once_which_bridge_runs_it() -> None:
-    began = Life().heard(joined=False, away='no broker')
-    told = began.heard(joined=True, away='')
-    later = told.heard(joined=True, away='no broker')
-    in_turn = began.in_turn().heard(joined=False, away='no broker')
-    states = [it.shown.state for it in (began, told, later, in_turn) if it.shown]
-    assert states == [State.STARTING, State.WAITING, State.WAITING, State.WAITING]
 
 
 def test_a_failure_is_kept_in_words() -> None:

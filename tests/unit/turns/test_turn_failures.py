@@ -126,6 +126,27 @@ def test_a_route_that_is_tried_again_is_one_that_has_failed_until_it_tells_more(
     assert seen == [(State.STOPPED, '', False), failed, failed, (State.STOPPED, '', False)]
 
 
+def test_what_failed_in_an_earlier_term_is_not_shown_as_tried_again() -> None:
+    house = House(MemoryLock('ours no ours'))
+    seen: list[State] = []
+    tries: list[int] = []
+
+    def fail_once_then_wait(stop: Stop) -> None:
+        tries.append(1)
+        if len(tries) < 2:
+            fail(stop)
+        until_asked(stop)
+
+    def look(_: Stop) -> None:
+        house.lane.use(None)  # as while it is made
+        seen.append(house.snapshot.state)
+        house.lane.stop.ask()
+
+    house.directions = [MemoryDirection(1, fail_once_then_wait), MemoryDirection(1, look)]
+    house.run()
+    assert seen == [State.STARTING]
+
+
 def test_a_route_that_fails_stays_where_no_other_bridge_stands_by(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
