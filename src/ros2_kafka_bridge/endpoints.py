@@ -145,6 +145,11 @@ class KafkaEnd(Protocol):
         """Whether Kafka has ever answered."""
         ...
 
+    @property
+    def answers(self) -> bool:
+        """Whether it does now, though it may let nothing be read or produced."""
+        ...
+
 
 class RecordSource(KafkaEnd, Protocol):
     """The records of one topic, read as a member of a group.

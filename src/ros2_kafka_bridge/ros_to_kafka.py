@@ -308,7 +308,7 @@ class RosToKafka:
         self._show(self._spooling.full or reason)
 
     def _show(self, reason: str) -> None:
-        self._telling.tell(reason, self._sink, self._pause)
+        self._telling.tell(reason, self._sink, self._pause, begun=self._spooling.exists)
         self._take_snapshot()
 
     def _take_snapshot(self) -> None:

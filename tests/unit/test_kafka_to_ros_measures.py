@@ -110,8 +110,13 @@ def test_a_dead_letter_topic_that_cannot_be_written_is_an_error() -> None:
 def test_a_route_begins_until_kafka_has_answered_and_is_up_while_it_does() -> None:
     house = House()
     seen: list[tuple[State, str, bool | None]] = []
-    for reached, away in ((False, 'no broker'), (True, ''), (True, 'no broker')):
-        house.source.reached, house.source.away = reached, away
+    for reached, answers, away in (
+        (False, False, 'no broker'),
+        (True, True, ''),
+        (True, False, 'no broker'),
+        (True, True, 'not let into the group'),
+    ):
+        house.source.reached, house.source.answers, house.source.away = reached, answers, away
         house.direction._show(away)
         snapshot = house.direction.snapshot
         seen.append((snapshot.state, snapshot.reason, snapshot.measures.kafka_up))
@@ -119,6 +124,7 @@ def test_a_route_begins_until_kafka_has_answered_and_is_up_while_it_does() -> No
         (State.STARTING, 'no broker', False),
         (State.RUNNING, '', True),
         (State.WAITING, 'no broker', False),
+        (State.WAITING, 'not let into the group', True),
     ]
 
 

@@ -207,7 +207,7 @@ def test_a_route_with_nothing_to_send_tells_whether_kafka_was_and_is_there() -> 
     house = House()
     seen: list[tuple[State, str, bool | None]] = []
     for reached, away in ((False, ''), (False, 'no broker'), (True, ''), (True, 'no broker')):
-        house.sink.reached, house.sink.away = reached, away
+        house.sink.reached, house.sink.away, house.sink.answers = reached, away, not away
         house.direction._telling._at_s = 0.0
         house.steps(1)
         snapshot = house.direction.snapshot

@@ -11,7 +11,7 @@ from ros2_kafka_bridge.kafka.errors import Client, Problem, explain, translate
 from ros2_kafka_bridge.kafka.statistics import Statistics
 
 _TOLD_AGAIN_S: Final = 60.0
-_BLIP_S: Final = 1.0  # a connection that is made anew looks as if no broker answered
+BLIP_S: Final = 1.0  # a connection that is made anew looks as if no broker answered
 _WITHOUT_S: Final = 1.0  # it knows none for a moment, too, before it tries bootstrap.servers again
 BROKERS_LOST: Final = 'the Kafka client has forgotten all brokers: begins anew with another'
 
@@ -46,6 +46,11 @@ class ClientHealth:
         self.is_connected = False  # to a broker, at the last report
         self.reached = False  # any broker, by any of its clients
         self.away = ''
+
+    @property
+    def away_for_s(self) -> float:
+        """For how long Kafka has been away; 0 where it is not."""
+        return time.monotonic() - self._away_since_s if self.away else 0.0
 
     def on_open(self) -> None:
         """Forget what the client before has said: this one speaks for itself."""
@@ -109,12 +114,16 @@ class ClientHealth:
         """Forget what had made the client useless: it is of use again."""
         self._failure = None
 
-    def raise_failure(self) -> None:
-        """Raise what made the client useless, if anything did, or say that Kafka is away."""
+    def raise_failure(self, blip_s: float = BLIP_S) -> None:
+        """Raise what made the client useless, if anything did, or say that Kafka is away.
+
+        Args:
+            blip_s: How long it has to be before that is said.
+        """
         failure, self._failure = self._failure, None
         if failure is not None:
             raise translate(failure, self._where, self._client)
-        if self.away not in {'', self._said} and self._due():
+        if self.away not in {'', self._said} and self._due(blip_s):
             self._said = self.away
             self._log.warning('%s; trying again until it is back', self.away)
 
@@ -123,14 +132,14 @@ class ClientHealth:
         known = self._cause if self.away else None
         return known is None or (problem.names_cause and not known.names_cause)
 
-    def _due(self) -> bool:
+    def _due(self, blip_s: float) -> bool:
         """Whether to say that Kafka is away: once a minute where the cause is the same.
 
         While an old token holds, records go on between two requests for a new one that fail.
         """
         now_s = time.monotonic()
         if self._cause is None or not self._cause.names_cause:
-            return now_s - self._away_since_s >= _BLIP_S
+            return now_s - self._away_since_s >= blip_s
         due = now_s - self._told.get(self.away, -_TOLD_AGAIN_S) >= _TOLD_AGAIN_S
         if due:
             self._told[self.away] = now_s

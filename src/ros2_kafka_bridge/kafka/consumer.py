@@ -81,6 +81,11 @@ class KafkaSource:
         """Whether Kafka has ever answered."""
         return self._health.reached
 
+    @property
+    def answers(self) -> bool:
+        """Whether it does now, though it may not let this bridge into its group."""
+        return not self._health.away and self._member.is_answered
+
     def open(self, rebalance: Rebalance) -> None:
         """Join the group.
 

@@ -33,6 +33,7 @@ _REQUEST_S: Final = 10.0
 _LEAVE_S: Final = 2.0
 _LOOK_EVERY_S: Final = 2.0
 _LOOK_S: Final = 0.5
+_LONG_LOOK_S: Final = 1.0  # what is not there is said of Kafka
 _CLOSE_S: Final = 5.0
 _AT_ONCE_S: Final = 30.0  # one more client sooner is left to the route, which waits between two
 _SHUT_OUT_WORDS: Final = 'Static consumer fenced'  # librdkafka's, whatever the code
@@ -95,6 +96,11 @@ class Member:
     def is_in_group(self) -> bool:
         """Whether it knows which partitions it has."""
         return not self._watchdog.joins
+
+    @property
+    def is_answered(self) -> bool:
+        """Whether Kafka answers, as far as that was asked while it waits for its place."""
+        return self._watchdog.is_there is not False
 
     @property
     def is_paused(self) -> bool:
@@ -322,10 +328,10 @@ class Member:
         Whoever waits for the group asks, too: one that stands still looks as if it were there.
         """
         now_s = time.monotonic()
-        if (self._health.away or self._watchdog.reason) and now_s >= self._look_at_s:
+        if (self._health.away or self._watchdog.joins_for_long) and now_s >= self._look_at_s:
             self._look_at_s = now_s + _LOOK_EVERY_S
-            answers = self._health.ask(self.client, self._topic, _LOOK_S)
-            self._watchdog.note_whether_there(answers=answers)
+            within_s = _LOOK_S if self._health.away else _LONG_LOOK_S
+            self._watchdog.is_there = self._health.ask(self.client, self._topic, within_s)
 
     def _look_whether_useless(self) -> None:
         """Look at a client from which nothing comes; one that is given up says what it did."""

@@ -15,7 +15,7 @@ from ros2_kafka_bridge.errors import (
     RouteError,
     TransportError,
 )
-from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth
+from ros2_kafka_bridge.kafka.client_health import BLIP_S, BROKERS_LOST, ClientHealth
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.properties import LINGER_MS
 from ros2_kafka_bridge.kafka.statistics import read, with_statistics
@@ -26,6 +26,7 @@ _LARGEST_BYTES = 1_000_000  # librdkafka's default, of a batch and of a message
 _QUEUE = 'queue.buffering.max.messages'
 _LARGEST_QUEUE = 100_000  # librdkafka's default
 _PASSED_OVER = 'Kafka may have taken a later record as the first of a partition: written again'
+_IDLE_BLIP_S = 5.0  # beyond two reports of the client, where nothing else tells
 _HURRY_S = 0.001  # nothing is hurried by a flush that is over before the client's thread wakes
 
 
@@ -66,12 +67,19 @@ class KafkaSink(Generic[Token]):
     @property
     def away(self) -> str:
         """Why nothing can be produced just now; empty when all is well."""
-        return self._health.away
+        # A connection that is made anew is told of late where nothing is sent.
+        is_seen = self.load.queued or self._health.away_for_s > _IDLE_BLIP_S
+        return self._health.away if is_seen else ''
 
     @property
     def reached(self) -> bool:
         """Whether Kafka has ever answered."""
         return self._health.reached
+
+    @property
+    def answers(self) -> bool:
+        """Whether it does now."""
+        return not self.away
 
     @property
     def load(self) -> Load:
@@ -136,7 +144,7 @@ class KafkaSink(Generic[Token]):
         reports = Reports(self._confirmed, self._failed)
         self._confirmed, self._failed = [], []
         if not reports.confirmed and not reports.failed:
-            self._health.raise_failure()
+            self._health.raise_failure(BLIP_S if self.load.queued else _IDLE_BLIP_S)
             if self._health.has_lost_brokers:
                 raise RouteError(f'{self._where}: {BROKERS_LOST}')
         return reports

@@ -7,6 +7,7 @@ import msgspec
 
 _INTERVAL: Final = 'statistics.interval.ms'
 _INTERVAL_MS: Final = 2000
+_BEHIND_NAMES: Final = '"type"'
 _S_PER_US: Final = 1e-6
 _CONNECTED: Final = 'UP'
 _BROKERS: Final = frozenset({'configured', 'learned'})  # others are librdkafka's own helpers
@@ -49,15 +50,18 @@ _DECODER: Final = msgspec.json.Decoder(_Told)
 
 
 def with_statistics(properties: Mapping[str, Any]) -> dict[str, Any]:
-    """Properties of a client that tells its statistics, as often as the user wants them."""
-    return {**properties, _INTERVAL: int(properties.get(_INTERVAL, 0)) or _INTERVAL_MS}
+    """Properties of a client that tells its statistics, often enough to know whether it lives."""
+    wanted_ms = int(properties.get(_INTERVAL, 0)) or _INTERVAL_MS
+    return {**properties, _INTERVAL: min(wanted_ms, _INTERVAL_MS)}
 
 
 def read(text: str) -> Statistics:
     """Read what librdkafka calls back with (its STATISTICS.md)."""
+    # It begins with the client.id, whose quotes librdkafka does not escape.
+    rest = max(0, text.find(_BEHIND_NAMES))
     try:
-        brokers = _DECODER.decode(text).brokers.values()
-    except msgspec.DecodeError:  # a client.id with a quote, which librdkafka does not escape
+        brokers = _DECODER.decode(f'{{{text[rest:]}' if rest else text).brokers.values()
+    except msgspec.DecodeError:
         return Statistics(None, knows_brokers=True, is_connected=False)
     asked = [broker.rtt for broker in brokers if broker.rtt.cnt]
     round_trip_s = None

@@ -32,7 +32,7 @@ class Watchdog:
         self._look_s = fetch_s + _ANSWER_S
         self._outside_since_s: float | None = None  # without a place in the group that it had
         self._joins_since_s: float | None = None  # while Kafka was there
-        self._is_there = False  # it has answered since, when it was asked last
+        self.is_there: bool | None = None  # it has answered; None: it was not asked since
         self._behind: dict[
             int, int
         ] = {}  # how far those were read that hold more, at the last look
@@ -41,7 +41,7 @@ class Watchdog:
     def begin(self) -> None:
         """Note that there is a new client."""
         self._outside_since_s = None
-        self._is_there = False
+        self.is_there = None
         self._joins_since_s = time.monotonic()
         self._behind = {}
         self._stuck_look_at_s = time.monotonic() + _STUCK_LOOK_S
@@ -49,14 +49,15 @@ class Watchdog:
     @property
     def reason(self) -> str:
         """Why nothing is read though Kafka seems there; empty while that needs no reason."""
-        since_s = self._joins_since_s
-        if since_s is None or time.monotonic() - since_s < _JOINING_S:
+        if not self.joins_for_long or self.is_there is None:
             return ''
-        return _NOT_LET_IN if self._is_there else _NO_ANSWER
+        return _NOT_LET_IN if self.is_there else _NO_ANSWER
 
-    def note_whether_there(self, *, answers: bool) -> None:
-        """Note whether Kafka has answered just now."""
-        self._is_there = answers
+    @property
+    def joins_for_long(self) -> bool:
+        """Whether the client waits for its place longer than an election takes."""
+        since_s = self._joins_since_s
+        return since_s is not None and time.monotonic() - since_s >= _JOINING_S
 
     @property
     def joins(self) -> bool:
@@ -70,12 +71,12 @@ class Watchdog:
 
     def on_assign(self) -> None:
         """Note that the client is in its group."""
-        self._outside_since_s = self._joins_since_s = None
+        self._outside_since_s = self._joins_since_s = self.is_there = None
 
     def on_lost(self) -> None:
         """Note that the client has lost its partitions."""
         self._outside_since_s = self._joins_since_s = time.monotonic()
-        self._is_there = False
+        self.is_there = None
 
     def look_whether_outside(self, away: str) -> None:
         """Give up a client that does not find back into its group.

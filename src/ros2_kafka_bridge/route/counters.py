@@ -227,16 +227,16 @@ class Counters:
         """Count `count` records or messages that ended in `outcome`."""
         self.ended[outcome] += count
 
-    def tell(self, failure: str, obstacle: str, pause: str = '', *, reached: bool = True) -> None:
+    def tell(self, failure: str, obstacle: str, pause: str = '', *, begun: bool = True) -> None:
         """Note what the route is doing: it has failed, pauses, waits, or, all empty, it runs.
 
-        It only begins until Kafka is `reached`.
+        Until it has `begun` it only starts.
         """
         if failure:
             self.state = State.FAILED
         elif pause:
             self.state = State.PAUSED
-        elif not reached:
+        elif not begun:
             self.state = State.STARTING
         else:
             self.state = State.WAITING if obstacle else State.RUNNING

@@ -104,9 +104,8 @@ class Meter:
         self.kafka_up: bool | None = None
         self._away = ''
 
-    def look(self, away: str, *, reached: bool = True) -> None:
+    def look(self, away: str) -> None:
         """Note that the other side is away, once until it is back."""
-        self.kafka_up = reached and not away
         if away and away != self._away:
             self.troubles.note_away(away, is_new=not self._away)
         self._away = away

@@ -32,19 +32,22 @@ class Telling:
         """Whether it is time: a second after the last time, or once a pause begins or ends."""
         return time.monotonic() >= self._at_s or self._paused != pause.asked
 
-    def tell(self, obstacle: str, kafka: KafkaEnd, pause: Pause) -> None:
+    def tell(self, obstacle: str, kafka: KafkaEnd, pause: Pause, *, begun: bool = False) -> None:
         """Note what the direction does.
 
         Args:
             obstacle: What it waits for; empty where it runs.
             kafka: The end of the route that is in Kafka.
             pause: Of the route.
+            begun: Whether it does its work though Kafka has never answered.
         """
         self._at_s = time.monotonic() + SNAPSHOT_S
         self._paused = pause.asked
         letters = self._dead_letters
         reason = pause.reason if self._paused else ''
-        self._counters.tell(letters.problem, obstacle, reason, reached=kafka.reached)
-        self._meter.look(kafka.away, reached=kafka.reached)
+        begun = begun or kafka.reached
+        self._counters.tell(letters.problem, obstacle, reason, begun=begun)
+        self._meter.kafka_up = kafka.reached and kafka.answers
+        self._meter.look(kafka.away)
         if (error := letters.take_error()) is not None:
             self._meter.troubles.note(error, f'dead-letter topic {letters.topic}')

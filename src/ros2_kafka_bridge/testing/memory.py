@@ -71,6 +71,7 @@ class MemoryRecordSource:
     committed: dict[int, int] = field(default_factory=dict)
     away: str = ''
     reached: bool = True
+    answers: bool = True
     lost_upstream: int = 0
     ends: dict[int, int] = field(default_factory=dict)
     held: bool = False
@@ -166,6 +167,7 @@ class MemoryRecordSink(Generic[Token]):
     answering: bool = True
     away: str = ''
     reached: bool = True
+    answers: bool = True
     is_open: bool = False
     hurried: int = 0
     delivered_at_close: int = 0

@@ -214,6 +214,9 @@ def test_how_far_a_reader_is_behind_is_not_known_without_a_place_in_its_group(
     assert reads.lag() == 0, 'it has none of the partitions'
     watchdog.on_lost()
     assert reads.lag() is None
+    assert reads.answers, 'it was not asked'
+    watchdog.is_there = False
+    assert not reads.answers
 
 
 def test_an_error_that_names_no_partition_of_its_own_is_heeded(

@@ -43,7 +43,9 @@ def test_a_hurried_record_lingers_only_where_the_user_says_so(
         sink.close()
 
 
-def test_a_sink_that_sends_nothing_knows_whether_kafka_answers() -> None:
+def test_a_sink_that_sends_nothing_knows_whether_kafka_answers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     with EmbeddedBroker() as broker:
         config = {**OFTEN, 'bootstrap.servers': broker.bootstrap_servers}
         sink: KafkaSink[str] = KafkaSink(
@@ -52,13 +54,15 @@ def test_a_sink_that_sends_nothing_knows_whether_kafka_answers() -> None:
         assert not sink.reached
         sink.open()
         eventually(lambda: not sink.poll(0.01).confirmed and sink.reached, 30)
+        monkeypatch.setattr(producer, '_IDLE_BLIP_S', 0.0)
         sink._health.on_error(KafkaError(KafkaError._ALL_BROKERS_DOWN, '1/1 brokers are down'))
         assert 'Kafka is away' in sink.away
         eventually(lambda: not sink.poll(0.01).confirmed and not sink.away, 30)
         sink.close()
 
 
-def test_a_sink_that_never_finds_kafka_says_so() -> None:
+def test_a_sink_that_never_finds_kafka_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(producer, '_IDLE_BLIP_S', 0.5)
     config = {**OFTEN, 'bootstrap.servers': '127.0.0.1:9'}
     sink: KafkaSink[str] = KafkaSink(
         properties.producer_properties(config, client_id='test'), '', LOG

@@ -26,8 +26,17 @@ def test_brokers_are_known_where_one_may_be_connected_to(sources: str, known: in
     assert read(json.dumps({'brokers': brokers})).knows_brokers == bool(known)
 
 
-def test_statistics_come_as_often_as_the_user_wants_and_never_not_at_all() -> None:
+def test_a_name_with_quotes_hides_nothing() -> None:
+    told = '{ "name": "a"b#producer-1", "client_id": "a"b", "type": "producer", "brokers": %s}'
+    up = read(told % '{"x": {"source": "learned", "state": "UP"}}')
+    assert (up.is_connected, up.knows_brokers) == (True, True)
+    assert not read(told % '{}').knows_brokers
+    assert read('{ "name": "a"b"}').knows_brokers, 'what cannot be read says nothing bad'
+
+
+def test_statistics_come_often_enough_to_know_whether_a_client_lives() -> None:
     name = 'statistics.interval.ms'
     assert with_statistics({'a': 'b'}) == {'a': 'b', name: 2000}
     assert with_statistics({name: '500'})[name] == 500
+    assert with_statistics({name: 600_000})[name] == 2000
     assert with_statistics({name: 0})[name] == 2000

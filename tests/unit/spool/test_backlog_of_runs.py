@@ -5,7 +5,7 @@ from houses import Make, come_back, go_away
 
 from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import RecordTooLargeError, RouteError, TransportError
-from ros2_kafka_bridge.route.counters import Outcome
+from ros2_kafka_bridge.route.counters import Outcome, State
 
 
 def test_a_route_that_fails_and_runs_again_sends_nothing_twice(house: Make) -> None:
@@ -18,6 +18,16 @@ def test_a_route_that_fails_and_runs_again_sends_nothing_twice(house: Make) -> N
     h.give(20)
     h.until_all_confirmed()
     assert h.numbers() == list(range(1, 21))
+
+
+def test_a_route_with_a_spool_does_its_work_before_kafka_has_ever_answered(house: Make) -> None:
+    h = house()
+    go_away(h)
+    h.sink.reached = h.sink.answers = False
+    h.steps(1)
+    snapshot = h.direction.snapshot
+    assert (snapshot.state, snapshot.reason) == (State.WAITING, 'Kafka is away')
+    assert snapshot.measures.kafka_up is False
 
 
 def test_what_came_back_from_disk_keeps_its_place_where_kafka_goes_away_at_once(

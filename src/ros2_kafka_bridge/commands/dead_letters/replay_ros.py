@@ -157,7 +157,7 @@ class LetterSource:
     """A `RecordSource` of letters that were chosen: it notes how many of them have ended."""
 
     away = ''
-    reached = True  # the letters have been read
+    reached = answers = True  # the letters have been read
     lost_upstream = rebalances = 0
 
     def __init__(self) -> None:
