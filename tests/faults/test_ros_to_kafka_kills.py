@@ -174,7 +174,7 @@ def test_a_broker_that_never_listened_is_named_in_one_line_guarantees_4_7(
     config = away(bench).config([to_kafka('/orders', topic_name)], defaults={'drain_s': 1})
     with bench.bridge(config) as bridge, bench.publisher('/orders', '--count', '100') as publisher:
         publisher.wait_for('published')
-        bridge.wait_for('waiting (Kafka is away')
+        bridge.wait_for('starting (Kafka is away')
         assert stop(bridge, within_s=1 + 5) == 1, 'something was given up'
         assert bridge.output().count('trying again until it is back') == 1
     found = totals(bridge, 'to_kafka')

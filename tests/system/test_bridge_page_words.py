@@ -146,7 +146,7 @@ def test_behind_what_a_route_waits_for_stands_what_can_have_led_to_it_alone(
         said = page.locator('.attention li .note')
         well = 'Nothing is lost: it goes on by itself once that has ended.'
         led = re.compile(rf'{well} Last error, [0-9: -]+: Kafka does not let it into its group')
-        expect(said).to_have_text([led, well])
+        expect(said).to_have_text([led, re.compile('lose that are not reliable and KEEP_ALL.$')])
 
 
 def test_what_does_not_match_is_said_of_a_route_that_waits_as_well(browser: Browser) -> None:
