@@ -144,7 +144,7 @@ def test_routes_of_one_file_count_for_each_other(bench: Bench, unique: Unique) -
     back = {'name': 'back', 'from': {'ros': '/orders'}, 'to': {'kafka': returned}}
     file = bench.config([to_ros(orders, '/orders', name='out'), {**back, 'format': 'text'}])
     status, out, _ = bench.command('check', str(file), '--connect')
-    assert status == 0
+    assert status == 0, out
     assert '  ok   1 subscriber of /orders matches, with route back of this file' in out
     assert '  ok   route out of this file publishes /orders' in out
     assert out.splitlines()[-1] == '2 routes would run'
