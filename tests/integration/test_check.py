@@ -137,19 +137,6 @@ def test_each_thing_that_does_not_fit_is_a_line_with_its_cure(
     assert missing not in found, 'nothing is changed'
 
 
-def test_routes_of_one_file_count_for_each_other(bench: Bench, unique: Unique) -> None:
-    orders, returned = unique('orders'), unique('returned')
-    bench.create_topic(orders)
-    bench.create_topic(returned)
-    back = {'name': 'back', 'from': {'ros': '/orders'}, 'to': {'kafka': returned}}
-    file = bench.config([to_ros(orders, '/orders', name='out'), {**back, 'format': 'text'}])
-    status, out, _ = bench.command('check', str(file), '--connect')
-    assert status == 0, out
-    assert '  ok   1 subscriber of /orders matches, with route back of this file' in out
-    assert '  ok   route out of this file publishes /orders' in out
-    assert out.splitlines()[-1] == '2 routes would run'
-
-
 def test_it_says_how_much_a_group_has_to_deliver(bench: Bench, topic_name: str) -> None:
     bench.create_topic(topic_name)
     bench.produce(topic_name, [b'%d' % number for number in range(10)])

@@ -1,9 +1,13 @@
 """What helps where a route and somebody in the graph do not match."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 
+from ros2_kafka_bridge.commands.check import ros
 from ros2_kafka_bridge.config.file import loads
-from ros2_kafka_bridge.config.settings import KafkaToRosRoute, QoS
+from ros2_kafka_bridge.config.settings import KafkaToRosRoute, QoS, RosToKafkaRoute
 from ros2_kafka_bridge.ros.matching import reader_problem
 from ros2_kafka_bridge.ros.node import Peer
 from ros2_kafka_bridge.ros.qos import profile
@@ -51,3 +55,25 @@ def test_what_would_match_can_be_pasted_and_does_match(
     assert problem is not None
     assert problem.cure == f'set to.qos: {cure}'
     assert reader_problem(_route(cure), _reader(**asked)) is None
+
+
+def test_routes_of_one_file_count_for_each_other() -> None:
+    text = """
+    name: test
+    kafka: {bootstrap.servers: localhost:9}
+    defaults: {format: text}
+    routes:
+      - {name: out, from: {kafka: o}, to: {ros: /orders, type: std_msgs/msg/String}}
+      - {name: back, from: {ros: /orders}, to: {kafka: returned}}
+    """
+    config = loads(text, 'bridge.yaml', {})
+    out, back = config.routes
+    assert isinstance(out, KafkaToRosRoute)
+    assert isinstance(back, RosToKafkaRoute)
+    nobody: Any = SimpleNamespace(subscribers=lambda _: [], publishers=lambda _: [])
+    [readers] = ros.reader_findings(out, config, nobody)
+    assert readers.level == 'ok'
+    assert readers.text == '1 subscriber of /orders matches, with route back of this file'
+    peers = ros.publishers(back, config, nobody)
+    found = [it.text for it in ros.publisher_findings(back, peers, 'std_msgs/msg/String')]
+    assert found[0] == 'route out of this file publishes /orders'
