@@ -112,6 +112,7 @@ class Process:
                     self.end(self._grace_s)
         finally:
             self.kill()
+            self._kill_children()
 
     def start(self, *more: str) -> int:
         """Start it, with more arguments; returns when, in nanoseconds since 1970."""
@@ -190,14 +191,23 @@ class Process:
             ProcessError: It has not in time, or has ended.
         """
         deadline_s = time.monotonic() + patient(timeout_s)
+        read = -1
         while True:
             runs = self.running  # asked first: what it prints last is seen below
-            if self.output().count(text) >= count:
+            printed = self.log.stat().st_size
+            if printed != read and self.output().count(text) >= count:
                 return
+            read = printed
             if not runs or time.monotonic() > deadline_s:
                 what = f'did not print {text!r} within {patient(timeout_s):g} s, and {self._state}'
                 raise ProcessError(self._story(what))
             time.sleep(_LOOK_S)
+
+    def _kill_children(self) -> None:
+        """SIGKILL to what it has started and left behind: it leads a session of its own."""
+        if self._popen is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._popen.pid, signal.SIGKILL)
 
     @property
     def _started(self) -> Running:

@@ -96,6 +96,7 @@ def _become(arguments: list[str], log: Path, environ: dict[str, str], place: Pat
     end_with_parent()
     if os.getppid() != template:
         os._exit(1)
+    os.setsid()  # its own children end with it
     gc.freeze()
     _own_files(log)
     faulthandler.enable()  # a crash names its place in the log
