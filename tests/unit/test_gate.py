@@ -8,12 +8,14 @@ import sys
 from pathlib import Path
 
 import pytest
-from patience import patient
+from patience import eventually, patient
+from workers import gone
 
 TESTS = Path(__file__).parents[1]
 SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 PLUGINS = ('-p', 'timeout', '-p', 'rerunfailures', '-p', 'xdist')
-RULES = ('heeding', 'limits', 'reruns', 'skips')
+COMMAND = (sys.executable, '-m', 'pytest', *PLUGINS)
+RULES = ('heeding', 'limits', 'outliving', 'reruns', 'skips')
 CONFTEST = f'pytest_plugins = {RULES}\n'
 ONCE = """
 from pathlib import Path
@@ -63,6 +65,31 @@ def test_child():
         assert not any(mask >> (number - 1) & 1 for number in (1, 2, 15)), said
 """
 
+# A grandchild that is in no group of its parent's, and has outlived it.
+LEAVES = """
+import subprocess, sys, time
+from pathlib import Path
+
+def test_it():
+    place = Path(__file__).with_name('pid')
+    subprocess.run(['sh', '-c', f'setsid sleep 1000 & echo $! > {place}'], check=True)
+    while {hangs}:
+        time.sleep(1)
+"""
+SHARES = """
+import subprocess, pytest
+
+@pytest.fixture(scope='module')
+def shared():
+    with subprocess.Popen(['sleep', '1000']) as process:
+        yield process
+        process.kill()
+
+@pytest.mark.parametrize('number', range(2))
+def test_it(shared, number):
+    assert shared.poll() is None
+"""
+
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
@@ -70,7 +97,7 @@ def tree(tmp_path: Path) -> Path:
     (tmp_path / 'pytest.ini').write_text(
         '[pytest]\ntimeout_method = signal\ntimeout_func_only = true\n'
     )
-    for name in ('patience', *RULES):
+    for name in ('guardian', 'patience', *RULES):
         shutil.copy(TESTS / f'{name}.py', tmp_path)
     (tmp_path / 'conftest.py').write_text(CONFTEST)
     for name in ('unit', 'integration'):
@@ -80,14 +107,18 @@ def tree(tmp_path: Path) -> Path:
 
 def run(tree: Path, *options: str, deaf: bool = False, **environ: str) -> tuple[int, str]:
     """The status of a run, and what it printed."""
-    command = [sys.executable, '-m', 'pytest', *PLUGINS, *options, str(tree)]
-    alone = {'PYTHONPATH': f'{tree}:{TESTS.parent}', 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
     done = subprocess.run(
-        command, cwd=tree, env={'PATH': '/usr/bin:/bin', **alone, **environ},
+        [*COMMAND, *options, str(tree)], cwd=tree, env={**environ_of(tree), **environ},
         stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=patient(25),
         preexec_fn=_deaf if deaf else None,
     )  # fmt: skip
     return done.returncode, done.stdout
+
+
+def environ_of(tree: Path) -> dict[str, str]:
+    """The environment of a run, alone with its own plugins."""
+    alone = {'PYTHONPATH': f'{tree}:{TESTS.parent}', 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
+    return {'PATH': '/usr/bin:/bin', **alone}
 
 
 def _deaf() -> None:
@@ -199,3 +230,37 @@ def test_children_heed_every_signal_however_the_run_was_started(
     (tree / 'unit' / 'test_child.py').write_text(CHILD)
     status, said = run(tree, *options, deaf=True)
     assert status == 0, said
+
+
+@pytest.mark.parametrize('options', [(), ('-n', '2')], ids=['one process', 'two'])
+def test_what_outlives_its_test_is_killed_and_makes_it_fail(
+    tree: Path, options: tuple[str, ...]
+) -> None:
+    (tree / 'unit' / 'test_leaves.py').write_text(LEAVES.replace('{hangs}', 'False'))
+    status, said = run(tree, *options, TEST_PATIENCE='0.1')
+    assert status == 1
+    pid = int((tree / 'unit' / 'pid').read_text())
+    assert 'outlived its test, and was killed:' in said
+    assert f'{pid}: sleep 1000' in said
+    assert gone(pid)
+
+
+@pytest.mark.parametrize('options', [(), ('-n', '2')], ids=['one process', 'two'])
+def test_what_several_tests_share_outlives_each_of_them(
+    tree: Path, options: tuple[str, ...]
+) -> None:
+    (tree / 'integration' / 'test_shares.py').write_text(SHARES)
+    status, said = run(tree, *options)
+    assert (status, counts(said)) == (0, {'passed': 2}), said
+
+
+@pytest.mark.parametrize('options', [(), ('-n', '2')], ids=['one process', 'two'])
+def test_nothing_outlives_a_run_that_is_killed(tree: Path, options: tuple[str, ...]) -> None:
+    (tree / 'unit' / 'test_leaves.py').write_text(LEAVES.replace('{hangs}', 'True'))
+    place = tree / 'unit' / 'pid'
+    with subprocess.Popen(
+        [*COMMAND, *options, str(tree)], cwd=tree, env=environ_of(tree), stdout=subprocess.DEVNULL
+    ) as process:
+        eventually(lambda: place.exists() and place.read_text().strip() != '', 25)
+        process.kill()
+    eventually(lambda: gone(int(place.read_text())), 25)
