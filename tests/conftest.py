@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from harness import CALM, Bench
+from harness import Bench, SharedKafka
 from hypothesis import settings
 
 from ros2_kafka_bridge.testing.kafka_node import new_id
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
-pytest_plugins = ('heeding', 'limits', 'reruns', 'skips')
+pytest_plugins = ('heeding', 'limits', 'outliving', 'reruns', 'shared_kafka', 'skips')
 
 # The same input each time; `make test-long` draws other ones once more.
 settings.register_profile('same', deadline=None, derandomize=True)
@@ -158,15 +158,10 @@ def _processes_keep_what_python_compiles(
         yield
 
 
-@pytest.fixture(scope='session')
-def kafka() -> Iterator[LocalKafka]:
-    """One real Kafka for all tests that leave it running."""
-    with LocalKafka(properties=CALM) as node:
-        yield node
-
-
 @pytest.fixture
-def own_kafka(kafka: LocalKafka, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalKafka]:
+def own_kafka(
+    kafka: SharedKafka, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[LocalKafka]:
     """A real Kafka for one test, which may stop, kill and start it."""
     place = tmp_path_factory.mktemp('kafka')
     _format_like(kafka.directory / 'data', place / 'data')
@@ -235,8 +230,8 @@ def _claim(domain: int) -> int | None:
 
 
 @pytest.fixture
-def bench(tmp_path: Path, kafka: LocalKafka, ros_domain: int) -> Iterator[Bench]:
-    """The session's Kafka, a ROS domain of one's own, and a place for files."""
+def bench(tmp_path: Path, kafka: SharedKafka, ros_domain: int) -> Iterator[Bench]:
+    """The Kafka of the run, a ROS domain of one's own, and a place for files."""
     with contextlib.closing(Bench(tmp_path, kafka.bootstrap_servers, ros_domain)) as made:
         yield made
 

@@ -9,7 +9,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from confluent_kafka import Consumer, KafkaError, KafkaException, Message, Producer, TopicPartition
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
@@ -33,6 +33,7 @@ __all__ = [
     'START',
     'Bench',
     'Process',
+    'SharedKafka',
     'eventually',
     'headers',
     'lines',
@@ -54,6 +55,23 @@ CALM = {
 }
 READ_AT_THE_START = frozenset({'PYTHONPATH', 'LD_LIBRARY_PATH'})  # by Python and the linker
 START = ('-P', '-m', 'ros2_kafka_bridge.process.start', '--log-format=text', '--routes=')
+
+
+class SharedKafka(NamedTuple):
+    """Where the Kafka is that all tests of a run share.
+
+    Args:
+        bootstrap_servers: Where clients find it.
+        directory: Where it keeps data, configuration and log.
+    """
+
+    bootstrap_servers: str
+    directory: Path
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return int(self.bootstrap_servers.rpartition(':')[2])
 
 
 def _started(process: Process) -> Process:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from confluent_kafka import Consumer, Producer, TopicPartition
 from ending import ended
+from harness import SharedKafka
 from patience import patient
 
 from ros2_kafka_bridge.errors import ConfigError, TransportError
@@ -51,7 +52,7 @@ def test_a_directory_keeps_the_records_for_the_next_node(tmp_path: Path, topic_n
 
 
 def test_two_nodes_at_once_keep_apart(
-    kafka: LocalKafka, own_kafka: LocalKafka, topic_name: str
+    kafka: SharedKafka, own_kafka: LocalKafka, topic_name: str
 ) -> None:
     produce(kafka.bootstrap_servers, topic_name, b'one')
     produce(own_kafka.bootstrap_servers, topic_name, b'other')
@@ -59,7 +60,7 @@ def test_two_nodes_at_once_keep_apart(
     assert consume(own_kafka.bootstrap_servers, topic_name) == b'other'
 
 
-def test_a_node_answers_on_its_own_address_alone(kafka: LocalKafka) -> None:
+def test_a_node_answers_on_its_own_address_alone(kafka: SharedKafka) -> None:
     socket.create_connection(('127.0.0.1', kafka.port)).close()
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(('127.0.0.2', kafka.port))
@@ -128,7 +129,7 @@ def test_the_program_runs_a_node_until_it_is_told_to_stop(
     assert is_free(port)
 
 
-def test_the_program_ends_with_status_2_where_the_port_is_busy(kafka: LocalKafka) -> None:
+def test_the_program_ends_with_status_2_where_the_port_is_busy(kafka: SharedKafka) -> None:
     run = subprocess.run(
         [*PROGRAM, '--port', str(kafka.port)], capture_output=True, text=True, check=False
     )

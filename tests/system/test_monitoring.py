@@ -11,7 +11,7 @@ from typing import Final
 
 import httpx
 import pytest
-from harness import Bench, eventually, to_kafka, to_ros
+from harness import Bench, SharedKafka, eventually, to_kafka, to_ros
 from monitors import Stage
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics
 from prometheus_client.parser import text_string_to_metric_families as prometheus
@@ -153,7 +153,7 @@ def test_a_route_that_has_failed_makes_it_not_ready_with_the_reason(
 
 
 def test_a_look_at_a_cluster_tells_the_topics_asked_for_and_creates_none(
-    kafka: LocalKafka, bench: Bench, unique: Unique
+    kafka: SharedKafka, bench: Bench, unique: Unique
 ) -> None:
     there, missing = unique('there'), unique('missing')
     bench.create_topic(there, partitions=3)
