@@ -27,6 +27,7 @@ from ros2_kafka_bridge.logs.lines import client_log
 from ros2_kafka_bridge.logs.text import count
 
 _REQUEST_S: Final = 5.0
+_COORDINATOR_S: Final = 15.0  # a Kafka that has begun just now makes its groups' topic first
 
 
 class KafkaTopic(NamedTuple):
@@ -172,7 +173,7 @@ class Overview:
             TransportError: The coordinator does not answer.
         """
         asked = [TopicPartition(topic, number) for number in range(partitions)]
-        deadline_s = time.monotonic() + _REQUEST_S
+        deadline_s = time.monotonic() + _COORDINATOR_S
         # A consumer asks, because librdkafka's admin request can end the process while the
         # coordinator of a broker that has just started loads its groups.
         properties = consumer_properties(self._properties, group=group, client_id=__name__)

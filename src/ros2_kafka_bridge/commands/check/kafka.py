@@ -55,7 +55,7 @@ def source_findings(
     try:
         committed = kafka.overview.committed(group, topic, view.partitions)
     except BridgeError as error:
-        yield Finding('bad', 'group', f'group {group}: {error}', 'add the ACL READ on the group')
+        yield _unseen_group('group', group, error)
         return
     held = KafkaTopic(topic, view.partitions, '')
     begins, ends = kafka.overview.begins([held]), kafka.overview.ends([held])
@@ -109,7 +109,17 @@ def lock_findings(
     try:
         kafka.overview.committed(group, topic, view.partitions)
     except BridgeError as error:
-        yield Finding('bad', 'lock', f'group {group}: {error}', 'add the ACL READ on the group')
+        yield _unseen_group('lock', group, error)
+
+
+def _unseen_group(thing: str, group: str, error: BridgeError) -> Finding:
+    cure = 'add the ACL READ on the group'
+    if isinstance(error, TransportError):
+        cure = (
+            'check once more if Kafka has begun just now; no group works where the topic '
+            '__consumer_offsets is to have more copies than there are brokers'
+        )
+    return Finding('bad', thing, f'group {group}: {error}', cure)
 
 
 def _missing_sink(topic: str, creates_topics: bool | None) -> Finding:  # noqa: FBT001 (unknown, too)
