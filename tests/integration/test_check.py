@@ -1,4 +1,4 @@
-"""`check` as a user meets it: what it prints of a file, a broker and a graph."""
+"""`check --connect` as a user meets it: what it prints of a broker and a graph."""
 
 import re
 import signal
@@ -6,7 +6,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 
-import pytest
 from ending import ended
 from harness import Bench, eventually, lines, to_kafka, to_ros
 from patience import patient
@@ -24,51 +23,6 @@ SASL = {
 }
 OFFERED = 'durability: volatile is offered, transient_local is asked for'
 CURE = r'set to\.qos: \{durability: transient_local\}'
-
-
-def kafka_too(bench: Bench, properties: dict[str, str]) -> dict[str, str]:
-    """The test's Kafka with more librdkafka properties."""
-    return {'bootstrap.servers': bench.bootstrap_servers, **properties}
-
-
-# The file
-
-
-def test_it_says_what_a_file_holds_and_masks_its_secrets(bench: Bench) -> None:
-    routes = [to_ros('orders', '/orders'), to_kafka('/orders', 'orders.returned')]
-    file = bench.config(routes, kafka=kafka_too(bench, SASL))
-    expected = [
-        f'{file}: 2 routes of bridge {bench.name}, all well written',
-        f'  kafka bootstrap.servers: {bench.bootstrap_servers}',
-        '  kafka sasl.mechanisms: PLAIN',
-        '  kafka sasl.password: ***',
-        '  kafka sasl.username: robot',
-        '  kafka security.protocol: SASL_PLAINTEXT',
-        '  to_ros: Kafka orders -> ROS /orders (std_msgs/msg/String), text',
-        '  to_kafka: ROS /orders (std_msgs/msg/String) -> Kafka orders.returned, text',
-    ]
-    status, out, err = bench.command('check', str(file))
-    assert (status, out.splitlines(), err) == (0, expected, '')
-
-
-def test_it_names_what_a_weaker_setting_gives_up(bench: Bench) -> None:
-    routes = [to_ros('orders', '/orders')]
-    file = bench.config(routes, kafka=kafka_too(bench, {'acks': '1'}))
-    status, out, _ = bench.command('check', str(file))
-    assert status == 0
-    assert '  note kafka.acks: 1 also turns idempotence off: guarantee 2 falls' in out
-
-
-def test_a_mistake_beside_a_secret_does_not_show_it(bench: Bench) -> None:
-    wrong = {**SASL, 'sasl.mechanisms': 'PLAINE', 'ssl.key.password': SECRET, 'ssl.ca.pem': 'x'}
-    file = bench.config([to_ros('orders', '/orders')], kafka=kafka_too(bench, wrong))
-    status, out, err = bench.command('check', str(file))
-    assert status == 2
-    assert 'kafka.' in err
-    assert SECRET not in out + err
-
-
-# --connect
 
 
 def test_all_is_well_at_a_real_broker_and_graph(bench: Bench, topic_name: str) -> None:
@@ -155,7 +109,7 @@ def test_without_a_broker_it_says_so_and_still_looks_at_ros(bench: Bench) -> Non
     bench.bootstrap_servers = f'127.0.0.1:{free_port()}'
     large = to_kafka('/large', 'large', name='large', max_message_bytes=50_000_000)
     routes = [to_ros('orders', '/orders'), to_kafka('/small', 'small', name='small'), large]
-    file = bench.config(routes, kafka=kafka_too(bench, SASL))
+    file = bench.config(routes, kafka={'bootstrap.servers': bench.bootstrap_servers, **SASL})
     status, out, err = bench.command('check', str(file), '--connect')
     assert (status, err) == (1, '')
     lost = 'messages may have 50,000,000 bytes (max_message_bytes), and a UDP socket of DDS holds'
@@ -170,17 +124,14 @@ def test_without_a_broker_it_says_so_and_still_looks_at_ros(bench: Bench) -> Non
 # A terminal
 
 
-@pytest.mark.parametrize('columns', [80, 120])
-def test_a_terminal_shows_a_table_that_fits_it(
-    bench: Bench, topic_name: str, columns: int
-) -> None:
+def test_a_terminal_shows_a_table_that_fits_it(bench: Bench, topic_name: str) -> None:
     bench.create_topic(topic_name)
     file = bench.config([to_ros(topic_name, '/latched', name='latched')])
     with bench.subscriber(
         '/latched', bench.place / 'received', '--durability', 'transient_local'
     ) as subscriber:
         subscriber.wait_for('ready')
-        status, shown = on_terminal('check', str(file), '--connect', columns=columns)
+        status, shown = on_terminal('check', str(file), '--connect', columns=80)
     assert status == 1
     assert re.search(r'\x1b\[[0-9;]*32mok', shown), 'green'
     assert re.search(r'\x1b\[[0-9;]*31mBAD', shown), 'red'
@@ -188,7 +139,7 @@ def test_a_terminal_shows_a_table_that_fits_it(
     text = ' '.join(' '.join(found).split())
     assert re.search(rf'BAD readers /subscriber_\d+ does not match: {OFFERED}', text)
     assert re.search(f'-> {CURE}', text)
-    assert max(map(len, found[2:])) <= columns
+    assert max(map(len, found[2:])) <= 80
     assert '…' not in shown
 
 

@@ -1,7 +1,5 @@
-"""`init`: a starting file that is right as it is, from nothing or from the ROS graph."""
+"""`init --from-graph`: a starting file that is right as it is."""
 
-import subprocess
-import sys
 from collections.abc import Callable
 
 from harness import Bench, eventually, lines, values
@@ -10,35 +8,6 @@ from renaming import renamed
 from ros2_kafka_bridge.testing.local_kafka import free_port
 
 Unique = Callable[[str], str]
-
-
-def test_the_name_is_bridge_yaml_and_a_file_is_never_overwritten(bench: Bench) -> None:
-    command = [sys.executable, '-m', 'ros2_kafka_bridge', 'init']
-
-    def init(*options: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [*command, *options],
-            cwd=bench.place, capture_output=True, text=True, timeout=120, check=False,
-        )  # fmt: skip
-
-    assert init().returncode == 0
-    file = bench.place / 'bridge.yaml'
-    file.write_text('mine')
-    again = init()
-    expected = 'bridge.yaml: is there already: name another file, or say --force\n'
-    assert (again.returncode, again.stdout, again.stderr) == (2, '', expected)
-    graph = init('--from-graph')
-    assert (graph.returncode, graph.stdout, graph.stderr) == (2, '', expected)
-    assert file.read_text() == 'mine'
-    assert init('--force', '--bootstrap-servers', 'a:1,b:2').returncode == 0
-    assert "  bootstrap.servers: 'a:1,b:2'\n" in file.read_text()
-    assert bench.command('check', str(file))[0] == 0
-
-
-def test_a_place_that_cannot_be_written_is_one_sentence(bench: Bench) -> None:
-    file = bench.place / 'missing' / 'bridge.yaml'
-    expected = (2, '', f'{file}: cannot be written: No such file or directory\n')
-    assert bench.command('init', str(file)) == expected
 
 
 def test_a_graph_becomes_routes_that_carry_its_messages(bench: Bench, unique: Unique) -> None:

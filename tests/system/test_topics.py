@@ -120,11 +120,3 @@ def test_a_terminal_shows_the_whole_of_each_name(bench: Bench, unique: Unique) -
     assert [line.split()[1:3] for line in found if line.split()[:1] == [name]] == [['1', '0']]
     assert max(map(len, found)) <= 80
     assert '…' not in shown
-
-
-def test_a_wrong_file_and_two_answers_for_the_brokers_are_refused(bench: Bench) -> None:
-    missing = bench.place / 'missing.yaml'
-    assert bench.command('topics', str(missing)) == (2, '', f'{missing}: no such file\n')
-    file = bench.config([to_ros('orders', '/orders')])
-    expected = f'--bootstrap-servers: {file} says them already: leave one out\n'
-    assert bench.command('topics', str(file), '--bootstrap-servers', 'x') == (2, '', expected)

@@ -5,13 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from command_line import typed
 from made_letters import kafka_letter, read
-from typer.testing import CliRunner
 
-from ros2_kafka_bridge.cli import app
 from ros2_kafka_bridge.commands.dead_letters.report import _letter_json, described
 from ros2_kafka_bridge.dead_letters.writer import without_value
-from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.kafka import letters, overview
 
 
@@ -32,18 +30,15 @@ def test_everything_of_a_letter_is_shown_and_a_long_value_is_cut() -> None:
 # The command line
 
 
-def invoke(place: Path, *arguments: str) -> tuple[int, str]:
+def said_of(place: Path, command: str, *rest: str) -> tuple[int, str]:
     file = place / 'bridge.yaml'
     file.write_text(
         'name: test\nkafka: {bootstrap.servers: "127.0.0.1:1"}\nroutes:\n'
         '  - {name: orders, from: {kafka: orders}, format: text,\n'
         '     to: {ros: /orders, type: std_msgs/msg/String}}\n'
     )
-    command, *rest = arguments
-    result = CliRunner().invoke(app, ['dead-letters', command, str(file), *rest])
-    if isinstance(result.exception, ConfigError):
-        return 2, str(result.exception)
-    return result.exit_code, result.output
+    status, out, err = typed('dead-letters', command, file, *rest)
+    return status, out + err
 
 
 @pytest.mark.parametrize(
@@ -60,7 +55,7 @@ def invoke(place: Path, *arguments: str) -> tuple[int, str]:
 def test_a_wrong_use_is_said_before_anybody_is_asked(
     tmp_path: Path, arguments: Sequence[str], words: str
 ) -> None:
-    status, output = invoke(tmp_path, *arguments)
+    status, output = said_of(tmp_path, *arguments)
     assert status == 2
     assert words in output
 
@@ -71,7 +66,7 @@ def test_a_broker_that_is_not_there_is_said_in_a_sentence(
 ) -> None:
     for module in (letters, overview):
         monkeypatch.setattr(module, '_REQUEST_S', 0.5)
-    status, output = invoke(tmp_path, *arguments)
+    status, output = said_of(tmp_path, *arguments)
     assert status == 1
     assert 'the broker does not answer' in output
     assert 'Traceback' not in output
