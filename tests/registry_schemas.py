@@ -1,6 +1,7 @@
 """What a registry knows of schemas: which are the same, which are none, which fit together."""
 
 import base64
+import functools
 import json
 from collections.abc import Iterator
 from contextlib import suppress
@@ -59,6 +60,7 @@ class RefusedError(Exception):
         return self.code if self.code < 1000 else self.code // 100
 
 
+@functools.cache  # a registry asks for those of all that it has, each time
 def key(kind: str, text: str, references: References) -> tuple[Any, ...]:
     """What makes two schemas the same: spaces do not, nor does the order of properties."""
     with suppress(ValueError, RecursionError):

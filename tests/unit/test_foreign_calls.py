@@ -81,7 +81,7 @@ def kafka_source(client: Library) -> Iterator[Callable[[], object]]:
     yield lambda: setattr(source._member._watchdog, '_stuck_look_at_s', 0.0)
     yield lambda: source.poll(10, 0.0)
     yield lambda: source.advance({0: 7})
-    yield lambda: source.commit_now(0.1)
+    yield lambda: source.commit_now(0.01)
     yield lambda: source.advance({0: 8})
     yield source.commit_before_revoke
     yield lambda: call_back(client, 'on_revoke')

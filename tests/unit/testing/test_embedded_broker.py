@@ -4,6 +4,7 @@ import pytest
 from confluent_kafka import Consumer, Producer, TopicPartition
 
 from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.kafka import topics
 from ros2_kafka_bridge.kafka.topics import ensure_topic
 from ros2_kafka_bridge.testing import embedded_broker
 from ros2_kafka_bridge.testing.embedded_broker import EmbeddedBroker
@@ -32,11 +33,12 @@ def test_it_listens_on_this_machine_alone() -> None:
         assert broker.bootstrap_servers.startswith('127.0.0.1:')
 
 
-def test_a_topic_that_is_there_is_not_made_again() -> None:
+def test_a_topic_that_is_there_is_not_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
     # This broker cannot make topics by request, as a user may not be allowed to.
     with EmbeddedBroker() as broker:
         produce(broker.bootstrap_servers, [b'first'])
         ensure_topic({'bootstrap.servers': broker.bootstrap_servers}, 'orders')
+        monkeypatch.setattr(topics, '_REQUEST_S', 0.5)
         with pytest.raises(TransportError):
             ensure_topic({'bootstrap.servers': broker.bootstrap_servers}, 'others')
 

@@ -20,6 +20,7 @@ from ros2_kafka_bridge.logs.lines import RouteLog
 from ros2_kafka_bridge.route.counters import Outcome
 from ros2_kafka_bridge.route.trace_context import parse
 from ros2_kafka_bridge.testing.memory import MemoryRecord
+from ros2_kafka_bridge.tracing import export
 from ros2_kafka_bridge.tracing.export import MOST_WAITING, Exporter, Service, open_exporter
 from ros2_kafka_bridge.tracing.messages import SpansOfMessages, with_traceparent
 from ros2_kafka_bridge.tracing.records import NO_RECORD_TRACES, SpansOfRecords
@@ -218,8 +219,9 @@ def test_a_collector_gets_spans_as_they_were_made(there: Collector) -> None:
 
 
 def test_a_collector_that_is_away_holds_nobody_up_and_is_said_once(
-    caplog: pytest.LogCaptureFixture,
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(export, '_FLUSH_S', 0.2)
     with socket.socket() as taken:
         taken.bind(('127.0.0.1', 0))  # nobody listens there
         endpoint = f'http://127.0.0.1:{taken.getsockname()[1]}/v1/traces'
