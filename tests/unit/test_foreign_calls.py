@@ -335,13 +335,16 @@ def test_a_look_at_the_readers_that_fails_once_costs_no_history_of_a_publisher(
         assert handle.create_publisher.call_count == publishers
 
 
+@pytest.mark.parametrize('fails', ['its opening', 'what comes behind it'])
 def test_guarantee_4_a_route_that_cannot_be_made_leaves_no_reader_behind(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, fails: str
 ) -> None:
-    source = MagicMock()
+    source, sink = MagicMock(), MagicMock()
+    failing = source.open if fails == 'its opening' else sink
+    failing.side_effect = RouteError('no')
     monkeypatch.setattr(wiring_module, 'RosSource', lambda *_, **__: source)
     monkeypatch.setattr(wiring_module, 'load_type', lambda _: TYPE)
-    monkeypatch.setattr(wiring_module, 'KafkaSink', MagicMock(side_effect=RouteError('no')))
+    monkeypatch.setattr(wiring_module, 'KafkaSink', sink)
     config = validated(
         Config,
         {

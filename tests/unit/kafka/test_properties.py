@@ -23,7 +23,12 @@ MIXED: dict[str, str | int | float | bool] = {
     'socket.keepalive.enable': True,
     'statistics.interval.ms': 1e3,
 }
-
+OF_ALL = {
+    'bootstrap.servers': 'x:9092',
+    'client.id': 'bridge',
+    'socket.keepalive.enable': 'true',
+    'statistics.interval.ms': 1000,
+}
 
 TOKENS: dict[str, object] = {
     'security.protocol': 'SASL_SSL',
@@ -37,55 +42,41 @@ TOKENS: dict[str, object] = {
 
 def test_a_consumer_gets_no_property_of_a_producer() -> None:
     made = consumer_properties(MIXED, group='g', client_id='bridge')
-    assert made == {
-        'bootstrap.servers': 'x:9092',
-        'socket.keepalive.enable': 'true',
-        'statistics.interval.ms': 1000,
-        'client.id': 'bridge',
+    assert made.items() >= OF_ALL.items()
+    assert made['session.timeout.ms'] == 9000
+    assert made.keys().isdisjoint({'linger.ms', 'topic.acks', 'acks'})
+
+
+def test_a_consumer_commits_nothing_by_itself_and_begins_nowhere_by_itself() -> None:
+    wanted = {
         'group.id': 'g',
         'enable.auto.commit': 'false',
         'enable.auto.offset.store': 'false',
         'auto.offset.reset': 'error',
-        'session.timeout.ms': 9000,
-        'heartbeat.interval.ms': 2000,
-        'partition.assignment.strategy': 'cooperative-sticky',
-        'queued.max.messages.kbytes': 8192,
-        'fetch.queue.backoff.ms': 10,
-        'reconnect.backoff.max.ms': 1000,
-        'socket.timeout.ms': 10000,
-        'socket.connection.setup.timeout.ms': 10000,
-        'topic.metadata.refresh.interval.ms': 10000,
     }
+    theirs: dict[str, str | int | float | bool] = {
+        'group.id': 'x', 'enable.auto.commit': True, 'auto.offset.reset': 'latest'
+    }  # fmt: skip
+    made = consumer_properties(theirs, group='g', client_id='bridge')
+    assert made.items() >= wanted.items()
 
 
 def test_a_producer_gets_no_property_of_a_consumer() -> None:
     made = producer_properties(MIXED, client_id='bridge')
-    assert made == {
-        'bootstrap.servers': 'x:9092',
-        'socket.keepalive.enable': 'true',
-        'statistics.interval.ms': 1000,
-        'client.id': 'bridge',
-        'topic.acks': 'all',
-        'enable.idempotence': 'true',
-        'message.timeout.ms': 0,
-        'linger.ms': 7,
-        'reconnect.backoff.max.ms': 1000,
-        'socket.timeout.ms': 10000,
-        'socket.connection.setup.timeout.ms': 10000,
-    }
+    assert made.items() >= {**OF_ALL, 'topic.acks': 'all', 'linger.ms': 7}.items()
+    assert made.keys().isdisjoint({'session.timeout.ms', 'acks', 'group.id'})
+
+
+def test_a_producer_repeats_nothing_and_never_gives_up_by_itself() -> None:
+    made = producer_properties({}, client_id='bridge')
+    wanted = {'acks': 'all', 'enable.idempotence': 'true', 'message.timeout.ms': 0}
+    assert made.items() >= wanted.items()
 
 
 def test_any_other_client_gets_what_is_common() -> None:
     made = common_properties(MIXED, client_id='bridge')
-    assert made.keys() == {
-        'bootstrap.servers',
-        'client.id',
-        'reconnect.backoff.max.ms',
-        'socket.timeout.ms',
-        'socket.connection.setup.timeout.ms',
-        'socket.keepalive.enable',
-        'statistics.interval.ms',
-    }
+    assert made.items() >= OF_ALL.items()
+    assert made.keys().isdisjoint({'linger.ms', 'topic.acks', 'session.timeout.ms', 'group.id'})
 
 
 def test_another_name_of_a_property_replaces_the_bridges_value() -> None:
@@ -142,14 +133,11 @@ def test_all_problems_are_found_not_only_the_first() -> None:
             'zzz': 1,
         }
     )
-    assert found == {
-        'linger.msx': "librdkafka knows no such property (did you mean 'linger.ms'?)",
-        'acks': 'librdkafka refuses it: configuration property "request.required.acks" '
-        'value 9999 is outside allowed range -1..1000',
-        'compression.type': 'librdkafka refuses it: invalid value "zip" for configuration '
-        'property "compression.codec"',
-        'zzz': 'librdkafka knows no such property',
-    }
+    assert found.keys() == {'linger.msx', 'acks', 'compression.type', 'zzz'}
+    assert "(did you mean 'linger.ms'?)" in found['linger.msx']
+    assert '9999' in found['acks']
+    assert 'zip' in found['compression.type']
+    assert 'did you mean' not in found['zzz']
 
 
 @pytest.mark.parametrize(
@@ -213,7 +201,10 @@ def test_what_is_no_secret_is_shown(name: str) -> None:
 
 @pytest.mark.parametrize(
     'name',
-    ['group.id', 'auto.commit.enable', 'topic.auto.offset.reset', 'transactional.id', 'error_cb'],
-)
+    [
+        'group.id', 'auto.commit.enable', 'topic.auto.offset.reset', 'transactional.id',
+        'error_cb', 'group.instance.id', 'partition.assignment.strategy',
+    ],
+)  # fmt: skip
 def test_what_the_bridge_keeps_for_itself_is_refused_under_every_name(name: str) -> None:
     assert refusal(name)
