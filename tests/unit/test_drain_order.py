@@ -7,6 +7,7 @@ import logging
 import os
 import threading
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -77,30 +78,36 @@ def exits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def test_a_route_from_ros_has_its_whole_drain_however_long_one_to_ros_takes(
-    exits: list[int], caplog: pytest.LogCaptureFixture
+    exits: list[int], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bridge = Bridge(validated(Config, content(0.2, 0.6)))
+    """By a clock that does not wait: one never ends, the other takes 50 s of its 60."""
+    bridge = Bridge(validated(Config, content(60, 60)))
     to_ros, to_kafka = bridge._lanes
-    let_go = threading.Event()
-
-    def drain() -> None:
-        assert to_kafka.stop.wait(30)
-        time.sleep(0.5)
-
+    let_go, drained = threading.Event(), threading.Event()
     to_ros.thread = threading.Thread(target=let_go.wait, args=(30,), daemon=True)
-    to_kafka.thread = threading.Thread(target=drain, daemon=True)
-    for lane in bridge._lanes:
-        assert lane.thread is not None
-        lane.thread.start()
+    to_kafka.thread = last = threading.Thread(target=drained.wait, args=(30,), daemon=True)
+    to_ros.thread.start()
+    last.start()
+    now_s = asked_s = 1000.0
+
+    def sleep(seconds: float) -> None:
+        nonlocal now_s, asked_s
+        now_s += seconds
+        if not to_kafka.stop.asked:
+            asked_s = now_s
+        elif now_s > asked_s + 50:
+            drained.set()
+            last.join()
+
+    clock = SimpleNamespace(monotonic=lambda: now_s, sleep=sleep)
+    monkeypatch.setattr(bridge_module, 'time', clock)
     bridge.stop.ask()
-    began_s = time.monotonic()
     bridge._shut_down()
-    took_s = time.monotonic() - began_s
     assert to_ros.runs
     assert not to_kafka.runs
     let_go.set()
     assert exits == [1]
-    assert took_s < 0.2 + 0.2 + 0.6 + 0.2
+    assert now_s - 1000 < 60 + 60 + 2 * 0.2
     assert [vars(r)['route'] for r in caplog.records if r.levelname == 'ERROR'] == ['to_ros']
 
 
