@@ -3,14 +3,17 @@
 import contextlib
 import os
 import signal
-import subprocess
 import sys
+import uuid
 from collections.abc import Sequence
 from pathlib import Path
 
-from harness import Bench, eventually
+import pytest
+from harness import Bench, Process, eventually
 
-from benchmarks.experiment.results import Counts, Experiment, read
+from benchmarks.experiment.__main__ import _parse, _setting
+from benchmarks.experiment.results import Counts, Experiment, Setting, read
+from ros2_kafka_bridge.errors import ConfigError
 
 ROOT = Path(__file__).parents[2]
 ORDERS = 160
@@ -20,7 +23,7 @@ def test_the_smallest_cells_are_measured_and_reported_and_are_not_measured_again
     bench: Bench, ros_domain: int, tmp_path: Path
 ) -> None:
     options = _options(bench, ros_domain, tmp_path)
-    done = _run([*options, '--contestants', 'paper,bridge,keep_last,bare,recording'])
+    said = _run([*options, '--contestants', 'paper,bridge,keep_last,bare,recording'], tmp_path)
     experiment = read(tmp_path / 'experiment.json')
     assert {result.cell.key for result in experiment.results} == {
         '160-paper-10', '160-bridge', '160-keep_last-10', '160-bare', '160-recording'
@@ -30,10 +33,10 @@ def test_the_smallest_cells_are_measured_and_reported_and_are_not_measured_again
     assert (prediction.depth, prediction.low <= prediction.loss <= prediction.high) == (10, True)
     for name in ('report.html', 'report.md', 'cells.csv'):
         assert (tmp_path / name).stat().st_size, name
-    assert 'report.html' in done.stdout
+    assert 'report.html' in said
     cells = _written(tmp_path)
-    again = _run([*options, '--contestants', 'paper,bridge'])
-    assert '2 of 2 cells are kept' in again.stdout
+    again = _run([*options, '--contestants', 'paper,bridge'], tmp_path)
+    assert '2 of 2 cells are kept' in again
     assert _written(tmp_path) == cells
 
 
@@ -41,13 +44,13 @@ def test_ctrl_c_keeps_the_cells_that_were_measured(
     bench: Bench, ros_domain: int, tmp_path: Path
 ) -> None:
     words = [*_options(bench, ros_domain, tmp_path), '--contestants', 'bridge,paper']
-    process = _start([*words, '--depths', '10,100,200'])
-    eventually(lambda: bool(_written(tmp_path)), timeout_s=120)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
-    stdout, stderr = process.communicate(timeout=60)
-    assert process.returncode == 130, stdout + stderr
-    assert 'Traceback' not in stdout + stderr
-    assert 'kept' in stdout
+    with _program([*words, '--depths', '10,100,200'], tmp_path) as program:
+        eventually(lambda: bool(_written(tmp_path)), 120, program.output)
+        os.killpg(program.pid, signal.SIGINT)  # as a terminal does
+        status, said = program.wait(60), program.output()
+    assert status == 130, said
+    assert 'Traceback' not in said
+    assert 'kept' in said
     kept = read(tmp_path / 'experiment.json').results
     assert 0 < len(kept) < 4
     assert (tmp_path / 'report.html').exists()
@@ -56,15 +59,16 @@ def test_ctrl_c_keeps_the_cells_that_were_measured(
     )  # the bridges have sessions of their own
 
 
-def test_results_of_another_seed_are_not_mixed_with_these(
-    bench: Bench, ros_domain: int, tmp_path: Path
-) -> None:
-    words = [*_options(bench, ros_domain, tmp_path), '--contestants', 'bare']
-    _run(words)
-    process = _start([*words, '--seed', '2'])
-    stdout, stderr = process.communicate(timeout=60)
-    assert process.returncode == 1, stdout
-    assert 'made with another seed: give another --out, or --again' in stderr
+def test_results_of_another_seed_are_not_mixed_with_these(tmp_path: Path) -> None:
+    def setting(*more: str) -> Setting:
+        words = ['--out', str(tmp_path), '--bootstrap-servers', 'a:1', *more]
+        return _setting(_parse(words), words)
+
+    before = setting('--seed', '1')
+    assert setting('--seed', '1') == before
+    with pytest.raises(ConfigError, match='another seed: give another --out, or --again'):
+        setting('--seed', '2')
+    assert setting('--seed', '2', '--again').seed == 2
 
 
 def _assert_right(experiment: Experiment) -> None:
@@ -110,20 +114,15 @@ def _written(out: Path) -> dict[str, int]:
     return {file.name: file.stat().st_mtime_ns for file in out.glob('cells/*.json')}
 
 
-def _run(words: Sequence[str]) -> subprocess.CompletedProcess[str]:
-    process = _start(words)
-    stdout, stderr = process.communicate(timeout=300)
-    assert process.returncode == 0, stdout + stderr
-    return subprocess.CompletedProcess(words, 0, stdout, stderr)
+def _run(words: Sequence[str], place: Path) -> str:
+    """Run it to its end; returns what it printed."""
+    with _program(words, place) as program:
+        status = program.wait(300)
+        assert status == 0, program.output()
+        return program.output()
 
 
-def _start(words: Sequence[str]) -> 'subprocess.Popen[str]':
-    return subprocess.Popen(
-        [sys.executable, '-m', 'benchmarks.experiment', *words],
-        cwd=ROOT,
-        env={**os.environ, 'COLUMNS': '200'},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+def _program(words: Sequence[str], place: Path) -> Process:
+    log = place / f'{uuid.uuid4().hex}.log'
+    environ = {'COLUMNS': '200', 'PYTHONPATH': str(ROOT)}
+    return Process([sys.executable, '-m', 'benchmarks.experiment', *words], log, environ)
