@@ -10,11 +10,13 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
 import httpx
 import msgspec
+from ending import ended
 from harness import eventually, to_kafka, to_ros
 from ruamel.yaml import YAML
 
@@ -121,16 +123,14 @@ class Monitor:
         threading.Thread(target=self._obey, daemon=True).start()
 
     def __enter__(self) -> Self:
-        eventually(self._answers, 60, lambda: f'it does not answer:\n{self.log.read_text()}')
+        with ExitStack() as ending:
+            ending.enter_context(ended(self.process))
+            eventually(self._answers, 60, lambda: f'it does not answer:\n{self.log.read_text()}')
+            self._ending = ending.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-        self.process.wait()
-        for pipe in (self.process.stdin, self.process.stdout):
-            if pipe is not None:
-                pipe.close()
+        self._ending.close()
 
     def _answers(self) -> bool:
         assert self.process.poll() is None, self.log.read_text()
@@ -301,21 +301,23 @@ class Stage:
         log = place / 'monitor.log'
         self.monitor = Monitor(text.getvalue(), place / 'bridge.yaml', log, self.traffic.answer)
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._tell)
+        self._thread = threading.Thread(target=self._tell, daemon=True)
 
     def __enter__(self) -> Self:
-        self.monitor.__enter__()
-        now_s = time.time()
-        for second in range(120):
-            self.monitor.tell(self.traffic.report(now_s - 120 + second))
-        self._thread.start()
+        with ExitStack() as ending:
+            ending.enter_context(self.monitor)
+            now_s = time.time()
+            for second in range(120):
+                self.monitor.tell(self.traffic.report(now_s - 120 + second))
+            self._thread.start()
+            self._ending = ending.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._ended.set()
-        self._thread.join()
-        assert self.monitor.end() == 0, self.monitor.log.read_text()
-        self.monitor.__exit__()
+        with self._ending:
+            self._ended.set()
+            self._thread.join()
+            assert self.monitor.end() == 0, self.monitor.log.read_text()
 
     def _tell(self) -> None:
         while not self._ended.wait(1):

@@ -158,11 +158,13 @@ def test_a_worker_that_failed_unasked_makes_the_end_a_failure_and_one_that_was_k
     one = Plan('x', {}, (RoutePlan('orders', to_ros=True, drain_s=5.0),))
     with Supervisor(one, [], Systemd()) as supervisor:
         ended: list[int] = []
-        thread = threading.Thread(target=lambda: ended.append(supervisor.run()))
+        thread = threading.Thread(target=lambda: ended.append(supervisor.run()), daemon=True)
         thread.start()
-        eventually(been.with_name('again').exists, 30)
-        supervisor.stop.ask()
-        thread.join(30)
+        try:
+            eventually(been.with_name('again').exists, 30)
+        finally:
+            supervisor.stop.ask()
+            thread.join(30)
     assert ended == [expected]
 
 

@@ -21,7 +21,7 @@ import pathlib, subprocess, sys
 from warehouse import ros_domain
 ros_domain._LOCKS = pathlib.Path(sys.argv[1])
 with ros_domain.claim_domain(7):
-    left = subprocess.Popen(['sleep', '60'], close_fds=False)
+    left = subprocess.Popen(['cat'], close_fds=False)
     print(left.pid, flush=True)
     sys.stdin.read()
     import os
@@ -36,7 +36,7 @@ def _locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def holder(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    """A process in ROS domain 7, which has started another one that outlives it."""
+    """A process in ROS domain 7, which has started another one that outlives it, not the test."""
     command = [sys.executable, '-c', CLAIM, str(tmp_path)]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
