@@ -121,10 +121,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # The files
 
 
-@pytest.mark.parametrize('name', ['report.md', 'cells.csv'])
-def test_the_tables_are_those_of_the_golden_files(tmp_path: Path, name: str) -> None:
+def test_the_tables_are_those_of_the_golden_files(tmp_path: Path) -> None:
     write_report(small(), tmp_path)
-    assert (tmp_path / name).read_text() == (GOLDEN / name).read_text()
+    for name in ('report.md', 'cells.csv'):
+        assert (tmp_path / name).read_text() == (GOLDEN / name).read_text(), name
 
 
 def test_each_cell_has_a_line_and_each_column_a_name_in_the_csv(place: Path) -> None:
@@ -276,10 +276,9 @@ def test_the_headline_says_what_the_data_say(tmp_path: Path) -> None:
 # What is not there
 
 
-@pytest.mark.parametrize('number', range(len(LOADS)))
-def test_a_single_cell_makes_a_report(tmp_path: Path, number: int) -> None:
-    experiment = whole()
-    one = experiment.results[9 * number : 9 * number + 1]
+@pytest.mark.parametrize('load', ['9.6', 'max', 'bursts'])
+def test_a_single_cell_makes_a_report(tmp_path: Path, load: str) -> None:
+    one = [it for it in whole().results if it.cell.load.name == load][:1]
     write_report(Experiment(small().setting, one), tmp_path)
     text = (tmp_path / 'report.md').read_text()
     assert 'not measured' in text

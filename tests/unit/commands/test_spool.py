@@ -2,13 +2,12 @@
 
 import json
 import os
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import typed
 from spools import GID, make, opened, row, rows
 from terminal import on_terminal, without_colours
 
@@ -250,22 +249,16 @@ def test_a_file_that_is_none_is_refused(
 
 def test_the_command_line_has_it(tmp_path: Path) -> None:
     fill(tmp_path)
-    command = [sys.executable, '-m', 'ros2_kafka_bridge', 'spool']
-    done = subprocess.run(
-        [*command, tmp_path, '--json'], capture_output=True, text=True, check=False
-    )
-    assert (done.returncode, done.stderr) == (0, '')
-    assert json.loads(done.stdout)['spools'][0]['messages'] == 31
-    done = subprocess.run(
-        [*command, tmp_path / 'nowhere'], capture_output=True, text=True, check=False
-    )
-    assert (done.returncode, done.stdout) == (2, '')
-    assert done.stderr == f'{tmp_path / "nowhere"}: there is no such file or directory\n'
+    status, out, err = typed('spool', tmp_path, '--json')
+    assert (status, err) == (0, '')
+    assert json.loads(out)['spools'][0]['messages'] == 31
+    nowhere = tmp_path / 'nowhere'
+    said = f'{nowhere}: there is no such file or directory\n'
+    assert typed('spool', nowhere) == (2, '', said)
 
 
-@pytest.mark.parametrize('columns', [80, 120])
-def test_it_fits_on_a_terminal(tmp_path: Path, columns: int) -> None:
+def test_it_fits_on_a_terminal(tmp_path: Path) -> None:
     fill(tmp_path)
-    status, shown = on_terminal('spool', str(tmp_path), '--messages', '3', columns=columns)
+    status, shown = on_terminal('spool', str(tmp_path), '--messages', '3', columns=80)
     assert status == 0
-    assert all(len(line) <= columns for line in without_colours(shown))
+    assert all(len(line) <= 80 for line in without_colours(shown))
