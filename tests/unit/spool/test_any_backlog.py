@@ -4,7 +4,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from houses import House, come_back, fill, go_away
+from houses import House, come_back, fill, go_away, make_room
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -72,7 +72,7 @@ class World:
         elif what == 'full':
             fill(house)
         elif what == 'not full':
-            house.spool.__dict__.pop('append', None)
+            make_room(house)
         elif what == 'late':
             house.sink.delivered_at_close = count
         else:
@@ -91,7 +91,7 @@ class World:
             self._maybe_lost |= held - on_disk
             house.crash()
         else:
-            house.spool.__dict__.pop('append', None)
+            make_room(house)
             house.drain()
             waiting = list(house.source.waiting)
         self._arrived += house.numbers()
@@ -101,7 +101,7 @@ class World:
     def ends(self) -> None:
         come_back(self._house)
         if self._mode == 'always':  # otherwise a disk that takes nothing holds up nothing
-            self._house.spool.__dict__.pop('append', None)
+            make_room(self._house)
         for _ in range(100):
             self._house.steps(10)
             if not self._house.source.waiting:

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from damaged_spools import Sample, beside, overwrite, put_aside, zero_page
+from damaged_spools import Sample, beside, flip, overwrite, put_aside, zero_page
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from spools import make, numbers, opened, read_all, reopened, rows
@@ -26,9 +26,7 @@ def test_what_a_flipped_byte_costs_is_counted(
 ) -> None:
     sample = closed.copy(tmp_path_factory.mktemp('flip'))
     file = beside(sample.place)
-    content = bytearray(file.read_bytes())
-    content[int(at * len(content))] ^= bits
-    file.write_bytes(content)
+    flip(file, int(at * file.stat().st_size), bits)
     sample.check()
     shutil.rmtree(sample.place)
 
@@ -55,9 +53,7 @@ def test_a_flipped_byte_in_the_log_costs_what_is_in_the_log_at_most(
 ) -> None:
     sample = killed.copy(tmp_path_factory.mktemp('flip'))
     file = beside(sample.place, '-wal')
-    content = bytearray(file.read_bytes())
-    content[int(at * len(content))] ^= bits
-    file.write_bytes(content)
+    flip(file, int(at * file.stat().st_size), bits)
     assert sample.check() <= 100
     shutil.rmtree(sample.place)
 

@@ -4,11 +4,9 @@ import time
 from typing import Any
 
 import pytest
-from houses import Make, come_back, fill, fill_while_away, go_away
+from houses import Make, come_back, fill, fill_while_away, go_away, make_room
 
 from ros2_kafka_bridge.endpoints import Message, Reports
-from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.spool.store import Row
 from ros2_kafka_bridge.threads.stop import Stop
 
 
@@ -104,15 +102,8 @@ def test_a_disk_that_takes_nothing_loses_nothing(
     house: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     h = house(max_in_flight=3)
-    append, full = h.spool.append, [True]
-
-    def sometimes(rows: list[Row]) -> None:
-        if full[0]:
-            raise TransportError('the disk is full')
-        append(rows)
-
-    monkeypatch.setattr(h.spool, 'append', sometimes)
     monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._AGAIN_S', 0.0)
+    fill(h)
     go_away(h)
     h.give(1, 2)
     h.steps()
@@ -120,7 +111,7 @@ def test_a_disk_that_takes_nothing_loses_nothing(
     h.steps()
     assert h.count('taken') < 1002, 'it cannot all be in memory'
     assert h.direction._spooling._backlog.problem == 'the disk is full'
-    full[0] = False
+    make_room(h)
     h.steps(10)
     assert not h.source.waiting
     come_back(h)
@@ -131,14 +122,9 @@ def test_a_disk_that_takes_nothing_loses_nothing(
 def test_what_was_confirmed_while_the_disk_was_full_is_not_written_any_more(
     house: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    h = house()
-    append = h.spool.append
     monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._AGAIN_S', 0.0)
-
-    def refuse(_: object) -> None:
-        raise TransportError('the disk is full')
-
-    monkeypatch.setattr(h.spool, 'append', refuse)
+    h = house()
+    fill(h)
     h.sink.answering = False
     h.give(1, 2)
     h.steps()
@@ -146,7 +132,7 @@ def test_what_was_confirmed_while_the_disk_was_full_is_not_written_any_more(
     h.steps()
     come_back(h)
     h.steps()
-    monkeypatch.setattr(h.spool, 'append', append)
+    make_room(h)
     h.give(3)
     h.until_all_confirmed()
     assert h.numbers() == [1, 2, 3]
@@ -288,19 +274,14 @@ def test_a_disk_that_was_full_and_is_not_gets_only_what_is_newer(
 ) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._AGAIN_S', 0.0)
     h = house(when_full='drop_oldest', max_in_flight=3, drain_s=0.0)
-    append = h.spool.append
-
-    def refuse(_: object) -> None:
-        raise TransportError('the disk is full')
-
-    monkeypatch.setattr(h.spool, 'append', refuse)
+    fill(h)
     h.sink.answering = False
     h.give(1, 2, 3)
     h.steps()
     go_away(h)
     h.give(*range(4, 30))
     h.steps()
-    monkeypatch.setattr(h.spool, 'append', append)
+    make_room(h)
     h.give(*range(30, 40))
     h.steps()
     h.drain()
