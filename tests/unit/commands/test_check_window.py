@@ -3,6 +3,7 @@
 from typing import Any
 
 import pytest
+from sentences import fits
 
 from ros2_kafka_bridge.commands.check.report import window_finding
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
@@ -13,28 +14,22 @@ TO_KAFKA = {'from': {'ros': '/a'}, 'to': {'kafka': 'a'}}
 SPOOL = {'spool': {'path': '/spools'}}
 DROPS = {'when_full': 'drop_oldest'}
 
+# The bounds, the setting of each, and what comes then.
+ALL = '16,777,216 bytes ... a batch of 500 ...'
 SAID = {
-    'to ROS': """
-        ok: at most 16,777,216 bytes in flight and a batch of 500 (max_in_flight_bytes), of it 500
-        messages not acknowledged (max_in_flight), then the route waits""",
-    'to ROS, drops': """
-        note: at most 16,777,216 bytes in flight and a batch of 500 (max_in_flight_bytes), of it
-        500 messages not acknowledged and 500 waiting (max_in_flight), then the oldest that wait
-        are dropped (when_full)""",
-    'to Kafka': """
-        ok: at most 2,000 messages in flight (max_in_flight), or 16,777,216 bytes and a batch of
-        500 (max_in_flight_bytes), then the route waits""",
-    'to Kafka, drops': """
-        note: at most 4,000 messages in flight, 2,000 with the producer and 2,000 waiting
-        (max_in_flight), or 16,777,216 bytes and a batch of 500 (max_in_flight_bytes), then the
-        oldest that wait are dropped (when_full)""",
-    'to Kafka, spool': """
-        ok: at most 2,000 messages in flight (max_in_flight), or 16,777,216 bytes
-        (max_in_flight_bytes), and a batch of 500, then the rest waits on disk (spool)""",
-    'to Kafka, spool, drops': """
-        note: at most 2,000 messages in flight (max_in_flight), or 16,777,216 bytes
-        (max_in_flight_bytes), and a batch of 500, then the rest waits on disk (spool), and the
-        oldest there are dropped where it is full (when_full)""",
+    'to ROS': f'ok: {ALL} 500 messages not acknowledged (max_in_flight) ... waits',
+    'to ROS, drops': f"""
+        note: {ALL} 500 messages not acknowledged and 500 waiting (max_in_flight)
+        ... oldest ... dropped (when_full)""",
+    'to Kafka': f"""
+        ok: 2,000 messages ... (max_in_flight) ... {ALL} (max_in_flight_bytes) ... waits""",
+    'to Kafka, drops': f"""
+        note: 4,000 messages ... 2,000 with the producer and 2,000 waiting (max_in_flight)
+        ... {ALL} (max_in_flight_bytes) ... oldest ... dropped (when_full)""",
+    'to Kafka, spool': f'ok: 2,000 messages ... (max_in_flight) ... {ALL} on disk (spool)',
+    'to Kafka, spool, drops': f"""
+        note: 2,000 messages ... (max_in_flight) ... {ALL} on disk (spool)
+        ... oldest ... dropped ... (when_full)""",
 }
 
 
@@ -47,4 +42,6 @@ def test_check_says_what_bounds_that_which_is_in_flight(route: str) -> None:
         if route.startswith('to ROS')
         else validated(RosToKafkaRoute, given | TO_KAFKA | (SPOOL if 'spool' in route else {}))
     )
-    assert f'{finding.level}: {finding.text}' == ' '.join(SAID[route].split())
+    level, _, words = ' '.join(SAID[route].split()).partition(': ')
+    assert finding.level == level
+    assert fits(finding.text, f'...{words}')

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import typed
+from sentences import misfits
 
 from ros2_kafka_bridge.depth.recorder import HEADER
 
@@ -113,16 +114,13 @@ def test_a_reader_that_is_too_slow_is_told_and_exits_with_1(arrivals: Path) -> N
 def test_everything_that_is_missing_is_said_at_once() -> None:
     status, out, err = run('--loss', '-1', '--depth', '0')
     assert (status, out) == (2, '')
-    assert err.splitlines() == [
-        'arrivals: one of --kafka, --ros, --arrivals, --recording is needed, not none',
-        (
-            'service times: --service (as 0.8ms) or --service-file is needed: how long your '
-            'reader takes for a message; to measure it, wrap the callback of the subscription '
-            'with ros2_kafka_bridge.depth.ServiceTimes (docs/depth.md)'
-        ),
-        '--loss: -1 is not above 0 and below 1',
-        '--depth: a depth is 1 or more',
+    wanted = [
+        'arrivals: one of --kafka, --ros, --arrivals, --recording is needed...',
+        'service times: --service (as 0.8ms) or --service-file ... ServiceTimes (docs/depth.md)',
+        '--loss: -1 ...',
+        '--depth: ... 1 or more',
     ]
+    assert misfits(err.splitlines(), wanted) == []
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 from schema_check import schema_problems
+from sentences import fits, misfits
 
 from ros2_kafka_bridge.config.checks import KeyPart, key_parts
 from ros2_kafka_bridge.config.file import load, loads
@@ -68,12 +69,6 @@ def with_kafka(line: str) -> str:
     return EXAMPLE.replace('ros: {domain_id', f'  {line}\nros: {{domain_id')
 
 
-def fits(said: str, expected: str) -> bool:
-    """Whether a sentence has these words; `...` stands for any others."""
-    words = re.split(r'\s*\.\.\.\s*', expected.strip())
-    return re.fullmatch('.*'.join(map(re.escape, words)), said) is not None
-
-
 @pytest.mark.parametrize('file', sorted(FILES.glob('bad_*.yaml')), ids=lambda path: path.stem)
 def test_a_bad_file_is_refused_with_the_line_the_field_and_the_cure_of_each_mistake(
     file: Path,
@@ -82,9 +77,7 @@ def test_a_bad_file_is_refused_with_the_line_the_field_and_the_cure_of_each_mist
     assert expected, 'the file names no mistake'
     problems = problems_of(text, {'TEXT': 'soon'})
     found = [problem.removeprefix('bridge.yaml:') for problem in problems]
-    assert len(found) == len(expected), found
-    both = zip(found, expected, strict=True)
-    assert [(said, line) for said, line in both if not fits(said, line)] == []
+    assert misfits(found, expected) == []
 
 
 def test_the_example_of_the_docs_is_read() -> None:
@@ -316,9 +309,8 @@ def test_a_weaker_property_is_allowed_with_a_warning() -> None:
 
 def test_a_weaker_quality_of_service_is_allowed_with_a_warning() -> None:
     text = EXAMPLE.replace('{ros: /orders}', '{ros: /orders, qos: {reliability: best_effort}}')
-    assert warnings(loads(text, 'bridge.yaml', {})) == [
-        'routes[1].from.qos.reliability: best_effort: guarantee 2 falls: what is lost stays lost'
-    ]
+    [said] = warnings(loads(text, 'bridge.yaml', {}))
+    assert fits(said, 'routes[1].from.qos.reliability: best_effort: guarantee 2 falls...')
 
 
 def test_the_parts_of_a_key() -> None:
