@@ -25,6 +25,7 @@ def main() -> None:
     parser.add_argument('--reliability', default='reliable')
     parser.add_argument('--period', type=float, default=0.0, help='seconds between two')
     parser.add_argument('--readers', type=int, default=1, help='wait for so many first')
+    parser.add_argument('--leave', type=Path, help='publish as many as this file says, and wait')
     args = parser.parse_args()
 
     rclpy.init()
@@ -48,7 +49,9 @@ def main() -> None:
     if args.readers:
         time.sleep(1.0)  # the writer knows of the match before the reader does
     messages = [bytes.fromhex(line) for line in args.file.read_text().split()]
-    for message in messages:
+    for number, message in enumerate(messages):
+        while args.leave and number >= int(args.leave.read_text()):
+            time.sleep(0.005)
         publisher.publish(deserialize_message(message, kind) if args.typed else message)
         time.sleep(args.period)
     print(f'published {len(messages)}', flush=True)  # noqa: T201

@@ -3,9 +3,11 @@
 import argparse
 import importlib
 import os
+import time
 from pathlib import Path
 
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 
@@ -16,6 +18,7 @@ def main() -> None:
     parser.add_argument('type')
     parser.add_argument('file', type=Path)
     parser.add_argument('--durability', default='volatile')
+    parser.add_argument('--leave', type=Path, help='take as many as this file says, and wait')
     args = parser.parse_args()
 
     rclpy.init()
@@ -27,12 +30,23 @@ def main() -> None:
         durability=DurabilityPolicy[args.durability.upper()],
         history=HistoryPolicy.KEEP_ALL,
     )
+    taken = 0
     with args.file.open('ab', buffering=0) as file:
-        node.create_subscription(
-            kind, args.topic, lambda cdr: file.write(cdr.hex().encode() + b'\n'), qos, raw=True
-        )
+
+        def on_message(cdr: bytes) -> None:
+            nonlocal taken
+            taken += 1
+            file.write(cdr.hex().encode() + b'\n')
+
+        node.create_subscription(kind, args.topic, on_message, qos, raw=True)
         print('ready', flush=True)  # noqa: T201
-        rclpy.spin(node)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while True:
+            if args.leave and taken >= int(args.leave.read_text()):
+                time.sleep(0.01)
+            else:
+                executor.spin_once(timeout_sec=1.0)
 
 
 main()
