@@ -1,0 +1,95 @@
+"""A route with a spool in one of two workers, which is killed while Kafka is away.
+
+The guarantees are those of docs: 2 at least once, 3 order, 7 stop is a drain, 8 what SIGKILL
+costs. Without workers: tests/faults/test_spool_kills.py.
+"""
+
+import contextlib
+import itertools
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from harness import Bench, eventually, to_ros
+from leave import Leave
+from spooled import WINDOW, arrived, file, numbers, on_disk, route
+from spools import newest_on_disk
+from workers import kill, pids, wait_until_gone
+
+from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+
+ITS = 2  # the worker of the route; the first one has those to ROS
+
+
+@pytest.fixture
+def leave(tmp_path: Path) -> Leave:
+    """How far the publisher of a test may go."""
+    return Leave(tmp_path)
+
+
+def has_open(spool: Path) -> set[int]:
+    """The processes that have a spool open, but for this one, as the kernel knows them."""
+    found = set()
+    for link in Path('/proc').glob('[0-9]*/fd/*'):
+        with contextlib.suppress(OSError):  # it has gone meanwhile
+            if link.readlink() == spool:
+                found.add(int(link.parts[2]))
+    return found - {os.getpid()}
+
+
+def test_kills_of_worker_and_supervisor_cost_nothing_on_a_disk_that_one_has_guarantees_2_3_8(
+    own_bench: Bench, own_kafka: LocalKafka, topic_name: str, leave: Leave
+) -> None:
+    """The next bridge begins while the worker that was left alone still has the spool."""
+    bench, spool, held, count = own_bench, file(own_bench), 2000, 3000
+    routes = [route(bench, topic_name), to_ros(f'{topic_name}.there', '/there')]
+    config = bench.config(routes, workers=2, ros={'lease_s': 3})
+    bench.create_topic(topic_name)
+    bench.create_topic(f'{topic_name}.there')
+    options = (*leave.options, '--count', str(count))
+    with bench.publisher('/orders', *options) as publisher, bench.bridge(config) as bridge:
+        leave.up_to(1000)
+        eventually(lambda: arrived(bench, topic_name) >= 500, 60, bridge.output)
+        bench.close()
+        own_kafka.kill()
+        leave.up_to(held)
+        eventually(lambda: newest_on_disk(spool) == held, 60, bridge.output)
+        assert has_open(spool) == {pids(bridge, ITS)[-1]}
+
+        kill(bridge, ITS)
+        bridge.wait_for('the spool holds')
+        assert has_open(spool) == {pids(bridge, ITS)[-1]}
+        sent = itertools.count(held + 1)
+
+        def matched() -> bool:
+            leave.up_to(next(sent))  # one more for each look: who is matched gets it
+            return newest_on_disk(spool) > held
+
+        eventually(matched, 60, bridge.output)
+        matched_at = next(sent)
+        leave.up_to(count)
+        publisher.wait_for('published')
+        eventually(lambda: newest_on_disk(spool) == count, 60, bridge.output)
+
+        alone = pids(bridge, ITS)[-1]
+        os.kill(alone, signal.SIGSTOP)  # or it has put the spool away before the next one begins
+        bridge.kill()
+        with bench.bridge(config) as again:
+            again.wait_for(f'another process uses this spool (pid {alone})')
+            assert has_open(spool) == {alone}
+            os.kill(alone, signal.SIGCONT)
+            again.wait_for('the spool holds')
+            assert has_open(spool) == {pids(again, ITS)[-1]}
+            wait_until_gone(*pids(bridge, 1), *pids(bridge, ITS))
+            own_kafka.start()
+            again.wait_for('the spool is empty again')
+            eventually(lambda: on_disk(bench) == 0, 60, again.output)
+            assert again.end() == 0, again.output()
+    assert bridge.output().count('the supervisor has gone: draining') == 2
+    found = numbers(bench, topic_name)
+    once = list(dict.fromkeys(found))
+    assert once == sorted(once)
+    lost = set(range(count)).difference(once)
+    assert lost <= set(range(held, matched_at - 1)), 'what was published while no worker was there'
+    assert len(found) - len(once) <= WINDOW + 2, 'in flight when Kafka died, and the first on disk'
