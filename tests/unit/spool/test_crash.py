@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from ending import ended
+from small_disks import fill, mounted
 from spools import GID, make, numbers, opened, read_all, reopened, rows
 
 from ros2_kafka_bridge.errors import RouteError, TransportError
@@ -62,29 +63,8 @@ def test_nothing_that_append_returned_for_is_lost_by_sigkill(tmp_path: Path, syn
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
     """A file system of 3 MB."""
-    place = tmp_path / 'disk'
-    place.mkdir()
-    mount = ['mount', '-t', 'tmpfs', '-o', 'size=3m', 'tmpfs', str(place)]
-    done = subprocess.run(mount, capture_output=True, text=True, check=False)
-    if done.returncode:
-        pytest.skip(f'a small disk cannot be mounted here: {done.stderr.strip()}')
-    try:
+    with mounted(tmp_path / 'disk', '3m') as place:
         yield place
-    finally:
-        subprocess.run(['umount', '--lazy', str(place)], check=True)
-
-
-def fill(place: Path) -> Path:
-    """Take the last byte of a disk."""
-    ballast = place / 'ballast'
-    with ballast.open('wb', buffering=0) as file:
-        for size in (65536, 4096, 512, 1):
-            try:
-                while file.write(b'x' * size) == size:
-                    pass
-            except OSError:
-                continue
-    return ballast
 
 
 def append_until_full(spool: Spool) -> int:
