@@ -21,7 +21,7 @@ from ros2_kafka_bridge.config.settings import Config, QoS
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import BridgeError, RouteError
-from ros2_kafka_bridge.kafka import admin, commits, lock, member, producer, tail
+from ros2_kafka_bridge.kafka import admin, lock, member, producer, tail
 from ros2_kafka_bridge.kafka.commits import Commits
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.lock import GroupLock
@@ -54,7 +54,6 @@ Life = Callable[[Library], Iterator[Callable[[], object]]]
 def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     for module, limit in ((member, '_LEAVE_S'), (lock, '_LEAVE_S'), (lock, '_REQUEST_S')):
         monkeypatch.setattr(module, limit, 0.02)
-    monkeypatch.setattr(commits, '_HAND_OVER_S', 0.02)
     monkeypatch.setattr(lock, '_AGAIN_S', 0.0)
 
 

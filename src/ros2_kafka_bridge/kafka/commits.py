@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 _AGAIN_S: Final = 0.5
 _LAST_LOOK_S: Final = 1.0
-_HAND_OVER_S: Final = 2.0
 
 
 class Commits:
@@ -89,17 +88,17 @@ class Commits:
         return not self._news()
 
     def before_revoke(self) -> None:
-        """Commit from inside a rebalance, where polling for the answer is not possible."""
-        news = self._news()
-        if not news:
-            return
-        try:
-            if self._health.away:
+        """Commit from inside a rebalance, where polling for the answer is not possible.
+
+        Nor is it waited for: while a callback of the client runs, confluent-kafka keeps every
+        other thread that commits waiting (tried, 2.16). The group has it before this member joins
+        again and another gets the partitions: both go over one connection, in this order.
+        """
+        if news := self._news():
+            try:
                 self.begin(news)
-            else:
-                self.within(_HAND_OVER_S, news)
-        except KafkaException as error:
-            self._log.warning('cannot commit before the hand-over: %s', error.args[0].str())
+            except KafkaException as error:
+                self._log.warning('cannot commit before the hand-over: %s', error.args[0].str())
 
     def within(self, seconds: float, offsets: Mapping[int, int]) -> None:
         """Commit, and wait until the group has it.
