@@ -1,12 +1,17 @@
 """Kafka -> ROS while something dies: the bridge, a subscriber, one bridge of two, the broker.
 
-The first proofs are in tests/integration/test_kills.py.
+The first proofs are in tests/integration/test_kills.py. A subscriber takes no more than the test
+lets it (`Leave`), or the records go on until the test ends them (`Stream`): what happens in
+mid-stream does so on a machine however slow.
 """
 
+import itertools
 import os
+import re
 import signal
-import time
 from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -18,10 +23,9 @@ from harness import (
     to_ros,
     totals,
     wait_until_it_reads,
-    within,
 )
+from leave import Leave
 from numbers_to_ros import (
-    ON_ITS_WAY_S,
     ROS_TOPIC,
     SAMPLES,
     SLOW,
@@ -42,30 +46,46 @@ def arrived(tmp_path: Path) -> Path:
     return tmp_path / 'arrived'
 
 
+@pytest.fixture
+def leave(tmp_path: Path) -> Leave:
+    """How far the subscriber of a test may go."""
+    return Leave(tmp_path)
+
+
+def wait_for_commit_beyond(bench: Bench, topic: str, offset: int, bridge: Process) -> int:
+    """Wait until more is committed; returns how much."""
+    eventually(lambda: bench.committed(bench.group, topic) > offset, 60, bridge.output)
+    return bench.committed(bench.group, topic)
+
+
+FULL = 'waiting (the history is full: a subscriber does not take (/'
+
+
 def test_guarantees_1_and_8_a_bridge_that_is_killed_twice_repeats_only_uncommitted_records(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic_name: str, arrived: Path, leave: Leave
 ) -> None:
     count = 3500
     config = bench.config([to_ros(topic_name, ROS_TOPIC)])
     bench.create_topic(topic_name)
     bench.produce(topic_name, numbered(count))
-    committed = []
-    with bench.subscriber(ROS_TOPIC, arrived, *SLOW, samples=SAMPLES):
+    committed = [0]
+    with bench.subscriber(ROS_TOPIC, arrived, *SLOW, *leave.options, samples=SAMPLES):
         for kill_at in (1200, 2200):
+            leave.up_to(kill_at + 500)
             with bench.bridge(config) as bridge:
                 wait_for_lines(arrived, kill_at, bridge)
+                committed.append(wait_for_commit_beyond(bench, topic_name, committed[-1], bridge))
                 bridge.kill()
-            time.sleep(ON_ITS_WAY_S)
-            committed.append(bench.committed(bench.group, topic_name))
+        leave.up_to(3 * count)
         with bench.bridge(config) as bridge:
             wait_for_all(arrived, count, bridge)
             assert bridge.end() == 0
-        assert totals(bridge)['confirmed'] == count - committed[-1]
     found = numbers(arrived)
     assert found[0] == 0
-    # What comes again begins at the committed offset, so that all of it lies at or above.
-    assert [after for _, after in steps_back(found)] == committed
-    assert 0 < committed[0] < committed[1]
+    begun = [after for _, after in steps_back(found)]
+    assert len(begun) <= 2
+    assert all(after >= before for after, before in zip(begun, committed[1:], strict=False))
+    assert totals(bridge)['confirmed'] <= count - committed[-1]
     assert bench.committed(bench.group, topic_name) == count
 
 
@@ -88,7 +108,7 @@ def test_guarantee_8_a_bridge_that_is_killed_at_rest_repeats_nothing(
 
 
 def test_guarantee_1_a_killed_subscriber_of_the_default_lease_loses_what_its_cache_held(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic_name: str, tmp_path: Path, leave: Leave
 ) -> None:
     """Lost is at most what the dead subscriber's own DDS cache held, acknowledged but not read.
 
@@ -100,10 +120,11 @@ def test_guarantee_1_a_killed_subscriber_of_the_default_lease_loses_what_its_cac
     bench.create_topic(topic_name)
     bench.produce(topic_name, numbered(count))
     with (
-        bench.subscriber(ROS_TOPIC, first, *SLOW, samples=SAMPLES) as dying,
+        bench.subscriber(ROS_TOPIC, first, *leave.options, samples=SAMPLES) as dying,
         bench.bridge(config) as bridge,
     ):
-        wait_for_lines(first, 1000, bridge)
+        leave.up_to(1000)
+        bridge.wait_for(FULL)
         dying.kill()
         with bench.subscriber(ROS_TOPIC, second):
             wait_for_all(second, count, bridge)
@@ -111,33 +132,34 @@ def test_guarantee_1_a_killed_subscriber_of_the_default_lease_loses_what_its_cac
     assert 'a subscriber of /numbers has gone: ' in bridge.output()
     assert totals(bridge)['confirmed'] == count
     assert totals(bridge)['published again'] >= 500 - SAMPLES
-    before, after = numbers(first), numbers(second)
-    assert steps_back(before) == []
+    assert numbers(first) == list(range(1000))
+    after = numbers(second)
     steps_back(after)
-    in_cache, in_hand = SAMPLES, 1
-    assert min(after) <= before[-1] + in_cache + in_hand + 1
+    assert min(after) <= 1000 + SAMPLES
 
 
 def test_guarantee_4_the_bridge_waits_for_a_subscriber_that_stops_for_10_s(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic_name: str, arrived: Path, leave: Leave
 ) -> None:
     """Nothing is lost or doubled, and the order is kept."""
     count = 4000
     config = bench.config([to_ros(topic_name, ROS_TOPIC)], kafka=bench.patient_kafka)
     bench.create_topic(topic_name)
     bench.produce(topic_name, numbered(count))
+    options = (*SLOW, *leave.options)
     with (
-        bench.subscriber(ROS_TOPIC, arrived, *SLOW, samples=SAMPLES, lease_s=60) as subscriber,
+        bench.subscriber(ROS_TOPIC, arrived, *options, samples=SAMPLES, lease_s=60) as subscriber,
         bench.bridge(config) as bridge,
     ):
+        leave.up_to(2000)
         wait_for_lines(arrived, 1000, bridge)
         subscriber.send(signal.SIGSTOP)
-        stopped_s = time.monotonic()
-        bridge.wait_for('waiting (the history is full: a subscriber does not take (/')
-        time.sleep(max(0.0, stopped_s + 10 - time.monotonic()))
+        # It says so once in 10 s.
+        bridge.wait_for(FULL, count=bridge.output().count(FULL) + 2)
         committed = bench.committed(bench.group, topic_name)
         at_most = len(lines(arrived)) + SAMPLES + 1
         assert 0 < committed <= at_most
+        leave.up_to(count)
         subscriber.send(signal.SIGCONT)
         wait_for_all(arrived, count, bridge)
         assert bridge.end() == 0
@@ -146,19 +168,23 @@ def test_guarantee_4_the_bridge_waits_for_a_subscriber_that_stops_for_10_s(
 
 
 def test_guarantee_7_sigterm_in_mid_stream_and_a_new_start_lose_and_repeat_nothing(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic_name: str, arrived: Path, leave: Leave
 ) -> None:
     count = 4000
     config = bench.config([to_ros(topic_name, ROS_TOPIC)], kafka=bench.patient_kafka)
     bench.create_topic(topic_name)
     bench.produce(topic_name, numbered(count))
-    with bench.subscriber(ROS_TOPIC, arrived, *SLOW, samples=SAMPLES):
+    with bench.subscriber(ROS_TOPIC, arrived, *SLOW, *leave.options, samples=SAMPLES):
         with bench.run(config) as bridge:
+            leave.up_to(1500)
             wait_for_lines(arrived, 1500, bridge)
-            assert bridge.end() == 0
+            bridge.send(signal.SIGTERM)
+            bridge.wait_for('stopping: draining')
+            leave.up_to(count)
+            assert bridge.wait() == 0
         drained = totals(bridge)
         assert drained['given up'] == 0
-        assert drained['confirmed'] < count, 'it was to be stopped in mid-stream'
+        assert 1500 < drained['confirmed'] < count, 'it was to be stopped in mid-stream'
         assert bench.committed(bench.group, topic_name) == drained['confirmed']
         with bench.run(config) as bridge:
             wait_for_all(arrived, count, bridge)
@@ -169,7 +195,7 @@ def test_guarantee_7_sigterm_in_mid_stream_and_a_new_start_lose_and_repeat_nothi
 
 @pytest.mark.parametrize('signals', [1, 2])
 def test_guarantee_7_what_a_drain_gives_up_is_said_and_read_again(
-    bench: Bench, topic_name: str, arrived: Path, signals: int
+    bench: Bench, topic_name: str, arrived: Path, leave: Leave, signals: int
 ) -> None:
     """With one signal after `drain_s`; with a second one at once, whatever `drain_s` says."""
     count = 2000
@@ -178,13 +204,10 @@ def test_guarantee_7_what_a_drain_gives_up_is_said_and_read_again(
     config = bench.config([route], kafka=bench.patient_kafka)
     bench.create_topic(topic_name)
     bench.produce(topic_name, numbered(count))
-    # A process that stands still may later not hear of those that have begun; one that takes
-    # nothing does.
-    hold = bench.place / 'hold'
-    with bench.subscriber(ROS_TOPIC, arrived, *SLOW, '--hold', str(hold), samples=SAMPLES):
+    with bench.subscriber(ROS_TOPIC, arrived, *SLOW, *leave.options, samples=SAMPLES):
         with bench.bridge(config) as bridge:
+            leave.up_to(1000)
             wait_for_lines(arrived, 1000, bridge)
-            hold.touch()
             bridge.send(signal.SIGTERM)
             bridge.wait_for('stopping: draining')
             if signals == 2:
@@ -193,13 +216,13 @@ def test_guarantee_7_what_a_drain_gives_up_is_said_and_read_again(
         assert 'gave up waiting for' in bridge.output()
         assert totals(bridge)['returned'] > 0
         committed = bench.committed(bench.group, topic_name)
-        hold.unlink()
+        leave.up_to(2 * count)
         with bench.bridge(config) as bridge:
             wait_for_all(arrived, count, bridge)
             assert bridge.end() == 0
     found = numbers(arrived)
     assert found[0] == 0
-    # What the stopped subscriber still gets of the first bridge may come again, and only that.
+    # What the held subscriber still gets of the first bridge may come again, and only that.
     assert [after for _, after in steps_back(found)] in ([], [committed])
 
 
@@ -207,13 +230,11 @@ def test_guarantee_7_what_a_drain_gives_up_is_said_and_read_again(
 
 PARTITIONS = 4
 EACH = 800
-RATE = 400.0  # of a bridge
+RATE = 200.0  # of a partition
 
 
-def produce_everywhere(bench: Bench, topic: str) -> None:
-    for partition in range(PARTITIONS):
-        values = [b'%d %d' % (partition, number) for number in range(EACH)]
-        bench.produce(topic, values, partition=partition)
+def words(partition: int, counted: Iterable[int]) -> Iterator[bytes]:
+    return (b'%d %d' % (partition, number) for number in counted)
 
 
 def by_partition(file: Path) -> dict[int, list[int]]:
@@ -224,34 +245,40 @@ def by_partition(file: Path) -> dict[int, list[int]]:
     return found
 
 
-def wait_for_everywhere(file: Path, *bridges: Process) -> None:
+def wait_for_everywhere(file: Path, count: int, *bridges: Process) -> None:
     eventually(
-        lambda: len(set(lines(file))) == PARTITIONS * EACH,
+        lambda: len(set(lines(file))) == count,
         60,
         lambda: '\n'.join([f'{len(set(lines(file)))}', *(b.output() for b in bridges)]),
     )
 
 
 def test_guarantee_3_a_killed_bridge_of_two_hands_over_in_order_and_repeats_only_its_window(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic_name: str, arrived: Path, leave: Leave
 ) -> None:
-    route = to_ros(topic_name, ROS_TOPIC, max_rate=RATE)
-    # Time to ask what is committed before the other goes on from there.
+    # Less than one of the two reads: at the kill none is through.
+    taken, window = EACH, 100
+    route = to_ros(topic_name, ROS_TOPIC, max_in_flight=window)
     short = {**bench.patient_kafka, 'session.timeout.ms': 12_000}
     bench.create_topic(topic_name, partitions=PARTITIONS)
     with (
-        bench.subscriber(ROS_TOPIC, arrived),
+        bench.subscriber(ROS_TOPIC, arrived, *SLOW, *leave.options, samples=SAMPLES),
         bench.bridge(bench.config([route], kafka=bench.patient_kafka)) as survivor,
     ):
         survivor.wait_for(f'reads {topic_name}[0, 1, 2, 3]')
         with bench.bridge(bench.config([route], kafka=short)) as dying:
             wait_until_it_reads(dying, topic_name)
-            produce_everywhere(bench, topic_name)
-            wait_for_lines(arrived, PARTITIONS * EACH // 2, survivor, dying)
+            for partition in range(PARTITIONS):
+                bench.produce(topic_name, words(partition, range(EACH)), partition=partition)
+            leave.up_to(taken)
+            wait_for_lines(arrived, taken, survivor, dying)
             dying.kill()
-        time.sleep(ON_ITS_WAY_S)
+        reads = re.compile(rf'reads {re.escape(topic_name)}\[\d')
+        eventually(lambda: len(reads.findall(survivor.output())) == 2, 60, survivor.output)
+        # The subscriber is held: nothing of what the survivor has just got is confirmed.
         committed = [bench.committed(bench.group, topic_name, p) for p in range(PARTITIONS)]
-        wait_for_everywhere(arrived, survivor, dying)
+        leave.up_to(2 * PARTITIONS * EACH)
+        wait_for_everywhere(arrived, PARTITIONS * EACH, survivor, dying)
         assert survivor.end() == 0
         # DDS has acknowledged the repeats; the subscriber may be writing them still.
         eventually(lambda: all(n[-1] == EACH - 1 for n in by_partition(arrived).values()), 30)
@@ -269,55 +296,63 @@ def test_guarantee_3_bridges_that_join_and_leave_in_mid_stream_lose_and_repeat_n
     bench: Bench, topic_name: str, arrived: Path
 ) -> None:
     """A hand-over waits until what is in flight is confirmed and committed, 5 s at most."""
-    slow, fast = (
-        bench.config([to_ros(topic_name, ROS_TOPIC, max_rate=rate)], kafka=bench.patient_kafka)
-        for rate in (RATE / 5, RATE)
-    )
+    config = bench.config([to_ros(topic_name, ROS_TOPIC)], kafka=bench.patient_kafka)
     bench.create_topic(topic_name, partitions=PARTITIONS)
-    produce_everywhere(bench, topic_name)
+    streams = [
+        Stream(bench, topic_name, words(partition, itertools.count()), RATE, partition)
+        for partition in range(PARTITIONS)
+    ]
     with (
         bench.subscriber(ROS_TOPIC, arrived),
-        bench.bridge(slow) as leaving,
+        bench.bridge(config) as leaving,
+        ExitStack() as stack,
     ):
+        for stream in streams:
+            stack.enter_context(stream)
         wait_for_lines(arrived, 100, leaving)
-        with bench.bridge(fast) as joining:
+        with bench.bridge(config) as joining:
             wait_until_it_reads(joining, topic_name)
             wait_for_lines(arrived, len(lines(arrived)) + 300, leaving, joining)
             assert leaving.end() == 0
-            wait_for_everywhere(arrived, leaving, joining)
+            for stream in streams:
+                stream.wait_beyond(stream.sent)
+                stream.end()
+            count = sum(stream.sent for stream in streams)
+            wait_for_everywhere(arrived, count, leaving, joining)
             assert joining.end() == 0
     assert f'hands over {topic_name}[' in leaving.output()
     confirmed = totals(leaving)['confirmed'], totals(joining)['confirmed']
-    assert sum(confirmed) == PARTITIONS * EACH
+    assert sum(confirmed) == count
     assert min(confirmed) > 0
-    expected = {partition: list(range(EACH)) for partition in range(PARTITIONS)}
+    expected = {partition: list(range(stream.sent)) for partition, stream in enumerate(streams)}
     assert dict(by_partition(arrived)) == expected
 
 
 # The broker
 
 
-def test_guarantee_1_all_arrive_once_through_a_restart_of_the_broker_and_go_on_within_5_s(
+def test_guarantee_1_all_arrive_once_through_a_restart_of_the_broker(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str, arrived: Path
 ) -> None:
-    bench, count, away_s = own_bench, 4000, 15
+    """How long it takes until they flow again: `python -m benchmarks.faults`."""
+    bench, values = own_bench, (b'%d' % number for number in itertools.count())
     config = bench.config([to_ros(topic_name, ROS_TOPIC)])
     bench.create_topic(topic_name, partitions=2)
     with (
         bench.subscriber(ROS_TOPIC, arrived),
         bench.bridge(config) as bridge,
-        Stream(bench, topic_name, numbered(count), rate=200.0) as stream,
+        Stream(bench, topic_name, values, rate=RATE) as stream,
     ):
         wait_for_lines(arrived, 300, bridge)
         with stream.held():
             own_kafka.stop()
         bridge.wait_for('Kafka is away')
-        time.sleep(away_s)
-        before = len(lines(arrived))
+        bridge.wait_for(f'lost {topic_name}[')
         own_kafka.start()
-        within(lambda: len(lines(arrived)) > before, 5, bridge.output)
-        wait_for_all(arrived, count, bridge)
         bridge.wait_for('Kafka is back')
+        stream.end()
+        count = stream.sent
+        wait_for_all(arrived, count, bridge)
         # And the partition that had nothing before.
         bench.produce(topic_name, numbered(10), partition=1)
         wait_for_lines(arrived, count + 10, bridge)
@@ -333,7 +368,8 @@ def test_a_stop_of_a_bridge_that_kafka_has_not_heard_of_says_that_records_are_re
 ) -> None:
     own_bench.create_topic(topic_name)
     own_bench.produce(topic_name, numbered(20_000))
-    route = to_ros(topic_name, ROS_TOPIC, max_rate=1000, min_subscribers=0)
+    # Slow, so that some are published and not committed whenever Kafka stands still.
+    route = to_ros(topic_name, ROS_TOPIC, max_rate=100, min_subscribers=0)
     with own_bench.bridge(own_bench.config([route])) as bridge:
         eventually(lambda: own_bench.committed(own_bench.group, topic_name) > 0, 60, bridge.output)
         os.kill(own_kafka.pid, signal.SIGSTOP)

@@ -22,7 +22,6 @@ def main() -> None:
     parser.add_argument('--reliability', default='reliable')
     parser.add_argument('--durability', default='volatile')
     parser.add_argument('--depth', type=int, default=0, help='KEEP_LAST of so many; 0: KEEP_ALL')
-    parser.add_argument('--hold', type=Path, help='take nothing while this file is there')
     parser.add_argument('--leave', type=Path, help='take as many as this file says, and wait')
     parser.add_argument('--work', type=float, default=0.0, help='seconds of work for a message')
     args = parser.parse_args()
@@ -50,8 +49,7 @@ def main() -> None:
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         while True:
-            held = args.hold and args.hold.exists()
-            if held or (args.leave and taken >= int(args.leave.read_text())):
+            if args.leave and taken >= int(args.leave.read_text()):
                 time.sleep(0.01)
             else:
                 executor.spin_once(timeout_sec=1.0)
