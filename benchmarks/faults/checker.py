@@ -9,6 +9,7 @@ one that came twice or too late to the window in which it came. What a fault may
 from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import pairwise
+from statistics import median
 from typing import NamedTuple
 
 from ros2_kafka_bridge.dedup import Deduplicator
@@ -274,6 +275,25 @@ def _next(times_ns: Sequence[int], from_ns: int) -> int | None:
     return times_ns[place] if place < len(times_ns) else None
 
 
+class Spread(NamedTuple):
+    """How some times lie, in seconds.
+
+    Args:
+        p95_s: 95 of 100 are no longer.
+    """
+
+    least_s: float
+    median_s: float
+    p95_s: float
+    most_s: float
+
+
+def spread(times_s: Sequence[float]) -> Spread:
+    """Tell how some times lie."""
+    found = sorted(times_s)
+    return Spread(found[0], median(found), found[-(-95 * len(found) // 100) - 1], found[-1])
+
+
 class Row(NamedTuple):
     """All that happened to a stream by one kind of fault.
 
@@ -282,6 +302,7 @@ class Row(NamedTuple):
         bound: Of the losses, summed up.
         bound_why: The reason of the bound.
         recovery_s: The longest; None where there is none.
+        recoveries: How all of them lie; None where there is none.
         in_time: Whether it was within what is required; None where nothing is.
     """
 
@@ -296,6 +317,7 @@ class Row(NamedTuple):
     out_of_order: int
     stall_s: float
     recovery_s: float | None
+    recoveries: Spread | None
     in_time: bool | None
     wrong: Sequence[str]
 
@@ -318,6 +340,7 @@ def summed(verdicts: Sequence[Verdict], required_s: float | None, why: str) -> R
         sum(verdict.out_of_order for verdict in verdicts),
         max(verdict.stall_s for verdict in verdicts),
         max(recoveries, default=None),
+        spread(recoveries) if recoveries else None,
         in_time,
         [words for verdict in verdicts for words in verdict.wrong],
     )

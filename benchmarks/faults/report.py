@@ -9,7 +9,7 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.faults.checker import Row
+from benchmarks.faults.checker import Row, Spread
 from benchmarks.faults.faults import FAULTS
 from benchmarks.faults.plan import Step
 from benchmarks.faults.run import AROUND, Outcome
@@ -27,6 +27,10 @@ def show(console: Console, outcome: Outcome) -> None:
     for name in dict.fromkeys(row.stream for row in outcome.rows):
         rows = [row for row in outcome.rows if row.stream == name]
         console.print(_table(STREAMS[name].words, rows))
+        for row in rows:
+            if row.recoveries is not None:
+                words = f'{row.fault}, flows again: {_spread(row.recoveries)}'
+                console.print(f'    {words}', style='dim', highlight=False)
         for words in dict.fromkeys(
             f'bound of {row.fault}: {row.bound_why}' for row in rows if row.bound_why
         ):
@@ -74,6 +78,13 @@ def _recovery(row: Row) -> str:
     return f'{row.recovery_s:.2f} s{limit}'
 
 
+def _spread(times: Spread) -> str:
+    return (
+        f'{times.least_s:.2f} s at least, {times.median_s:.2f} s in the median, '
+        f'{times.p95_s:.2f} s in 95 of 100, {times.most_s:.2f} s at most'
+    )
+
+
 def keep(
     file: Path, setting: Mapping[str, Any], plan: Sequence[Step], outcome: Outcome | None
 ) -> None:
@@ -88,8 +99,13 @@ def keep(
         content |= {
             'is_good': outcome.is_good,
             'breaches': list(outcome.breaches),
-            'rows': [row._asdict() for row in outcome.rows],
+            'rows': [_plain(row) for row in outcome.rows],
             'windows': [window._asdict() for window in outcome.windows],
             'verdicts': [verdict._asdict() for verdict in outcome.verdicts],
         }
     file.write_text(json.dumps(content, indent=2) + '\n', encoding='utf-8')
+
+
+def _plain(row: Row) -> dict[str, Any]:
+    recoveries = row.recoveries
+    return row._asdict() | {'recoveries': recoveries and recoveries._asdict()}

@@ -5,10 +5,14 @@ import shutil
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
+from benchmarks.faults.checker import Verdict, summed
 from benchmarks.faults.compare import main
 from benchmarks.faults.memberships import MEMBERSHIPS
 from benchmarks.faults.parts import end
+from benchmarks.faults.report import keep, show
+from benchmarks.faults.run import Outcome
 from benchmarks.faults.streams import STREAMS, configuration
 from rig.processes import Programs
 from ros2_kafka_bridge.config.file import loads
@@ -94,3 +98,18 @@ def test_a_run_that_has_not_come_to_its_end_is_one_sentence(tmp_path: Path) -> N
         main([str(file)])
     with pytest.raises(SystemExit, match='holds 0 files'):
         main([str(tmp_path / 'nowhere')])
+
+
+def test_a_stream_tells_how_long_it_took_to_flow_again_and_how_those_times_lie(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    found = [Verdict('to_ros', 'broker_kill', 9, 0, 0, 0, 0, 9.0, s, []) for s in (0.5, 2.0, 0.7)]
+    outcome = Outcome([summed(found, 5.0, '')], found, [], 3, [])
+    show(Console(width=140), outcome)
+    told = (
+        'flows again: 0.50 s at least, 0.70 s in the median, 2.00 s in 95 of 100, 2.00 s at most'
+    )
+    assert f'broker_kill, {told}' in capsys.readouterr().out
+    keep(tmp_path / 'faults.json', {}, [], outcome)
+    [row] = json.loads((tmp_path / 'faults.json').read_text())['rows']
+    assert row['recoveries'] == {'least_s': 0.5, 'median_s': 0.7, 'p95_s': 2.0, 'most_s': 2.0}

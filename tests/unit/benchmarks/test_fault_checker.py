@@ -12,6 +12,7 @@ from benchmarks.faults.checker import (
     Ends,
     Found,
     Seen,
+    Spread,
     Verdict,
     Window,
     compare,
@@ -19,6 +20,7 @@ from benchmarks.faults.checker import (
     judge,
     longest_gap,
     not_removable,
+    spread,
     summed,
 )
 from benchmarks.faults.faults import FAULTS
@@ -217,9 +219,16 @@ def test_a_row_takes_the_worst_of_its_verdicts() -> None:
     quick = verdict(SENT, window(10, 12, 29))
     row = summed([quick, slow], required_s=10.0, why='')
     assert (row.times, row.lost, row.bound, row.recovery_s) == (2, 15, 20, 13.0)
+    assert row.recoveries == Spread(0.0, 6.5, 13.0, 13.0)
     assert row.in_time is False
     assert summed([quick], required_s=10.0, why='').in_time is True
     assert summed([quick, slow], required_s=None, why='').in_time is None
+
+
+def test_times_are_told_by_how_they_lie() -> None:
+    assert spread([2.0]) == Spread(2.0, 2.0, 2.0, 2.0)
+    assert spread([3.0, 1.0, 2.0]) == Spread(1.0, 2.0, 3.0, 3.0)
+    assert spread([float(number) for number in range(100, 0, -1)]) == Spread(1, 50.5, 95, 100)
 
 
 def test_repeats_that_a_reader_can_leave_out_are_told_from_others() -> None:
