@@ -11,6 +11,7 @@ class Leave:
     """
 
     def __init__(self, place: Path) -> None:
+        place.mkdir(parents=True, exist_ok=True)
         self._file = place / 'leave'
         self.options = ('--leave', str(self._file))
         self.up_to(0)

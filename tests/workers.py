@@ -6,12 +6,14 @@ import select
 import signal
 import subprocess
 import sys
-import time
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
+from itertools import count as counted
 from pathlib import Path
 from typing import Any, Self
 
-from harness import Bench, Process, eventually, to_kafka, to_ros
+from harness import PATIENCE_S, Bench, Process, eventually, to_kafka, to_ros
+from paced import Stream
 from patience import patient
 
 from rig.processes import KILLED_S
@@ -52,7 +54,17 @@ def wait_until_gone(*all_of: int) -> None:
 
 
 def sized(count: int) -> list[bytes]:
-    return [f'{number}'.encode().ljust(500) for number in range(count)]
+    """So many records, each with its number."""
+    return list(_sized(range(count)))
+
+
+def stream(bench: Bench, topic: str) -> Stream:
+    """Such records without an end: what is stopped before that is stopped in mid-stream."""
+    return Stream(bench, topic, _sized(counted()), rate=2000.0)
+
+
+def _sized(numbers: Iterable[int]) -> Iterator[bytes]:
+    return (f'{number}'.encode().ljust(500) for number in numbers)
 
 
 class Watched:
@@ -87,17 +99,17 @@ class Watched:
             os.close(self.pipe)
         self._closed = True
 
-    def lines(self, timeout_s: float) -> list[bytes]:
-        """All that is sent within a time, or until the worker closes the pipe."""
-        data, deadline_s = b'', time.monotonic() + patient(timeout_s)
-        while (left_s := deadline_s - time.monotonic()) > 0:
-            if select.select([self.pipe], [], [], left_s)[0]:
-                more = os.read(self.pipe, 65536)
-                if not more:
-                    break
-                data += more
-        assert data.endswith(b'\n') or not data
-        return data.splitlines()
+    def lines(self) -> Iterator[bytes]:
+        """What is sent, line by line, until the worker closes the pipe."""
+        rest = b''
+        while True:
+            assert select.select([self.pipe], [], [], patient(PATIENCE_S))[0], self.log.read_text()
+            data = os.read(self.pipe, 65536)
+            if not data:
+                break
+            *whole, rest = (rest + data).split(b'\n')
+            yield from whole
+        assert rest == b''
 
     def end(self) -> int:
         self.process.terminate()

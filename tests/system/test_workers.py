@@ -14,71 +14,41 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     ConsumerGroupDescription,
 )
 from harness import Bench, Process, eventually, lines, to_kafka, to_ros, values
-from workers import Watched, bridge, gone, pids, sized, there_and_back, wait_until_gone
+from leave import Leave
+from workers import Watched, bridge, gone, pids, sized, stream, there_and_back, wait_until_gone
 
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import open_node
 
-COUNT = 20_000
-
-
 # Two workers
 
 
-def test_guarantee_7_a_stop_in_mid_stream_loses_nothing_between_two_workers(
-    bench: Bench, topic_name: str
-) -> None:
-    sent = sized(COUNT)
-    returned = f'{topic_name}.returned'
-    routes = there_and_back(topic_name, max_rate=3000)
-    config = bench.config(routes, workers=2, kafka=bench.patient_kafka)
-    bench.create_topic(topic_name)
-    bench.create_topic(returned)
-    bench.produce(topic_name, list(sent))
-    outputs = []
-    for _ in range(2):
-        goal = bench.end_offset(returned) + 1500
-        with bench.bridge(config) as process:
-            eventually(partial(bench.reaches, returned, goal), 60, process.output)
-            assert process.end(40) == 0, process.output()
-        outputs.append(process.output())
-    committed = bench.committed(bench.group, topic_name)
-    assert 0 < committed < COUNT, 'the stops came in mid-stream'
-    received = values(bench.records(returned, committed))
-    assert received[:committed] == sent[:committed], outputs
-    assert len(received) == committed, outputs
-
-
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=['Ctrl-C', 'systemd'])
-def test_a_signal_that_reaches_every_process_is_one_drain(
+def test_guarantee_7_a_signal_that_reaches_every_process_in_mid_stream_is_one_drain(
     bench: Bench, topic_name: str, number: signal.Signals
 ) -> None:
-    sent = sized(COUNT)
     returned = f'{topic_name}.returned'
-    routes = there_and_back(topic_name, max_rate=3000)
-    config = bench.config(routes, workers=2, kafka=bench.patient_kafka)
+    config = bench.config(there_and_back(topic_name), workers=2, kafka=bench.patient_kafka)
     bench.create_topic(topic_name)
     bench.create_topic(returned)
-    bench.produce(topic_name, list(sent))
     command = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(config)]
-    with Process(command, bench.place / 'terminal.log') as process:
+    log = bench.place / 'terminal.log'
+    with stream(bench, topic_name) as records, Process(command, log) as process:
         eventually(partial(bench.reaches, returned, 1500), 60, process.output)
         for worker in (1, 2):
             assert os.getpgid(pids(process, worker)[0]) == process.pid
         os.killpg(process.pid, number)
         assert process.wait(40) == 0, process.output()
+        committed = bench.committed(bench.group, topic_name)
+        records.wait_beyond(committed)
+        records.end()
     assert 'Traceback' not in process.output()
-    committed = bench.committed(bench.group, topic_name)
-    assert 0 < committed < COUNT
-    assert values(bench.records(returned, committed)) == sent[:committed]
+    assert values(bench.records(returned, committed)) == sized(committed)
 
 
-def wait_until_all_has_come(bench: Bench, topic: str) -> None:
-    """Wait until nothing more comes: what Kafka has not confirmed, a second signal gives up."""
-    before, now = -1, 0
-    while now == 0 or now != before:
-        before, now = now, bench.end_offset(topic)
-        time.sleep(0.5)
+ALL_HAS_COME = re.compile(
+    r'to_ros: waiting \(the history is full.*\n.* to_kafka: running: .* 0 in flight'
+)
 
 
 def test_a_second_signal_ends_all_workers_at_once(
@@ -86,22 +56,22 @@ def test_a_second_signal_ends_all_workers_at_once(
 ) -> None:
     routes = there_and_back(topic_name, drain_s=300, min_subscribers=2)
     config = bench.config(routes, workers=2)
-    returned = f'{topic_name}.returned'
     bench.create_topic(topic_name)
-    bench.create_topic(returned)
+    bench.create_topic(f'{topic_name}.returned')
     bench.produce(topic_name, sized(3000))
-    slow = ('--work', '0.001')
-    with bench.subscriber('/orders', tmp_path / 'arrived', *slow, samples=50) as subscriber:
-        subscriber.wait_for('ready')
-        with bridge(bench, config) as process:
-            eventually(lambda: len(lines(tmp_path / 'arrived')) > 100, 60, process.output)
-            subscriber.send(signal.SIGSTOP)
-            wait_until_all_has_come(bench, returned)
-            process.send(signal.SIGTERM)
-            process.wait_for('stopping: draining')
-            assert not gone(pids(process, 2)[0]), 'those from ROS drain last'
-            process.send(signal.SIGTERM)
-            assert process.wait(30) == 0, 'nothing is given up: Kafka keeps what ROS did not get'
+    leave = Leave(tmp_path)
+    leave.up_to(100)
+    with (
+        bench.subscriber('/orders', tmp_path / 'arrived', *leave.options, samples=50),
+        bridge(bench, config) as process,
+    ):
+        # What Kafka has not confirmed, a second signal would give up.
+        eventually(lambda: bool(ALL_HAS_COME.search(process.output())), 60, process.output)
+        process.send(signal.SIGTERM)
+        process.wait_for('stopping: draining')
+        assert not gone(pids(process, 2)[0]), 'those from ROS drain last'
+        process.send(signal.SIGTERM)
+        assert process.wait(30) == 0, 'nothing is given up: Kafka keeps what ROS did not get'
     assert 'failed: ' not in process.output()
     wait_until_gone(*pids(process, 1), *pids(process, 2))
 
