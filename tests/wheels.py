@@ -1,0 +1,61 @@
+"""The project as users install it: its wheel, and empty environments to put it into."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Final
+
+from patience import patient
+
+ROOT: Final = Path(__file__).parents[1]
+LOCK: Final = ROOT / 'requirements.lock'
+_UV: Final = Path(sys.executable).parent / 'uv'
+_UV_S: Final = 200.0
+
+
+def uv(*words: str | Path) -> None:
+    """Run uv to its end, which has to be a good one."""
+    environ = {'UV_SYSTEM_CERTS': 'true', **os.environ}
+    done = subprocess.run(
+        [_UV, *words], env=environ, capture_output=True, text=True, check=False,
+        timeout=patient(_UV_S),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def build(kind: str, source: Path, folder: Path) -> Path:
+    """Build the `wheel` or the `sdist` of a source; returns the file."""
+    uv('build', f'--{kind}', '--out-dir', folder, source)
+    [file] = folder.glob('*.whl' if kind == 'wheel' else '*.tar.gz')
+    return file
+
+
+def contents(wheel: Path) -> dict[str, bytes]:
+    """The files of a wheel."""
+    with zipfile.ZipFile(wheel) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def make_venv(place: Path, python: str | Path = sys.executable) -> Path:
+    """Make an empty environment; returns its Python."""
+    uv('venv', '--python', python, place)
+    return place / 'bin' / 'python'
+
+
+def install(python: Path, *words: str | Path) -> None:
+    """Install into an environment."""
+    uv('pip', 'install', '--python', python, *words)
+
+
+def run(
+    command: list[str | Path], place: Path, timeout_s: float = 60.0
+) -> subprocess.CompletedProcess[str]:
+    """Run a command outside of the source tree, with nothing of the tests' own environment."""
+    mine = ('PYTHON', 'PYTEST', 'VIRTUAL_ENV', 'LD_LIBRARY_PATH', 'AMENT', '_ROS_WHEELS')
+    environ = {name: value for name, value in os.environ.items() if not name.startswith(mine)}
+    return subprocess.run(
+        command, cwd=place, env=environ, capture_output=True, text=True, check=False,
+        stdin=subprocess.DEVNULL, timeout=patient(timeout_s),
+    )  # fmt: skip
