@@ -15,6 +15,7 @@ from typing import Final
 from ros2_kafka_bridge.config.settings import SpoolSettings
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.logs.text import count as counted
+from ros2_kafka_bridge.spool.ages import Ages
 from ros2_kafka_bridge.spool.store import Row, Spool
 
 BATCH: Final = 500
@@ -52,6 +53,7 @@ class Backlog:
         self._drops = drops
         self._largest_bytes = largest_bytes
         self._log = log
+        self._ages = Ages()
         self._opened = False  # in this life
         self._is_open = False
         self._loaded = 0  # number of the last row that is, or was, in the window
@@ -120,6 +122,7 @@ class Backlog:
             waited, self.waiting = self.waiting, self._spool.count_after(self._loaded)
             return 0, max(0, waited - self.waiting)
         self._opened = True
+        self._ages = Ages()
         self.waiting, self.last_of_earlier = self._spool.count, self._spool.last
         self.active = self._always or self.waiting > 0
         if self.waiting:
@@ -209,6 +212,7 @@ class Backlog:
             self._log.info('the spool can be written again')
         self.problem = ''
         self.waiting += len(rows)
+        self._ages.note(rows[0].number, rows[-1].taken_ns)
         return True
 
     def note_in_window(self, rows: Sequence[Row]) -> None:
@@ -235,6 +239,10 @@ class Backlog:
         # Of the rows that a repair found lost, those in the window are not.
         waited, self.waiting = self.waiting, self._spool.count_after(self._loaded)
         return rows, max(0, waited - self.waiting)
+
+    def age_s(self, row: Row) -> float:
+        """How long a row has waited on disk."""
+        return self._ages.age_s(row.number, row.taken_ns)
 
     def waits_before(self, number: int) -> bool:
         """Whether a row of a lower number waits."""
@@ -310,4 +318,9 @@ class Backlog:
             return 0
         self._look_at_s = now_s + _LOOK_S
         assert self._spool is not None
-        return self._spool.drop_older(self._loaded, time.time_ns() - int(max_age_s * 1e9))
+        dropped = 0
+        for before, taken_before_ns in self._ages.older_than(max_age_s, self.last + 1):
+            dropped += self._spool.drop_older(self._loaded, taken_before_ns, before)
+            if self.waits_before(before):
+                break
+        return dropped

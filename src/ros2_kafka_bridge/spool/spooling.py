@@ -21,7 +21,6 @@ from ros2_kafka_bridge.spool.backlog import BATCH, Backlog
 from ros2_kafka_bridge.spool.doubt import Doubt, InKafka
 from ros2_kafka_bridge.spool.rows import Row
 
-_S_PER_NS: Final = 1e-9
 _PATIENCE_S: Final = 1.0  # with a full window, before new messages go to disk
 
 
@@ -316,7 +315,7 @@ class Spooling:
             if is_earlier and self._doubt.settles(row):
                 self._counters.end(Outcome.SKIPPED)
                 continue
-            entry = _entry_of(row)
+            entry = _entry_of(row, self._backlog.age_s(row))
             self._window.put_back(entry)
             self._put_in_line(entry)
 
@@ -358,11 +357,10 @@ def _row_of(entry: MessageEntry) -> Row:
     return Row(entry.number, time.time_ns(), entry.is_letter, entry.gid, entry.seq, entry.record)
 
 
-def _entry_of(row: Row) -> MessageEntry:
+def _entry_of(row: Row, age_s: float) -> MessageEntry:
     """An entry that was on disk."""
     value = row.record.value or b''  # its length stands for that of the message
     message = Message(value, row.gid, row.seq, source_time_ns(row.record.headers))
-    taken_s = time.monotonic() - _S_PER_NS * (time.time_ns() - row.taken_ns)
-    entry = MessageEntry(row.number, row.record, message, taken_s)
+    entry = MessageEntry(row.number, row.record, message, time.monotonic() - age_s)
     entry.is_letter, entry.is_on_disk = row.dead, True
     return entry

@@ -267,8 +267,8 @@ class Spool:
                 freed_bytes += size_bytes
         return self._drop(db, first + 1, last)
 
-    def drop_older(self, after: int, taken_before_ns: int) -> int:
-        """Delete the oldest rows above a number as long as they were taken before a time.
+    def drop_older(self, after: int, taken_before_ns: int, before: int) -> int:
+        """Delete the oldest rows between two numbers as long as they were taken before a time.
 
         Returns:
             How many rows.
@@ -276,13 +276,18 @@ class Spool:
         Raises:
             TransportError: That is not possible now.
         """
-        return self._file.use(lambda db: self._drop_older(db, after, taken_before_ns), 'written')
+        return self._file.use(
+            lambda db: self._drop_older(db, after, taken_before_ns, before), 'written'
+        )
 
-    def _drop_older(self, db: sqlite3.Connection, after: int, taken_before_ns: int) -> int:
-        first = after + self._file.ledger.base
+    def _drop_older(
+        self, db: sqlite3.Connection, after: int, taken_before_ns: int, before: int
+    ) -> int:
+        base = self._file.ledger.base
         query = 'SELECT number FROM rows WHERE number > ? AND taken_ns >= ? ORDER BY number'
-        found = db.execute(f'{query} LIMIT 1', (first, taken_before_ns)).fetchone()
-        return self._drop(db, first + 1, found[0] - 1 if found else self._file.last)
+        found = db.execute(f'{query} LIMIT 1', (after + base, taken_before_ns)).fetchone()
+        end = min(before + base, self._file.last + 1, *(found or ()))
+        return self._drop(db, after + base + 1, end - 1)
 
     def discard_between(self, first: int, last: int, *, keep: frozenset[int]) -> int:
         """Delete the rows from one number to another, but for some.

@@ -1,0 +1,107 @@
+"""A spool while the clock of the machine is set: only what has waited for too long is too old."""
+
+import time
+
+import pytest
+from houses import House, Make, come_back, go_away
+
+HOUR_S = 3600.0
+DAY_S = 24 * HOUR_S
+
+
+class Clocks:
+    """The clocks of a machine: `wait` moves all of them, `jump` only the time of day."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._waited_s = self._jumped_s = 0.0
+        time_ns, monotonic, clock_gettime_ns = time.time_ns, time.monotonic, time.clock_gettime_ns
+        monkeypatch.setattr(
+            time, 'time_ns', lambda: time_ns() + int(1e9 * (self._waited_s + self._jumped_s))
+        )
+        monkeypatch.setattr(time, 'monotonic', lambda: monotonic() + self._waited_s)
+        monkeypatch.setattr(
+            time,
+            'clock_gettime_ns',
+            lambda clock: clock_gettime_ns(clock) + int(1e9 * self._waited_s),
+        )
+
+    def wait(self, seconds: float) -> None:
+        self._waited_s += seconds
+
+    def jump(self, seconds: float) -> None:
+        self._jumped_s += seconds
+
+
+@pytest.fixture
+def clocks(monkeypatch: pytest.MonkeyPatch) -> Clocks:
+    return Clocks(monkeypatch)
+
+
+def held_back(house: Make) -> House:
+    """A route whose first message is in flight; others than that wait on disk for a minute."""
+    h = house({'max_age_s': 60.0}, max_in_flight=1)
+    go_away(h)
+    h.give(1, 2, 3)
+    h.steps()
+    return h
+
+
+@pytest.mark.parametrize('jump_s', [HOUR_S, DAY_S, 50 * 365 * DAY_S, -HOUR_S, -DAY_S])
+def test_what_waits_grows_neither_older_nor_younger_when_the_clock_is_set(
+    house: Make, clocks: Clocks, jump_s: float
+) -> None:
+    h = held_back(house)
+    clocks.jump(jump_s)
+    clocks.wait(30)
+    h.give(4)
+    h.steps()
+    assert (h.on_disk(), h.count('dropped')) == ([1, 2, 3, 4], 0)
+    clocks.wait(40)
+    h.steps()
+    assert (h.on_disk(), h.count('dropped')) == ([1, 4], 2)
+    come_back(h)
+    h.until_all_confirmed()
+    assert h.numbers() == [1, 4]
+
+
+def test_every_step_of_the_clock_counts_for_what_was_written_before_it_alone(
+    house: Make, clocks: Clocks
+) -> None:
+    h = held_back(house)
+    for number, jump_s in enumerate((HOUR_S, -2 * HOUR_S, 0.5, 0.5, 0.5, DAY_S), 4):
+        clocks.jump(jump_s)
+        clocks.wait(20)
+        h.give(number)
+        h.steps()
+    assert (h.on_disk(), h.count('dropped')) == ([1, 6, 7, 8, 9], 4)
+
+
+def test_what_an_earlier_life_has_left_is_judged_by_the_clock_that_this_one_began_with(
+    house: Make, clocks: Clocks
+) -> None:
+    h = held_back(house)
+    h.crash()
+    clocks.wait(30)
+    again = house({'max_age_s': 60.0}, max_in_flight=1)
+    go_away(again)
+    clocks.jump(DAY_S)
+    again.steps()
+    assert again.count('dropped') == 0
+    clocks.wait(40)
+    again.steps()
+    assert again.count('dropped') == 2
+
+
+def test_how_long_a_message_was_in_the_bridge_does_not_change_with_the_clock(
+    house: Make, clocks: Clocks
+) -> None:
+    h = house(max_in_flight=1)
+    go_away(h)
+    h.give(1, 2, 3)
+    h.steps()
+    clocks.jump(DAY_S)
+    clocks.wait(10)
+    come_back(h)
+    h.until_all_confirmed()
+    h.direction._take_snapshot()
+    assert 30 <= h.direction.snapshot.measures.in_bridge.sum_s < 40
