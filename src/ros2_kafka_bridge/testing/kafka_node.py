@@ -60,6 +60,12 @@ PROPERTIES: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 
+# The exception itself says more than the line before it, that there is one.
+_REASONS: Final = (
+    re.compile(r'^[\w.$]+(Exception|Error): '),
+    re.compile(r'ERROR|Exception|error:'),
+)
+
 
 def replication(copies: int, in_sync: int) -> dict[str, str]:
     """The properties that say how often a node's topics, and Kafka's own, are kept.
@@ -177,9 +183,9 @@ class KafkaNode:
 
     def failure(self, what: str) -> str:
         """A sentence of what happened, where the log is, and its first complaint."""
-        signs = ('ERROR', 'Exception', 'error:')
         lines = self._log_since_start().splitlines()
-        reason = next((line.strip() for line in lines if any(sign in line for sign in signs)), '')
+        found = filter(None, (next(filter(sign.search, lines), '') for sign in _REASONS))
+        reason = next(found, '').strip()
         return f'{what}, see {self.log_file}' + (f': {reason}' if reason else '')
 
     def _write_config(self, properties: Mapping[str, str]) -> Path:
