@@ -2,17 +2,21 @@
 
 from pathlib import Path
 
+from patience import eventually
+
 
 class Leave:
     """How many messages a publisher may publish, or a subscriber take (`--leave FILE`).
 
     Args:
-        place: Where its file goes.
+        place: Where its files go.
+        name: Of its files, where a test has two.
     """
 
-    def __init__(self, place: Path) -> None:
+    def __init__(self, place: Path, name: str = 'leave') -> None:
         place.mkdir(parents=True, exist_ok=True)
-        self._file = place / 'leave'
+        self._file = place / name
+        self._out = self._file.with_suffix('.out')
         self.options = ('--leave', str(self._file))
         self.up_to(0)
 
@@ -21,3 +25,14 @@ class Leave:
         new = self._file.with_suffix('.new')
         new.write_text(str(count))
         new.replace(self._file)
+
+    def set_off(self, count: int) -> None:
+        """Let a publisher go on until it has published so many, and see that it does."""
+        before = self.out
+        self.up_to(count)
+        eventually(lambda: self.out > before, 60)
+
+    @property
+    def out(self) -> int:
+        """How many a publisher has published."""
+        return self._out.stat().st_size if self._out.exists() else 0

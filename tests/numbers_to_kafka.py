@@ -2,10 +2,12 @@
 
 import contextlib
 import re
+import time
 from collections.abc import Sequence
 
 from confluent_kafka import Consumer, KafkaException, Message, TopicPartition
-from harness import Bench, Process, headers
+from harness import Bench, Process, eventually, headers
+from leave import Leave
 from patience import patient
 
 LATCHED = ('--durability', 'transient_local', '--readers', '0')
@@ -34,6 +36,25 @@ def told(peer: Process, what: str) -> str:
     found = re.search(rf'^{what} (\S+)$', peer.output(), re.MULTILINE)
     assert found, peer.output()
     return found[1]
+
+
+def knock(bench: Bench, topic: str, leave: Leave) -> None:
+    """Have a publisher that stands still publish one after the other, until one arrives.
+
+    A publisher knows of a reader before that knows of it, and what it publishes meanwhile is
+    lost; from the first one that arrives on nothing is.
+    """
+    before = bench.end_offset(topic)
+
+    def answered() -> bool:
+        leave.set_off(leave.out + 1)
+        for _ in range(20):
+            if bench.reaches(topic, before + 1):
+                return True
+            time.sleep(0.02)
+        return False
+
+    eventually(answered, 60)
 
 
 def last(bench: Bench, topic: str) -> int:

@@ -5,13 +5,12 @@ The guarantees are those of docs: 2 at least once without duplicates, 3 order, 4
 """
 
 import itertools
-import re
 import signal
-import time
 from pathlib import Path
 
-from harness import Bench, Process, eventually, to_kafka, totals, values, within
-from numbers_to_kafka import LATCHED, how_many, last, published, seqs
+from harness import Bench, Process, eventually, to_kafka, totals, values
+from leave import Leave
+from numbers_to_kafka import LATCHED, knock, last, seqs
 from numbers_to_ros import numbered
 from relay import node_behind_relay
 
@@ -19,6 +18,7 @@ from ros2_kafka_bridge.testing.local_kafka import LocalKafka, free_port
 
 READER_CACHE = 2000
 WINDOW = 2000
+HISTORY = 5000  # of a publisher whose profile says nothing of it
 RATE = 500
 
 
@@ -28,87 +28,92 @@ RATE = 500
 def test_sigterm_in_mid_stream_loses_and_doubles_nothing_of_a_history_guarantees_2_3_7(
     bench: Bench, topic_name: str
 ) -> None:
+    count, leave = 4000, Leave(bench.place)
     bench.create_topic(topic_name)
     config = bench.config([to_kafka('/orders', topic_name)])
-    options = (*LATCHED, '--count', '4000', '--rate', str(RATE))
-    with bench.publisher('/orders', *options) as publisher:
+    options = (*LATCHED, *leave.options, '--count', str(count), '--rate', str(RATE))
+    with bench.publisher('/orders', *options):
+        leave.up_to(300)
         with bench.run(config) as bridge:
-            eventually(lambda: last(bench, topic_name) >= 300, 60)
-            assert not published(publisher)
+            eventually(lambda: bench.reaches(topic_name, 300), 60, bridge.output)
+            leave.set_off(count - 1000)
             assert bridge.end() == 0
-            assert totals(bridge, 'to_kafka')['confirmed'] < 4000
+        leave.up_to(count)
         with bench.run(config) as bridge:
-            records = bench.records(topic_name, 4000)
+            records = bench.records(topic_name, count)
             assert bridge.end() == 0
             assert totals(bridge, 'to_kafka').get('skipped', 0) > 0
-    assert values(records) == numbered(4000)
-    assert seqs(records) == list(range(1, 4001))
+    assert values(records) == numbered(count)
+    assert seqs(records) == list(range(1, count + 1))
 
 
 def test_sigkill_costs_a_volatile_publisher_no_more_than_is_said_guarantee_8(
     bench: Bench, topic_name: str
 ) -> None:
-    config = bench.config([to_kafka('/orders', topic_name)], ros={'lease_s': 8})
+    alone, count, leave = 2000, 3000, Leave(bench.place)
+    config = bench.config([to_kafka('/orders', topic_name)], ros={'lease_s': 3})
     bench.create_topic(topic_name)
-    enough = bench.place / 'enough'
-    options = ('--until', str(enough), '--rate', str(RATE))
+    options = (*leave.options, '--count', str(count), '--rate', str(RATE))
     with bench.bridge(config) as bridge:
         bridge.wait_for('subscribes to /orders')
         with bench.publisher('/orders', *options) as publisher:
-            eventually(lambda: last(bench, topic_name) >= 300, 60)
-            killed_s = time.monotonic()
+            leave.up_to(300)
+            eventually(lambda: bench.reaches(topic_name, 300), 60, bridge.output)
+            leave.set_off(alone)
             bridge.kill()
-            time.sleep(3.0)  # what it had sent, until the broker has it
-            before = last(bench, topic_name)
+            eventually(lambda: leave.out == alone, 60)
             with bench.bridge(config) as again:
                 again.wait_for('subscribes to /orders')
-                eventually(lambda: last(bench, topic_name) > before, 60)
-                back_s = time.monotonic()
-                enough.touch()
-                count = how_many(publisher)
-                eventually(lambda: last(bench, topic_name) == count, 60)
+                knock(bench, topic_name, leave)
+                back = leave.out
+                leave.up_to(count)
+                publisher.wait_for('published')
+                eventually(lambda: last(bench, topic_name) == count, 60, again.output)
                 assert again.end() == 0
-                records = bench.records(topic_name, bench.end_offset(topic_name))
+            records = bench.records(topic_name, bench.end_offset(topic_name))
     found = seqs(records)
     assert found == sorted(set(found))
     assert found[-1] == count
     gaps = [(a, b) for a, b in itertools.pairwise(found) if b != a + 1]
     assert len(gaps) == 1, 'what is lost shows as one gap in (gid, seq)'
-    [(last_before, first_after)] = gaps
-    assert last_before == before
-    assert first_after - last_before - 1 <= READER_CACHE + WINDOW + (back_s - killed_s) * RATE
+    [(_, first_after)] = gaps
+    assert alone < first_after <= back, 'all is there that was published once it was back'
+
+
+def test_sigkill_costs_a_publisher_that_is_held_back_its_history_too_guarantee_8(
+    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
+) -> None:
+    bench, count, leave = own_bench, 12_000, Leave(own_bench.place)
+    config = bench.config([to_kafka('/orders', topic_name)], ros={'lease_s': 3})
+    bench.create_topic(topic_name)
+    options = (*leave.options, '--count', str(count))
+    held = 1000 + WINDOW + READER_CACHE + HISTORY
+    with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
+        leave.up_to(1000)
+        eventually(lambda: bench.reaches(topic_name, 1000), 60, bridge.output)
+        bench.close()
+        own_kafka.kill()
+        leave.up_to(held + 1)
+        publisher.wait_for(f'held back from {held}\n')
+        bridge.kill()
+        own_kafka.start()
+        # ROS forgets the bridge, and with it what was kept for it.
+        eventually(lambda: leave.out == held + 1, 60, publisher.output)
+        with bench.bridge(config) as again:
+            again.wait_for('subscribes to /orders')
+            knock(bench, topic_name, leave)
+            back = leave.out
+            leave.up_to(count)
+            eventually(lambda: last(bench, topic_name) == count, 60, again.output)
+            assert again.end() == 0
+        records = bench.records(topic_name, bench.end_offset(topic_name))
+    found = seqs(records)
+    first_after = found[1000]
+    assert held + 1 < first_after <= back
+    assert found == [*range(1, 1001), *range(first_after, count + 1)]
 
 
 # The broker ends
-
-
-def test_a_broker_that_is_away_holds_the_publisher_back_and_costs_nothing_guarantees_2_3_4(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
-) -> None:
-    count = 30_000
-    config = own_bench.config([to_kafka('/orders', topic_name)])
-    own_bench.create_topic(topic_name)
-    options = ('--count', str(count), '--rate', '2000')
-    with own_bench.bridge(config) as bridge, own_bench.publisher('/orders', *options) as publisher:
-        eventually(lambda: last(own_bench, topic_name) >= 1000, 60)
-        own_kafka.stop()
-        time.sleep(15)
-        # Window, reader's cache and the publisher's own history are full; it waits since then.
-        assert not published(publisher)
-        status = re.findall(
-            r'waiting \((.*?)\): (\d+) confirmed.* (\d+) in flight', bridge.output()
-        )
-        assert status, bridge.output()
-        assert status[-1][0].startswith('Kafka is away')
-        assert int(status[-1][2]) == WINDOW
-        own_kafka.start()
-        within(lambda: 'Kafka is back' in bridge.output(), 5, bridge.output)
-        publisher.wait_for('published', timeout_s=60)
-        records = own_bench.records(topic_name, count)
-        assert bridge.end() == 0
-    assert totals(bridge, 'to_kafka')['confirmed'] == count
-    assert values(records) == numbered(count)
-    assert seqs(records) == list(range(1, count + 1))
 
 
 def test_drop_oldest_drops_while_the_broker_is_away_and_counts_it_guarantees_3_4_6(
@@ -118,12 +123,16 @@ def test_drop_oldest_drops_while_the_broker_is_away_and_counts_it_guarantees_3_4
     route = to_kafka('/orders', topic_name, when_full='drop_oldest')
     config = own_bench.config([route])
     own_bench.create_topic(topic_name)
-    options = ('--count', str(count), '--rate', '4000')
+    leave = Leave(own_bench.place)
+    options = (*leave.options, '--count', str(count), '--rate', '4000')
     with own_bench.bridge(config) as bridge, own_bench.publisher('/orders', *options) as publisher:
-        eventually(lambda: last(own_bench, topic_name) >= 500, 60)
+        leave.up_to(500)
+        eventually(lambda: own_bench.reaches(topic_name, 500), 60, bridge.output)
+        own_bench.close()
         own_kafka.stop()
+        leave.up_to(count)
         # Nothing holds it back, though Kafka takes nothing.
-        publisher.wait_for('published', timeout_s=30)
+        publisher.wait_for('published')
         own_kafka.start()
         eventually(lambda: last(own_bench, topic_name) == count, 60)
         assert bridge.end() == 0
@@ -147,15 +156,14 @@ def test_connections_that_were_forgotten_on_the_way_cost_nothing_guarantees_2_3(
         bench = Bench(tmp_path, relay.address, ros_domain)
         config = bench.config([to_kafka('/orders', topic_name)])
         bench.create_topic(topic_name)
-        enough = tmp_path / 'enough'
-        options = ('--rate', '100', '--until', str(enough))
-        with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
-            eventually(lambda: last(bench, topic_name) >= 100, 60)
+        count, leave = 1000, Leave(tmp_path)
+        options = (*leave.options, '--rate', '200', '--count', str(count))
+        with bench.bridge(config) as bridge, bench.publisher('/orders', *options):
+            leave.up_to(100)
+            eventually(lambda: last(bench, topic_name) == 100, 60, bridge.output)
+            leave.set_off(count)
             relay.forget()
-            reached = last(bench, topic_name)
-            eventually(lambda: last(bench, topic_name) > reached + 100, 120, bridge.output)
-            enough.touch()
-            count = how_many(publisher)
+            eventually(lambda: last(bench, topic_name) == count, 120, bridge.output)
             assert bridge.end() == 0, bridge.output()
             assert totals(bridge, 'to_kafka')['confirmed'] == count
         records = bench.records(topic_name, bench.end_offset(topic_name))
@@ -175,7 +183,7 @@ def test_a_broker_that_never_listened_is_named_in_one_line_guarantees_4_7(
     with bench.bridge(config) as bridge, bench.publisher('/orders', '--count', '100') as publisher:
         publisher.wait_for('published')
         bridge.wait_for('starting (Kafka is away')
-        assert stop(bridge, within_s=1 + 5) == 1, 'something was given up'
+        assert stop(bridge) == 1, 'something was given up'
         assert bridge.output().count('trying again until it is back') == 1
     found = totals(bridge, 'to_kafka')
     assert found['taken'] == found['given up'] == 100
@@ -191,14 +199,13 @@ def test_what_was_produced_cannot_be_asked_of_a_broker_that_is_away_guarantees_7
             bridge.wait_for(
                 f'topic {topic_name} cannot be read, to skip what it holds from before'
             )
-            assert stop(bridge, within_s=1 + 6) == 0, 'nothing was'
+            assert stop(bridge) == 0, 'nothing was'
     assert totals(bridge, 'to_kafka')['taken'] == 0
 
 
-def stop(bridge: Process, within_s: float) -> int:
-    """Ctrl-C, while the broker is away: the end comes in time, without a traceback."""
+def stop(bridge: Process) -> int:
+    """Ctrl-C, while the broker is away: the end comes, without a traceback."""
     bridge.send(signal.SIGINT)
-    within(lambda: not bridge.running, within_s, bridge.output)
     status = bridge.wait()
     assert 'Traceback' not in bridge.output()
     assert '%3|' not in bridge.output(), 'librdkafka speaks through the log only'
@@ -206,12 +213,12 @@ def stop(bridge: Process, within_s: float) -> int:
 
 
 def test_a_second_signal_ends_at_once_guarantee_7(bench: Bench, topic_name: str) -> None:
-    config = away(bench).config([to_kafka('/orders', topic_name)], defaults={'drain_s': 60})
+    config = away(bench).config([to_kafka('/orders', topic_name)], defaults={'drain_s': 3600})
     with bench.bridge(config) as bridge, bench.publisher('/orders', '--count', '100'):
         bridge.wait_for('Kafka is away')
         bridge.wait_for('subscribes to /orders')
         bridge.send(signal.SIGINT)
         bridge.wait_for('stopping: draining')
         bridge.send(signal.SIGINT)
-        bridge.wait(timeout_s=20)
+        bridge.wait()
     assert 'Traceback' not in bridge.output()

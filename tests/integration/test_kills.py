@@ -13,7 +13,7 @@ import pytest
 import spooled
 from harness import Bench, eventually, to_kafka, to_ros, totals, values
 from leave import Leave
-from numbers_to_kafka import LATCHED, last, published, seqs
+from numbers_to_kafka import LATCHED, last, seqs
 from numbers_to_ros import (
     ON_ITS_WAY_S,
     ROS_TOPIC,
@@ -38,6 +38,10 @@ from taking_turns import (
 from taking_turns import wait_for_all as wait_for_all_of_a_pair
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+
+WINDOW = 2000
+READER_CACHE = 2000
+HISTORY = 5000  # of a publisher whose profile says nothing of it
 
 
 @pytest.fixture
@@ -166,8 +170,8 @@ def test_guarantees_1_and_3_a_restart_of_the_broker_loses_nothing_and_repeats_no
 def test_guarantees_2_3_4_a_broker_that_is_away_holds_the_publisher_back_and_costs_nothing(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str, leave: Leave
 ) -> None:
-    """Window, reader's cache and the publisher's own history hold 9,000; then it waits."""
     bench, count = own_bench, 15_000
+    held = 1000 + WINDOW + READER_CACHE + HISTORY
     config = bench.config([to_kafka('/orders', topic_name)])
     bench.create_topic(topic_name)
     options = (*leave.options, '--count', str(count))
@@ -177,10 +181,12 @@ def test_guarantees_2_3_4_a_broker_that_is_away_holds_the_publisher_back_and_cos
         bench.close()
         own_kafka.kill()
         leave.up_to(count)
-        full = re.compile(r'waiting \(Kafka is away.*\): \d+ confirmed.* 2000 in flight')
+        publisher.wait_for(f'held back from {held}\n')
+        full = re.compile(r'waiting \(Kafka is away.*\): 1000 confirmed.* 2000 in flight')
         eventually(lambda: bool(full.search(bridge.output())), 60, bridge.output)
-        assert not published(publisher)
+        assert leave.out == held
         own_kafka.start()
+        bridge.wait_for('Kafka is back')
         publisher.wait_for('published')
         records = bench.records(topic_name, count)
         assert bridge.end() == 0

@@ -1,7 +1,8 @@
 """Any user's node that publishes std_msgs/String; waits when its history is full.
 
-Prints `published N` when all is out, then stays until it is told to end: a TRANSIENT_LOCAL
-publisher keeps its history as long as it lives.
+Prints `held back from N` where the next one, number N, has to wait, and `published N` when all is
+out; then it stays until it is told to end: a TRANSIENT_LOCAL publisher keeps its history as long
+as it lives. With `--leave FILE` the size of `FILE.out` is how many are out.
 """
 
 import argparse
@@ -10,6 +11,7 @@ import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -28,6 +30,26 @@ def paced(count: int | None, rate: float, leave: Path | None) -> Iterator[int]:
             time.sleep(max(0.0, due_s - time.monotonic()))
             due_s += 1 / rate
         yield number
+
+
+def publish(publisher: Any, message: String) -> None:
+    """Publish it, once the history has room."""
+    if has_published(publisher, message):
+        return
+    print(f'held back from {message.data.strip()}', flush=True)  # noqa: T201
+    while not has_published(publisher, message):
+        time.sleep(0.001)
+
+
+def has_published(publisher: Any, message: String) -> bool:
+    """Publish it, if the history has room."""
+    try:
+        publisher.publish(message)
+    except Exception as error:
+        if 'cannot publish data' not in str(error):
+            raise
+        return False
+    return True
 
 
 def main() -> None:
@@ -60,19 +82,15 @@ def main() -> None:
     if args.readers:
         time.sleep(1.0)  # the writer knows of the match before the reader does
     published = 0
+    # A byte for each that is out: how long it is cannot be read half written.
+    out = args.leave and args.leave.with_suffix('.out').open('ab', buffering=0)
     for number in paced(args.count, args.rate, args.leave):
         if args.until and args.until.exists():
             break
-        message = String(data=f'{args.prefix}{number}'.ljust(args.size))
-        while True:
-            try:
-                publisher.publish(message)
-                break
-            except Exception as error:
-                if 'cannot publish data' not in str(error):
-                    raise
-                time.sleep(0.001)
+        publish(publisher, String(data=f'{args.prefix}{number}'.ljust(args.size)))
         published += 1
+        if out:
+            out.write(b'.')
     print(f'published {published}', flush=True)  # noqa: T201
     while True:
         time.sleep(1)
