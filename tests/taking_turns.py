@@ -7,7 +7,6 @@ from pathlib import Path
 
 from confluent_kafka import Message
 from harness import Bench, Process, eventually, headers, to_kafka, values
-from numbers_to_kafka import LATCHED, how_many
 
 from ros2_kafka_bridge.dedup import Deduplicator
 
@@ -22,18 +21,6 @@ def exclusive(bench: Bench, name: str, topic: str) -> Path:
     bench.create_topic(topic)
     route = to_kafka('/orders', topic, exclusive=True)
     return bench.config([route], name=name, ros={'lease_s': 3})
-
-
-def streaming(bench: Bench) -> Process:
-    """A publisher of numbers that keeps a history, until it is told that it is enough."""
-    options = (*LATCHED, '--until', str(bench.place / 'enough'), '--rate', str(RATE))
-    return bench.publisher('/orders', *options)
-
-
-def end(bench: Bench, stream: Process) -> int:
-    """Have it publish no more; returns how many there were."""
-    (bench.place / 'enough').touch()
-    return how_many(stream)
 
 
 def runs(bridge: Process) -> bool:

@@ -2,9 +2,12 @@
 
 import json
 import re
-from functools import partial
+from collections.abc import Callable
+from contextlib import ExitStack
 
-from harness import Bench, Process, eventually, lines, to_kafka, values
+from harness import Bench, Process, lines, to_kafka, values
+from leave import Leave
+from numbers_to_kafka import published
 
 
 def logged(bridge: Process) -> list[str]:
@@ -37,43 +40,46 @@ PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
       <name>robot 7</name>
       <builtin>
         <discovery_config>
-          <leaseDuration><sec>2</sec></leaseDuration>
+          <leaseDuration><sec>{lease_s}</sec></leaseDuration>
           <leaseAnnouncement><sec>0</sec><nanosec>500000000</nanosec></leaseAnnouncement>
         </discovery_config>
       </builtin>
     </rtps>
   </participant>
-  <data_reader profile_name="/orders">
+  <data_reader profile_name="/{topic}">
     <historyMemoryPolicy>DYNAMIC</historyMemoryPolicy>
   </data_reader>
 </profiles>
 """
 
 
-def test_the_users_own_dds_profile_counts(bench: Bench, topic_name: str) -> None:
-    profile = bench.place / 'profile.xml'
-    environ = {'FASTDDS_DEFAULT_PROFILES_FILE': str(profile)}
-    file = bench.config([to_kafka('/orders', topic_name)])
-    # A bridge that stands still for longer than its lease is given up: then messages are lost.
-    profile.write_text(PROFILE.replace('<sec>2</sec>', '<sec>20</sec>'))
-    with (
-        bench.run(file, **environ) as patient,
-        bench.publisher('/orders', '--count', '3000') as publisher,
-    ):
-        publisher.wait_for('published')
-        received = values(bench.records(topic_name, 3000))
-        assert received == [b'%d' % number for number in range(3000)]
-        assert patient.end() == 0
-    profile.write_text(PROFILE)
-    with (
-        bench.run(file, **environ) as bridge,
-        # At the kill more of it is left than the history holds.
-        bench.publisher('/orders', '--count', '20000', '--rate', '3000') as publisher,
-    ):
-        eventually(partial(bench.reaches, topic_name, 4000), 60, bridge.output)
-        bridge.kill()
-        # Their lease, not the default of 20 s, says when the reader is given up.
-        publisher.wait_for('published', timeout_s=12)
-    for process in (patient, bridge):
-        assert 'does not bound' not in process.output()
-        assert 'XMLPARSER' not in process.output()
+def test_the_users_own_dds_profile_counts(
+    bench: Bench, topic_name: str, unique: Callable[[str], str]
+) -> None:
+    """Who waits for a dead reader waits as long as the lease that its profile says."""
+    short, long = bench.place / 'short', bench.place / 'long'
+    topics = {short: topic_name, long: unique('topic')}
+    for place, lease_s in ((short, 2), (long, 600)):
+        place.mkdir()
+        (place / 'profile.xml').write_text(PROFILE.format(topic=place.name, lease_s=lease_s))
+    with ExitStack() as stack:
+        bridges, publishers, leaves = {}, {}, {}
+        for place, topic in topics.items():
+            file = bench.config([to_kafka(f'/{place.name}', topic)], name=unique('bridge'))
+            profile = {'FASTDDS_DEFAULT_PROFILES_FILE': str(place / 'profile.xml')}
+            bridges[place] = stack.enter_context(bench.run(file, **profile))
+            leave = leaves[place] = Leave(place)
+            publisher = bench.publisher(f'/{place.name}', '--count', '20000', *leave.options)
+            publishers[place] = stack.enter_context(publisher)
+            leave.up_to(3000)
+            assert values(bench.records(topic, 3000)) == [b'%d' % n for n in range(3000)]
+        # The long one first: were both leases the same, it would be forgotten first.
+        for place in (long, short):
+            bridges[place].kill()
+            leaves[place].up_to(20_000)
+            publishers[place].wait_for('held back from 8000\n')
+        publishers[short].wait_for('published')
+        assert not published(publishers[long])
+    for bridge in bridges.values():
+        assert 'does not bound' not in bridge.output()
+        assert 'XMLPARSER' not in bridge.output()
