@@ -4,7 +4,6 @@ Three hosts: the robot with the nodes, the edge with the bridge, the site with K
 network of its own in the kernel, which takes root. What is cut off is silent, not refused.
 """
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import NamedTuple
 
 import pytest
 from harness import Bench, Process, eventually, headers, lines, to_kafka, to_ros, totals, values
+from leave import Leave
 from numbers_to_ros import numbered, numbers, steps_back
 from paced import Stream
 
@@ -62,6 +62,7 @@ class Traffic(NamedTuple):
     bridge: Process
     down: Path  # what the subscriber has read
     up: Callable[[], int]  # how many records have come
+    leave: Leave  # of the publisher
 
     def wait_for(self, count: int) -> None:
         """Wait until so many have crossed in each direction."""
@@ -90,12 +91,14 @@ def traffic(
     kafka = {**edge.patient_kafka, 'session.timeout.ms': session_s * 1000}
     config = edge.config([to_ros(down, DOWN), to_kafka(UP, up)], ros=ros, kafka=kafka)
     arrived = robot.place / 'arrived'
+    leave = Leave(robot.place)
+    leave.up_to(100)
     with (
         robot.subscriber(DOWN, arrived, lease_s=lease_s),
         edge.bridge(config) as bridge,
-        robot.publisher(UP, '--count', str(COUNT), '--rate', str(RATE)),
+        robot.publisher(UP, '--count', str(COUNT), '--rate', str(RATE), *leave.options),
     ):
-        crossing = Traffic(bridge, arrived, lambda: site.end_offset(up))
+        crossing = Traffic(bridge, arrived, lambda: site.end_offset(up), leave)
         eventually(lambda: 'reads ' in bridge.output() and crossing.up() > 0, 90, bridge.output)
         with Stream(site, down, numbered(COUNT), RATE):  # where nothing is cut
             yield crossing
@@ -128,9 +131,13 @@ def test_guarantees_1_2_3_nodes_cut_off_for_less_than_their_lease_lose_and_doubl
 ) -> None:
     with traffic(site, hosts, topic_name) as crossing:
         crossing.wait_for(100)
+        crossing.leave.set_off(600)
         hosts.robot.unplug()
-        time.sleep(6)  # of 20
+        out = crossing.leave.out
+        eventually(lambda: crossing.leave.out == 600, 60)
+        assert crossing.up() <= out, 'it is cut off'
         hosts.robot.plug_in()
+        crossing.leave.up_to(COUNT)
         crossing.wait_for(COUNT)
     assert_once_and_in_order(site, topic_name, crossing)
 
@@ -141,6 +148,7 @@ def test_guarantees_1_2_3_a_bridge_cut_off_from_all_loses_nothing_and_repeats_wh
     """After 6 s its group gives it up, and after 10 s it gives up its connections."""
     with traffic(site, hosts, topic_name, session_s=6) as crossing:
         crossing.wait_for(100)
+        crossing.leave.set_off(COUNT)
         hosts.edge.unplug()
         crossing.bridge.wait_for('to_ros: Kafka is away: ', timeout_s=90)
         committed = site.committed(site.group, f'{topic_name}.down')
@@ -165,6 +173,7 @@ def test_guarantees_1_2_3_lost_packets_lose_and_double_no_message(
     except ConfigError as reason:
         pytest.skip(str(reason))
     with traffic(site, hosts, topic_name) as crossing:
+        crossing.leave.up_to(COUNT)
         crossing.wait_for(COUNT)
     assert_once_and_in_order(site, topic_name, crossing)
 
@@ -175,6 +184,7 @@ def test_guarantee_1_a_subscriber_out_of_reach_for_longer_than_its_lease_gets_al
     """The way up has a VOLATILE publisher, which keeps nothing for a bridge that it gave up."""
     with traffic(site, hosts, topic_name, lease_s=2.0) as crossing:
         crossing.wait_for(100)
+        crossing.leave.set_off(COUNT)
         hosts.robot.unplug()
         crossing.bridge.wait_for('a subscriber of /down has gone: ', timeout_s=60)
         hosts.robot.plug_in()

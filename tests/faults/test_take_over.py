@@ -106,8 +106,7 @@ def test_guarantee_8_a_bridge_that_lives_hands_over_without_a_loss_also_its_spoo
         bench.create_topic(topic)
         more = spool if kind == 'spooled' else {}
         routes.append(to_kafka(f'/{kind}', topic, kind, **own, **more))
-    # ROS is not to forget it, however long a busy machine takes.
-    config = bench.config(routes, name=name, ros={'lease_s': 300})
+    config = bench.config(routes, name=name)
     count = 3000
     options = (*leave.options, '--count', str(count), '--rate', str(RATE))
     with ExitStack() as stack:

@@ -199,8 +199,7 @@ def test_what_a_keep_last_publisher_overwrites_is_counted_and_said_guarantee_2(
     bench: Bench, topic_name: str
 ) -> None:
     count, leave = 10_000, Leave(bench.place)  # much more than what DDS holds for the bridge
-    # ROS is not to forget it while it stands still.
-    config = bench.config([to_kafka('/orders', topic_name)], ros={'lease_s': 300})
+    config = bench.config([to_kafka('/orders', topic_name)])
     options = ('--depth', '1', '--count', str(count), *leave.options)
     with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
         leave.up_to(1)
