@@ -155,8 +155,8 @@ def test_a_type_nested_too_deeply_is_told_at_the_start() -> None:
         record = b'{"inner":[' * 18 + b'{"x":1.5}' + b']}' * 18
         assert encode(decode(record)) == record
     for make in (make_decode, make_encode, make_cdr_decode, make_cdr_encode):
-        with pytest.raises(ConfigError, match=r'^deep_msgs/msg/D22 is nested too deeply .* 18 '):
-            make(nested(22), scope({}))
+        with pytest.raises(ConfigError, match=r'^deep_msgs/msg/D50 is nested too deeply .* 18 '):
+            make(nested(50), scope({}))
 
 
 def nested(depth: int) -> Layout:
