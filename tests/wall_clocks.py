@@ -23,8 +23,13 @@ class WallClock:
         if compiler is None:
             pytest.skip('there is no C compiler: apt-get install gcc libc6-dev')
         library, self._file = place / 'wall_clock.so', place / 'wall_clock'
-        command = [compiler, '-O2', '-shared', '-fPIC', '-o', library, _SOURCE, '-ldl']
-        made = subprocess.run(command, capture_output=True, text=True, check=False)
+        options = ('-O2', '-shared', '-fPIC', '-ldl')
+        made = subprocess.run(
+            [compiler, *options, '-o', library, _SOURCE],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         assert made.returncode == 0, made.stderr
         self._file.write_bytes(bytes(8))
         self.environ = {'LD_PRELOAD': str(library), 'WALL_CLOCK': str(self._file)}

@@ -64,19 +64,19 @@ def test_what_is_in_the_spool_is_sent_though_the_clock_was_set_past_its_age(
     config = own_bench.config([spooled])
     with (
         own_bench.bridge(config, python=PYTHON, **clock.environ) as bridge,
-        own_bench.publisher('/orders', *leave.options, '--count', str(3 * COUNT)) as robot,
+        own_bench.publisher('/orders', *leave.options, '--count', str(4 * COUNT)) as robot,
     ):
         leave.up_to(COUNT)
         eventually(lambda: arrived(own_bench, topic_name) == COUNT, 60, bridge.output)
         own_kafka.stop()
-        leave.up_to(2 * COUNT)
-        eventually(lambda: on_disk(own_bench) >= COUNT, 60, bridge.output)
-        clock.set_ahead(0.0)
-        leave.up_to(3 * COUNT)
-        robot.wait_for('published')
+        leave.up_to(3 * COUNT)  # what is in the window is not looked at
         eventually(lambda: on_disk(own_bench) >= 2 * COUNT, 60, bridge.output)
+        clock.set_ahead(0.0)
+        leave.up_to(4 * COUNT)
+        robot.wait_for('published')
+        eventually(lambda: on_disk(own_bench) >= 3 * COUNT, 60, bridge.output)
         own_kafka.start()
         bridge.wait_for('the spool is empty again')
         assert bridge.end() == 0
-    assert numbers(own_bench, topic_name) == list(range(3 * COUNT))
+    assert numbers(own_bench, topic_name) == list(range(4 * COUNT))
     assert 'dropped' not in totals(bridge, 'to_kafka')
