@@ -1,6 +1,6 @@
-"""The clock of the day is set while a bridge runs; the clocks that only go on are as they were.
+"""The clock of the day is set forward while a bridge runs; the others are as they were.
 
-Set back, it holds up those who wait until a time of the day: docs/troubleshooting.md.
+Not back: librdkafka and the wheels of ROS 2 wait until a time of the day, and so for longer then.
 """
 
 import sys
