@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from harness import Bench, SharedKafka
+from calm_kafka import SharedKafka
+from harness import Bench
 from hypothesis import settings
 
 from ros2_kafka_bridge.testing.kafka_node import new_id
@@ -37,18 +38,19 @@ ROS_DOMAINS: Final = (*range(1, 102), *range(215, 233))
 LONG: Final = {
     'faults/test_secured_kafka_faults': 355,
     'system/test_foreign_errors': 300,
+    'system/test_other_pythons': 250,
     'system/test_reload': 230,
     'faults/test_kafka_to_ros_kills': 185,
     'system/test_ros_control': 155,
     'system/test_demo': 150,
     'system/test_bridge_page': 150,
-    'faults/test_ros_to_kafka_kills': 130,
+    'faults/test_ros_to_kafka_kills': 95,
     'system/test_workers': 120,
     'system/test_dead_letters': 115,
     'faults/test_network': 110,
     'system/warehouse/test_recovery': 105,
     'system/test_lifecycle': 100,
-    'faults/test_take_over': 95,
+    'faults/test_take_over': 120,
     'integration/test_kills': 95,
     'system/test_secured_kafka': 95,
     'system/test_depth': 90,
@@ -59,6 +61,7 @@ LONG: Final = {
     'system/test_experiment': 70,
     'system/test_exclusive': 70,
     'faults/test_full_disk': 70,
+    'faults/test_clock_jumps': 70,
     'system/test_tracing': 65,
     'faults/test_fault_bench': 65,
     'system/test_pause': 65,
@@ -75,6 +78,8 @@ LONG: Final = {
     'system/test_getting_started': 40,
     'system/test_schema_registry': 40,
     'integration/test_ros_to_kafka': 40,
+    'system/test_wheel': 40,
+    'system/test_memory': 40,
     'system/test_init': 35,
     'system/test_bridge_page_words': 35,
     'system/test_drain': 35,

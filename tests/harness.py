@@ -9,14 +9,14 @@ import time
 import uuid
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from confluent_kafka import Consumer, KafkaError, KafkaException, Message, Producer, TopicPartition
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     AdminClient,
     NewTopic,
 )
-from patience import eventually, patient, within
+from patience import eventually, patient
 from ruamel.yaml import YAML
 from warm import Warm
 
@@ -27,13 +27,11 @@ from rig.topics import headers
 from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Histories, make_profile
 
 __all__ = [
-    'CALM',
     'PATIENCE_S',
     'PEERS',
     'START',
     'Bench',
     'Process',
-    'SharedKafka',
     'eventually',
     'headers',
     'lines',
@@ -42,36 +40,11 @@ __all__ = [
     'totals',
     'values',
     'wait_until_it_reads',
-    'within',
 ]
 
 PEERS = Path(__file__).parent / 'peers'
-# Properties of a Kafka that is never killed: it outlives a machine that stands still for seconds,
-# and tells less often that it lives, which alone took 4 % of a core.
-CALM = {
-    'broker.heartbeat.interval.ms': '2000',
-    'broker.session.timeout.ms': '10000',
-    'metadata.max.idle.interval.ms': '5000',
-}
 READ_AT_THE_START = frozenset({'PYTHONPATH', 'LD_LIBRARY_PATH'})  # by Python and the linker
 START = ('-P', '-m', 'ros2_kafka_bridge.process.start', '--log-format=text', '--routes=')
-
-
-class SharedKafka(NamedTuple):
-    """Where the Kafka is that all tests of a run share.
-
-    Args:
-        bootstrap_servers: Where clients find it.
-        directory: Where it keeps data, configuration and log.
-    """
-
-    bootstrap_servers: str
-    directory: Path
-
-    @property
-    def port(self) -> int:
-        """Where it listens."""
-        return int(self.bootstrap_servers.rpartition(':')[2])
 
 
 def _started(process: Process) -> Process:

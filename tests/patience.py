@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from rig.patience import IS_CI, PATIENCE, patient
 
-__all__ = ['IS_CI', 'PATIENCE', 'eventually', 'patient', 'within']
+__all__ = ['IS_CI', 'PATIENCE', 'eventually', 'patient']
 
 
 def eventually(
@@ -16,15 +16,3 @@ def eventually(
     while not condition():
         assert time.monotonic() < deadline, what()
         time.sleep(0.02)
-
-
-def within(condition: Callable[[], bool], seconds: float, what: Callable[[], str]) -> None:
-    """Wait until a condition holds, as long as is said to a user.
-
-    It counts its own looks: a machine that stands still costs nobody time.
-    """
-    for _ in range(int(seconds / 0.02)):
-        if condition():
-            return
-        time.sleep(0.02)
-    raise AssertionError(what())

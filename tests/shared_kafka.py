@@ -10,7 +10,7 @@ from threading import Thread
 from typing import Any, Final
 
 import pytest
-from harness import CALM, SharedKafka
+from calm_kafka import CALM, SharedKafka
 
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka

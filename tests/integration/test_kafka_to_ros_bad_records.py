@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from calm_kafka import CALM
 from confluent_kafka import Message
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     AclBinding,
@@ -19,7 +20,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     ResourcePatternType,
     ResourceType,
 )
-from harness import CALM, Bench, lines, to_ros, totals
+from harness import Bench, lines, to_ros, totals
 from patience import patient
 from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
 

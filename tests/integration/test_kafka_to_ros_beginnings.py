@@ -9,12 +9,13 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from calm_kafka import CALM
 from confluent_kafka import Consumer, KafkaException, Producer, TopicPartition
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     AdminClient,
     NewPartitions,
 )
-from harness import CALM, Bench, eventually, lines, to_ros, totals, values
+from harness import Bench, eventually, lines, to_ros, totals, values
 from patience import patient
 from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
 

@@ -9,9 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from calm_kafka import SharedKafka
 from confluent_kafka import Consumer, Producer, TopicPartition
 from ending import ended
-from harness import SharedKafka
 from patience import patient
 
 from ros2_kafka_bridge.errors import ConfigError, TransportError

@@ -11,7 +11,8 @@ from typing import Final
 
 import httpx
 import pytest
-from harness import Bench, SharedKafka, eventually, to_kafka, to_ros
+from calm_kafka import SharedKafka
+from harness import Bench, eventually, to_kafka, to_ros
 from monitors import Stage
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics
 from prometheus_client.parser import text_string_to_metric_families as prometheus
