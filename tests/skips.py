@@ -13,6 +13,7 @@ ALLOWED: Final = (
     'no network of its own can be made here',  # needs root and network namespaces
     'a small disk cannot be mounted here',  # needs root and mount
     'needs IPv6',  # of the kernel
+    'no Python 3.',  # another version than that of the run
 )
 
 
