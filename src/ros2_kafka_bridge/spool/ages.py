@@ -30,11 +30,11 @@ class Ages:
     """
 
     def __init__(self) -> None:
-        self._stretches = [_Stretch(0, time.time_ns() - _since_boot_ns())]
+        self._stretches = [_Stretch(0, _ahead_ns())]
 
-    def note(self, number: int, taken_ns: int) -> None:
-        """Note a row that is written now."""
-        ahead_ns = taken_ns - _since_boot_ns()
+    def note(self, number: int) -> None:
+        """Note the first of rows that are made just now."""
+        ahead_ns = _ahead_ns()
         if abs(ahead_ns - self._stretches[-1].ahead_ns) > _STEP_NS:
             self._stretches.append(_Stretch(number, ahead_ns))
 
@@ -49,6 +49,10 @@ class Ages:
         ends = [*(it.first for it in self._stretches[1:]), end]
         for before, stretch in zip(ends, self._stretches, strict=True):
             yield before, limit_ns + stretch.ahead_ns
+
+
+def _ahead_ns() -> int:
+    return time.time_ns() - _since_boot_ns()
 
 
 def _since_boot_ns() -> int:

@@ -200,6 +200,8 @@ class Backlog:
         now_s = time.monotonic()
         if self._spool is None or (now_s < self._again_at_s and not at_once):
             return False
+        if rows:
+            self._ages.note(rows[0].number)
         try:
             self._spool.append(rows)
         except TransportError as error:
@@ -212,7 +214,6 @@ class Backlog:
             self._log.info('the spool can be written again')
         self.problem = ''
         self.waiting += len(rows)
-        self._ages.note(rows[0].number, rows[-1].taken_ns)
         return True
 
     def note_in_window(self, rows: Sequence[Row]) -> None:
@@ -301,26 +302,24 @@ class Backlog:
         """
         if self._spool is None or self._settings is None or not self.waiting:
             return 0
+        waited = self.waiting
         try:
-            dropped = self._drop_old(self._settings.max_age_s)
+            self._drop_old(self._settings.max_age_s)
             if self._drops and (excess_bytes := self._excess_bytes) >= 0:
                 some_bytes = excess_bytes + self._settings.max_bytes // 20 + 1
-                dropped += self._spool.drop_oldest(self._loaded, some_bytes)
+                self.waiting -= self._spool.drop_oldest(self._loaded, some_bytes)
         except TransportError as error:  # a full disk has no room for the deleting, either
             self.problem = self.problem or str(error)
-            return 0
-        self.waiting -= dropped
-        return dropped
+        return waited - self.waiting
 
-    def _drop_old(self, max_age_s: float | None) -> int:
+    def _drop_old(self, max_age_s: float | None) -> None:
         now_s = time.monotonic()
         if max_age_s is None or now_s < self._look_at_s:
-            return 0
+            return
         self._look_at_s = now_s + _LOOK_S
         assert self._spool is not None
-        dropped = 0
         for before, taken_before_ns in self._ages.older_than(max_age_s, self.last + 1):
-            dropped += self._spool.drop_older(self._loaded, taken_before_ns, before)
-            if self.waits_before(before):
-                break
-        return dropped
+            dropped, is_through = self._spool.drop_older(self._loaded, taken_before_ns, before)
+            self.waiting -= dropped
+            if not is_through:  # what is behind is younger
+                return

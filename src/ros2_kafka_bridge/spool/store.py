@@ -267,11 +267,11 @@ class Spool:
                 freed_bytes += size_bytes
         return self._drop(db, first + 1, last)
 
-    def drop_older(self, after: int, taken_before_ns: int, before: int) -> int:
+    def drop_older(self, after: int, taken_before_ns: int, before: int) -> tuple[int, bool]:
         """Delete the oldest rows between two numbers as long as they were taken before a time.
 
         Returns:
-            How many rows.
+            How many rows, and whether none is left between the two.
 
         Raises:
             TransportError: That is not possible now.
@@ -282,12 +282,13 @@ class Spool:
 
     def _drop_older(
         self, db: sqlite3.Connection, after: int, taken_before_ns: int, before: int
-    ) -> int:
+    ) -> tuple[int, bool]:
         base = self._file.ledger.base
         query = 'SELECT number FROM rows WHERE number > ? AND taken_ns >= ? ORDER BY number'
         found = db.execute(f'{query} LIMIT 1', (after + base, taken_before_ns)).fetchone()
-        end = min(before + base, self._file.last + 1, *(found or ()))
-        return self._drop(db, after + base + 1, end - 1)
+        end = min(before + base, self._file.last + 1)
+        until = min(end, *found) if found else end
+        return self._drop(db, after + base + 1, until - 1), until == end
 
     def discard_between(self, first: int, last: int, *, keep: frozenset[int]) -> int:
         """Delete the rows from one number to another, but for some.

@@ -1,9 +1,16 @@
 """A spool while the clock of the machine is set: only what has waited for too long is too old."""
 
+import itertools
 import time
+from collections.abc import Sequence
+from typing import Any
 
 import pytest
 from houses import House, Make, come_back, go_away
+
+from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.spool.rows import Row
+from ros2_kafka_bridge.spool.store import Spool
 
 HOUR_S = 3600.0
 DAY_S = 24 * HOUR_S
@@ -105,3 +112,47 @@ def test_how_long_a_message_was_in_the_bridge_does_not_change_with_the_clock(
     h.until_all_confirmed()
     h.direction._take_snapshot()
     assert 30 <= h.direction.snapshot.measures.in_bridge.sum_s < 40
+
+
+def test_what_was_dropped_before_the_disk_refused_is_counted(
+    house: Make, clocks: Clocks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    h = held_back(house)
+    clocks.jump(DAY_S)
+    h.give(4)
+    h.steps()
+    clocks.wait(61)
+    drop_older, calls = Spool.drop_older, itertools.count(1)
+
+    def refuses_once(spool: Spool, after: int, taken_before_ns: int, before: int) -> Any:
+        if next(calls) == 2:
+            raise TransportError('the disk is full')
+        return drop_older(spool, after, taken_before_ns, before)
+
+    monkeypatch.setattr(Spool, 'drop_older', refuses_once)
+    h.steps()
+    assert (h.on_disk(), h.count('dropped')) == ([1, 4], 2)
+    clocks.wait(1)
+    h.steps()
+    assert (h.on_disk(), h.count('dropped')) == ([1], 3)
+
+
+def test_a_disk_that_takes_long_is_no_step_of_the_clock(
+    house: Make, clocks: Clocks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    h = house({'max_age_s': 60.0}, max_in_flight=1)
+    go_away(h)
+    append = Spool.append
+
+    def slow(spool: Spool, rows: Sequence[Row]) -> None:
+        append(spool, rows)
+        clocks.wait(30)
+
+    monkeypatch.setattr(Spool, 'append', slow)
+    h.give(1, 2)
+    h.steps()
+    monkeypatch.setattr(Spool, 'append', append)
+    h.give(3)
+    clocks.wait(31)
+    h.steps()
+    assert (h.on_disk(), h.count('dropped')) == ([1, 3], 1)

@@ -150,10 +150,10 @@ def test_the_oldest_are_dropped_until_there_is_room(tmp_path: Path) -> None:
 def test_the_oldest_are_dropped_when_they_are_too_old(tmp_path: Path) -> None:
     with opened(tmp_path) as spool:
         spool.append(rows(1, 20))
-        assert spool.drop_older(3, row(8).taken_ns, 21) == 4
+        assert spool.drop_older(3, row(8).taken_ns, 21) == (4, False)
         assert numbers(read_all(spool)) == [1, 2, 3, *range(8, 21)]
-        assert spool.drop_older(3, row(8).taken_ns, 21) == 0
-        assert spool.drop_older(0, row(100).taken_ns, 21) == 16
+        assert spool.drop_older(3, row(8).taken_ns, 21) == (0, False)
+        assert spool.drop_older(0, row(100).taken_ns, 21) == (16, True)
         assert spool.count == 0
 
 
