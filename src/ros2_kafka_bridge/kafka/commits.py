@@ -91,8 +91,8 @@ class Commits:
         """Commit from inside a rebalance, where polling for the answer is not possible.
 
         Nor is it waited for: while a callback of the client runs, confluent-kafka keeps every
-        other thread that commits waiting (tried, 2.16). The group has it before this member joins
-        again and another gets the partitions: both go over one connection, in this order.
+        other thread that commits waiting (tried, 2.16). librdkafka does: it joins again, so that
+        another can get the partitions, only once each commit was answered (rdkafka_assignment.c).
         """
         if news := self._news():
             try:

@@ -103,6 +103,7 @@ class Overview:
     def __init__(self, properties: Mapping[str, Any]) -> None:
         self._properties = properties
         self._admin = Admin(properties, __name__)
+        self._coordinators_by_s: float | None = None
 
     def greeting(self) -> str:
         """Say who answers.
@@ -173,7 +174,10 @@ class Overview:
             TransportError: The coordinator does not answer.
         """
         asked = [TopicPartition(topic, number) for number in range(partitions)]
-        deadline_s = time.monotonic() + _COORDINATOR_S
+        # All groups together: a cluster that has no coordinator has none for the next one, either.
+        if self._coordinators_by_s is None:
+            self._coordinators_by_s = time.monotonic() + _COORDINATOR_S
+        deadline_s = self._coordinators_by_s
         # A consumer asks, because librdkafka's admin request can end the process while the
         # coordinator of a broker that has just started loads its groups.
         properties = consumer_properties(self._properties, group=group, client_id=__name__)
