@@ -204,10 +204,14 @@ class Process:
             time.sleep(_LOOK_S)
 
     def _kill_children(self) -> None:
-        """SIGKILL to what it has started and left behind: it leads a session of its own."""
-        if self._popen is not None:
+        """SIGKILL to what it had started when it was killed: it led a session of its own.
+
+        Its number is nobody else's as long as there are some. One that has ended by itself ends
+        its children; where it does not, somebody should see that.
+        """
+        if self.status is not None and self.status < 0 and not Path(f'/proc/{self.pid}').exists():
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(self._popen.pid, signal.SIGKILL)
+                os.killpg(self.pid, signal.SIGKILL)
 
     @property
     def _started(self) -> Running:

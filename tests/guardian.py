@@ -16,6 +16,7 @@ from typing import Final
 
 MARK: Final = 'ROS2_KAFKA_BRIDGE_TESTS'
 _LOOK_S: Final = 0.01
+_END_S: Final = 30.0  # what the kernel has not ended by then is stuck in it
 
 
 def marked(mark: str) -> Iterator[int]:
@@ -33,13 +34,14 @@ def marked(mark: str) -> Iterator[int]:
 
 def kill(pid: int) -> None:
     """End a process at once, if it has not ended."""
-    with contextlib.suppress(ProcessLookupError):
+    with contextlib.suppress(OSError):
         os.kill(pid, signal.SIGKILL)
 
 
 def _kill_all(mark: str) -> None:
     """Kill what carries a mark, and what that has started meanwhile."""
-    while found := [*marked(mark)]:
+    deadline_s = time.monotonic() + _END_S
+    while (found := [*marked(mark)]) and time.monotonic() < deadline_s:
         for pid in found:
             kill(pid)
         time.sleep(_LOOK_S)
