@@ -4,6 +4,7 @@ Not back: librdkafka and the wheels of ROS 2 wait until a time of the day, and s
 """
 
 import sys
+import time
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -19,7 +20,7 @@ from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 COUNT: Final = 500
 HOUR_S: Final = 3600.0
 DAY_S: Final = 24 * HOUR_S
-SINCE_1970_S: Final = 56 * 365 * DAY_S  # of a robot without a battery for its clock
+SINCE_1970_S: Final = time.time() - DAY_S  # of a robot without a battery for its clock
 PYTHON: Final = Path(sys.executable)  # not forked: LD_PRELOAD counts at the start
 
 
@@ -33,7 +34,8 @@ def test_a_clock_that_is_set_forward_stops_nothing_and_loses_nothing(
 ) -> None:
     returned = f'{topic_name}.returned'
     config = bench.config([to_ros(topic_name, '/orders'), to_kafka('/orders', returned)])
-    bench.create_topic(topic_name)
+    for topic in (topic_name, returned):
+        bench.create_topic(topic, retention_ms='-1')  # else what is of 1970 is deleted
     clock.set_ahead(-SINCE_1970_S)
     sent: list[bytes] = []
     with bench.bridge(config, python=PYTHON, **clock.environ) as bridge:
@@ -59,7 +61,7 @@ def test_what_is_in_the_spool_is_sent_though_the_clock_was_set_past_its_age(
 ) -> None:
     leave = Leave(own_bench.place)
     clock.set_ahead(-behind_s)
-    own_bench.create_topic(topic_name)
+    own_bench.create_topic(topic_name, retention_ms='-1')
     spooled = route(own_bench, topic_name, mode='when_away', max_age_s=HOUR_S)
     config = own_bench.config([spooled])
     with (

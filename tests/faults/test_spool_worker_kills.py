@@ -31,10 +31,10 @@ def leave(tmp_path: Path) -> Leave:
 def has_open(spool: Path) -> set[int]:
     """The processes that have a spool open, but for this one, as the kernel knows them."""
     found = set()
-    for link in Path('/proc').glob('[0-9]*/fd/*'):
+    for process in Path('/proc').glob('[0-9]*'):
         with contextlib.suppress(OSError):  # it has gone meanwhile
-            if link.readlink() == spool:
-                found.add(int(link.parts[2]))
+            if any(link.readlink() == spool for link in process.joinpath('fd').iterdir()):
+                found.add(int(process.name))
     return found - {os.getpid()}
 
 

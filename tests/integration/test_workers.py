@@ -85,10 +85,7 @@ def states(snapshots: list[Snapshot]) -> set[State]:
 def test_a_worker_that_is_started_again_runs_what_the_file_held_at_the_start(
     bench: Bench, topic_name: str
 ) -> None:
-    """With another name it would join another group, and publish all orders again.
-
-    Nor does it miss a secret that was mounted for the start.
-    """
+    """Though somebody edits the file just now, and a secret was mounted for the start alone."""
     returned = f'{topic_name}.returned'
     routes = there_and_back(topic_name)
     named = bench.place / 'broker'
@@ -101,12 +98,10 @@ def test_a_worker_that_is_started_again_runs_what_the_file_held_at_the_start(
         eventually(partial(bench.reaches, returned, 100), 90, process.output)
         eventually(lambda: bench.committed(bench.group, topic_name) == 100, 60, process.output)
         named.unlink()
-        changed = bench.config(routes, workers=2, name='changed')
-        changed.replace(config)
+        config.write_text('name: half of a')  # somebody edits it just now
         kill(process, 1)
         bench.produce(topic_name, numbered(200)[100:])
         eventually(lambda: bench.committed(bench.group, topic_name) == 200, 60, process.output)
         assert process.end(40) == 0, process.output()
     assert process.output().count(f'bridge {bench.name}, worker 1, runs') == 2
-    assert 'changed' not in process.output()
     assert values(bench.records(returned, 200)) == numbered(200)

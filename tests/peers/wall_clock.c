@@ -82,8 +82,10 @@ static int is_monotonic(pthread_cond_t *condition) {
 
 static int wait_until(pthread_cond_t *condition, pthread_mutex_t *mutex, const struct timespec *end) {
     static int (*real)(pthread_cond_t *, pthread_mutex_t *, const struct timespec *);
-    if (!real)
+    if (!real) /* x86-64 has an older one, too */
         real = dlvsym(RTLD_NEXT, "pthread_cond_timedwait", "GLIBC_2.3.2");
+    if (!real)
+        real = dlsym(RTLD_NEXT, "pthread_cond_timedwait");
     if (is_monotonic(condition))
         return real(condition, mutex, end);
     for (;;) {

@@ -26,6 +26,9 @@ def test_the_names_that_users_are_shown_are_public() -> None:
         for name in names.split(',')
     }
     assert {'Deduplicator', 'without_repeats'} <= shown
+    assert {'Bridge', 'BridgeError', 'Config', 'Snapshot', 'load', 'loads'} <= {
+        *ros2_kafka_bridge.__all__
+    }, 'what a program that holds a bridge imports'
     assert shown <= {*ros2_kafka_bridge.__all__}
 
 

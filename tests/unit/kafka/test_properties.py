@@ -44,6 +44,8 @@ def test_a_consumer_gets_no_property_of_a_producer() -> None:
     made = consumer_properties(MIXED, group='g', client_id='bridge')
     assert made.items() >= OF_ALL.items()
     assert made['session.timeout.ms'] == 9000
+    assert made['partition.assignment.strategy'] == 'cooperative-sticky'
+    assert made['queued.max.messages.kbytes'] == 8192, 'docs/tuning.md promises that memory'
     assert made.keys().isdisjoint({'linger.ms', 'topic.acks', 'acks'})
 
 
