@@ -55,7 +55,7 @@ def test_a_clock_that_is_set_forward_stops_nothing_and_loses_nothing(
     assert ' ERROR ' not in bridge.output()
 
 
-@pytest.mark.parametrize('behind_s', [DAY_S, SINCE_1970_S])
+@pytest.mark.parametrize('behind_s', [DAY_S, SINCE_1970_S], ids=['a day', 'since 1970'])
 def test_what_is_in_the_spool_is_sent_though_the_clock_was_set_past_its_age(
     own_bench: Bench, own_kafka: LocalKafka, clock: WallClock, topic_name: str, behind_s: float
 ) -> None:
