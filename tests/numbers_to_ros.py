@@ -45,6 +45,16 @@ def wait_for_all(file: Path, count: int, *processes: Process, timeout_s: float =
     )
 
 
+def wait_until_lost(bridge: Process, topic: str) -> None:
+    """Wait until a bridge has no partitions any more, in an outage.
+
+    They are lost, or the client is replaced that had them: as a broker goes down in order, it may
+    forget all brokers (librdkafka's issue 5301).
+    """
+    signs = (f'lost {topic}[', 'the Kafka client has forgotten all brokers')
+    eventually(lambda: any(sign in bridge.output() for sign in signs), 60, bridge.output)
+
+
 def steps_back(found: list[int]) -> list[tuple[int, int]]:
     """Where repeats begin, as (number before, number after); between them nothing is left out.
 

@@ -34,6 +34,7 @@ from numbers_to_ros import (
     steps_back,
     wait_for_all,
     wait_for_lines,
+    wait_until_lost,
 )
 from paced import Stream
 
@@ -347,7 +348,7 @@ def test_guarantee_1_all_arrive_once_through_a_restart_of_the_broker(
         with stream.held():
             own_kafka.stop()
         bridge.wait_for('Kafka is away')
-        bridge.wait_for(f'lost {topic_name}[')
+        wait_until_lost(bridge, topic_name)
         own_kafka.start()
         bridge.wait_for('Kafka is back')
         stream.end()

@@ -24,6 +24,7 @@ from numbers_to_ros import (
     steps_back,
     wait_for_all,
     wait_for_lines,
+    wait_until_lost,
 )
 from taking_turns import (
     STANDS_BY,
@@ -149,7 +150,7 @@ def test_guarantees_1_and_3_a_restart_of_the_broker_loses_nothing_and_repeats_no
         bench.close()
         own_kafka.stop()
         # Its partitions are paused just then: a full window holds them.
-        bridge.wait_for(f'lost {topic_name}[')
+        wait_until_lost(bridge, topic_name)
         own_kafka.start()
         bench.produce(topic_name, numbered(count + 1000)[count:], partition=0)
         leave.up_to(2 * count)
