@@ -7,10 +7,12 @@ import zipfile
 from pathlib import Path
 from typing import Final
 
+from harness import Bench, Process, to_kafka, to_ros, values
 from patience import patient
 
 ROOT: Final = Path(__file__).parents[1]
 LOCK: Final = ROOT / 'requirements.lock'
+COUNT: Final = 1000
 _UV: Final = Path(sys.executable).parent / 'uv'
 _UV_S: Final = 200.0
 
@@ -59,3 +61,16 @@ def run(
         command, cwd=place, env=environ, capture_output=True, text=True, check=False,
         stdin=subprocess.DEVNULL, timeout=patient(timeout_s),
     )  # fmt: skip
+
+
+def there_and_back(bench: Bench, topic: str, python: Path) -> Process:
+    """Bring orders to ROS and back, once and in order, by the bridge of that Python."""
+    sent = [b'order %d' % number for number in range(COUNT)]
+    returned = f'{topic}.returned'
+    config = bench.config([to_ros(topic, '/orders'), to_kafka('/orders', returned)])
+    bench.create_topic(topic)
+    with bench.bridge(config, python=python) as bridge:
+        bench.produce(topic, list(sent))
+        assert values(bench.records(returned, COUNT)) == sent
+        assert bridge.end() == 0
+    return bridge

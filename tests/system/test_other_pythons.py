@@ -4,11 +4,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from harness import Bench, to_kafka, to_ros, values
-from wheels import LOCK, ROOT, build, install, make_venv, run
+from harness import Bench
+from wheels import LOCK, ROOT, build, install, make_venv, run, there_and_back
 
 VERSIONS = ('3.12', '3.13')
-COUNT = 1000
 # What the bridge proper stands on; the rest of tests/unit takes as long as all else here.
 UNIT = (
     'config', 'kafka', 'logs', 'process', 'route', 'spool', 'turns',
@@ -82,12 +81,5 @@ def test_the_unit_tests_of_the_bridge_pass(python: Path, tmp_path: Path) -> None
 def test_orders_through_both_directions_arrive_once_and_in_order(
     python: Path, bench: Bench, topic_name: str
 ) -> None:
-    sent = [b'order %d' % number for number in range(COUNT)]
-    returned = f'{topic_name}.returned'
-    config = bench.config([to_ros(topic_name, '/orders'), to_kafka('/orders', returned)])
-    bench.create_topic(topic_name)
-    with bench.bridge(config, python=python) as bridge:
-        bench.produce(topic_name, list(sent))
-        assert values(bench.records(returned, COUNT)) == sent
-        assert bridge.end() == 0
+    bridge = there_and_back(bench, topic_name, python)
     assert 'Warning' not in bridge.output()

@@ -4,10 +4,8 @@ import tarfile
 from pathlib import Path
 
 import pytest
-from harness import Bench, to_kafka, to_ros, values
-from wheels import LOCK, ROOT, build, contents, install, make_venv, run
-
-COUNT = 1000
+from harness import Bench, to_ros
+from wheels import LOCK, ROOT, build, contents, install, make_venv, run, there_and_back
 
 
 @pytest.fixture(scope='module')
@@ -69,14 +67,7 @@ def test_the_installed_program_is_that_of_the_wheel_and_whole(
 def test_an_order_goes_there_and_back_through_the_installed_bridge(
     python: Path, bench: Bench, topic_name: str
 ) -> None:
-    sent = [b'order %d' % number for number in range(COUNT)]
-    returned = f'{topic_name}.returned'
-    config = bench.config([to_ros(topic_name, '/orders'), to_kafka('/orders', returned)])
-    bench.create_topic(topic_name)
-    with bench.bridge(config, python=python) as bridge:
-        bench.produce(topic_name, list(sent))
-        assert values(bench.records(returned, COUNT)) == sent
-        assert bridge.end() == 0
+    there_and_back(bench, topic_name, python)
 
 
 @pytest.mark.usefixtures('ros_domain')
