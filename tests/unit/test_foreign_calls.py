@@ -370,6 +370,7 @@ def test_guarantee_4_a_route_that_cannot_be_made_leaves_no_reader_behind(
 
 def test_a_commit_is_waited_for_but_not_without_limit() -> None:
     client, answers = MagicMock(), threading.Event()
+    client.poll.return_value = None
     commits = Commits(client, 't', Partitions(), MagicMock(), LOG)
     commits.within(5.0, {0: 5})
     client.commit.assert_called_once_with(offsets=[HERE], asynchronous=False)

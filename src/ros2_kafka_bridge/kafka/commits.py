@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
 
 from ros2_kafka_bridge.kafka.client_health import ClientHealth
+from ros2_kafka_bridge.kafka.draining import drain
 from ros2_kafka_bridge.kafka.partitions import Partitions
 from ros2_kafka_bridge.threads import unattended
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 _AGAIN_S: Final = 0.5
 _LAST_LOOK_S: Final = 1.0
+_DRAIN_S: Final = 2.0
 
 
 class Commits:
@@ -146,6 +148,8 @@ class Commits:
         for thread in self._late:
             thread.join()
         with contextlib.suppress(KafkaException):  # fatal for the client, and known
+            drain(self._client, _DRAIN_S, has_left=False)
+        with contextlib.suppress(KafkaException):
             self._client.close()
 
     def _news(self) -> dict[int, int]:

@@ -38,6 +38,7 @@ from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
 from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
 from ros2_kafka_bridge.kafka.admin import Admin
 from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth
+from ros2_kafka_bridge.kafka.draining import drain
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.names import lock_group, lock_topic
 from ros2_kafka_bridge.kafka.properties import (
@@ -369,9 +370,7 @@ def _end(consumer: Consumer, within_s: float, *, leaves: bool) -> None:
             if leaves:
                 # One with a name stays in the group when it closes, but not when it unsubscribes.
                 consumer.unsubscribe()
-                deadline_s = time.monotonic() + _LEAVE_S
-                while consumer.assignment() and time.monotonic() < deadline_s:
-                    consumer.poll(0.01)
+            drain(consumer, _LEAVE_S, has_left=leaves)
         with contextlib.suppress(KafkaException):
             consumer.close()
 

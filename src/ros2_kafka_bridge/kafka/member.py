@@ -22,6 +22,7 @@ from ros2_kafka_bridge.endpoints import Rebalance
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth
 from ros2_kafka_bridge.kafka.commits import Commits, topic_partitions
+from ros2_kafka_bridge.kafka.draining import drain
 from ros2_kafka_bridge.kafka.partitions import Partitions
 from ros2_kafka_bridge.kafka.recorder import Recorder
 from ros2_kafka_bridge.kafka.statistics import read
@@ -165,11 +166,11 @@ class Member:
         self._is_leaving = True
         # Who leaves while it joins stays a member for Kafka: the next one would wait for it.
         self._poll_while(lambda: not self._has_joined and not self._health.away)
+        self._clients += 1  # its callbacks have no say any more
         # A member with a name stays in the group when it closes, but not when it unsubscribes.
         with contextlib.suppress(KafkaException):  # fatal for the client, and known
             self._consumer.unsubscribe()
-        self._poll_while(lambda: bool(self.client.assignment()))
-        self._clients += 1  # one that is left behind has no say any more
+            drain(self._consumer, _LEAVE_S, has_left=True)
         self._close_client()
         self._consumer = None
         self._partitions.clear()

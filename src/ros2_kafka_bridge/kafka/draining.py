@@ -1,0 +1,29 @@
+"""What a member of a group has to be told before it is closed."""
+
+import time
+
+from confluent_kafka import Consumer
+
+_STEP_S = 0.01
+
+
+def drain(client: Consumer, within_s: float, *, has_left: bool) -> None:
+    """Let a client call back all that waits for that; records that come are dropped.
+
+    A rebalance that still waits when a client is closed is called back from inside of the close.
+    What the answer asks of the client then may be purged with the client's own queue, and waited
+    for for ever, with Python's lock held: each thread of the process stands still (librdkafka,
+    its issue 4041; tried, 2.16).
+
+    Args:
+        client: Nobody else uses it any more.
+        within_s: How long that may take.
+        has_left: Whether it has unsubscribed: then it has to lose its partitions, too.
+
+    Raises:
+        KafkaException: Fatal for the client.
+    """
+    deadline_s = time.monotonic() + within_s
+    while time.monotonic() < deadline_s:
+        if client.poll(_STEP_S) is None and not (has_left and client.assignment()):
+            return
