@@ -19,6 +19,8 @@ END_S: Final = 40.0
 KILLED_S: Final = 30.0  # until the kernel has ended what was killed
 _LOOK_S: Final = 0.02
 _TAIL_LINES: Final = 40
+_STACK_LINES: Final = 400
+_TELL_S: Final = 5.0
 _COLUMNS: Final = 200
 
 
@@ -107,6 +109,8 @@ class Process:
             words = ' '.join(self._command)[:_COLUMNS]
             error.add_note(self._story(f'({words}) {self._state}'))
         try:
+            if error is not None and self.running and not self._grace_s:
+                error.add_note(self._stacks())
             if self._grace_s:
                 with contextlib.suppress(ProcessError):
                     self.end(self._grace_s)
@@ -202,6 +206,22 @@ class Process:
                 what = f'did not print {text!r} within {patient(timeout_s):g} s, and {self._state}'
                 raise ProcessError(self._story(what))
             time.sleep(_LOOK_S)
+
+    def _stacks(self) -> str:
+        """Where its threads and its children's stand, if they tell: what hangs is seen by that.
+
+        SIGABRT ends them; a Python with `faulthandler` prints its stacks first, whatever holds it.
+        """
+        told = self.log.stat().st_size
+        for number in (signal.SIGABRT, signal.SIGCONT):  # a test may have stopped it
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self.pid, number)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._started.wait(patient(_TELL_S))
+        with self.log.open(errors='replace') as output:
+            output.seek(told)
+            lines = output.read().splitlines()[:_STACK_LINES]
+        return '\n    '.join([f'{self.log.stem} stands', *lines])
 
     def _kill_children(self) -> None:
         """SIGKILL to what it had started when it was killed: it led a session of its own.

@@ -48,15 +48,20 @@ def test_a_process_that_ends_by_itself_is_told_at_once_with_its_last_words(tmp_p
             process.check()
 
 
-def test_a_test_that_fails_shows_what_its_processes_said(tmp_path: Path) -> None:
-    process = Programs(tmp_path, {'WORD': 'here'}).python('it', '-c', SAYS)
+def test_a_test_that_fails_shows_what_its_processes_said_and_where_they_stand(
+    tmp_path: Path,
+) -> None:
+    code = f'def hang(): {SAYS}\nhang()'
+    process = Programs(tmp_path, {'WORD': 'here'}).python('it', '-X', 'faulthandler', '-c', code)
     process.start()
     process.wait_for('here')
     with pytest.raises(ValueError, match='wrong') as told, process:
         raise ValueError('wrong')
-    [note] = told.value.__notes__
-    assert note.endswith('runs\n    here')
-    assert process.status == -signal.SIGKILL
+    said, stands = told.value.__notes__
+    assert said.endswith('runs\n    here')
+    assert stands.startswith('it stands\n')
+    assert ' in hang\n' in stands
+    assert process.status == -signal.SIGABRT
 
 
 def test_a_process_does_not_outlive_one_that_is_killed(tmp_path: Path) -> None:
