@@ -63,6 +63,8 @@ class Child:
         self._crashes = 0
         self._log_from = 0
         self._told: socket.socket | None = None
+        self._alive_ns: int | None = None  # the time of its file, as it was seen last
+        self._seen_s = 0.0  # since when it has been that
         self._hung_s = hung_s
         self._again_s = again_s
 
@@ -181,7 +183,7 @@ class Child:
         if alive is None:
             return ''
         if alive.exists():
-            silent_s, limit_s = time.time() - alive.stat().st_mtime, self._hung_s
+            silent_s, limit_s = self._silent_s(alive), self._hung_s
         else:
             silent_s = time.monotonic() - self._started_s
             limit_s = _BEFORE_ALIVE * self._hung_s
@@ -190,6 +192,13 @@ class Child:
         alive.unlink(missing_ok=True)
         self.abort()
         return f'{self.program.name} has been silent for {silent_s:.0f} s'
+
+    def _silent_s(self, alive: Path) -> float:
+        """How long the time of the file has not changed; the clock that it is of may be set."""
+        alive_ns, now_s = alive.stat().st_mtime_ns, time.monotonic()
+        if alive_ns != self._alive_ns:
+            self._alive_ns, self._seen_s = alive_ns, now_s
+        return now_s - self._seen_s
 
     def _note_death(self, status: int) -> str:
         now_s = time.monotonic()

@@ -103,6 +103,27 @@ def test_a_process_that_hangs_before_it_is_alive_is_ended_and_started_again(
     child.kill()
 
 
+def test_a_clock_that_is_set_while_a_process_works_ends_it_not(tmp_path: Path) -> None:
+    alive = tmp_path / 'alive'
+    code = """
+import os, sys, time
+for touched in range(600):
+    open(sys.argv[1], 'a').close()
+    os.utime(sys.argv[1], (touched, touched))  # as the clock was in 1970
+    time.sleep(0.1)
+"""
+    command = (sys.executable, '-S', '-c', code, str(alive))
+    child = Child(Program('part', command, 'works', alive), tmp_path)
+    child.start()
+    first = child.pid
+    said: list[str] = []
+    eventually(alive.exists, 20)
+    until_s = time.monotonic() + 1.0
+    eventually(lambda: _look(child, said) or time.monotonic() > until_s, 20)
+    assert child.pid == first, said
+    child.kill()
+
+
 SERVICE = """
 import os, socket, time
 end = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
