@@ -221,7 +221,7 @@ def test_a_client_that_does_not_read_what_its_partition_holds_is_given_up(
         monkeypatch.setattr('ros2_kafka_bridge.kafka.watchdog._STUCK_LOOK_S', 0.3)
         source._member._watchdog.begin()
         source.advance({0: 1})
-        source.commit()
+        assert source.commit_now(patient(30))
         source._member.client.pause([TopicPartition(topic_name, 0)])
         bench.produce(topic_name, [b'second'], partition=0)
         with pytest.raises(RouteError, match='that the Kafka client does not read: begins anew'):
