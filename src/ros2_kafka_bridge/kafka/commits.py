@@ -147,9 +147,8 @@ class Commits:
         """Close the client, once none of its commits is at work any more."""
         for thread in self._late:
             thread.join()
+        drain(self._client, _DRAIN_S, has_left=False)
         with contextlib.suppress(KafkaException):  # fatal for the client, and known
-            drain(self._client, _DRAIN_S, has_left=False)
-        with contextlib.suppress(KafkaException):
             self._client.close()
 
     def _news(self) -> dict[int, int]:

@@ -2,7 +2,7 @@
 
 import time
 
-from confluent_kafka import Consumer
+from confluent_kafka import Consumer, KafkaException
 
 _STEP_S = 0.01
 
@@ -15,15 +15,19 @@ def drain(client: Consumer, within_s: float, *, has_left: bool) -> None:
     for for ever, with Python's lock held: each thread of the process stands still (librdkafka,
     its issue 4041; tried, 2.16).
 
+    What it raises is passed over: that it is of no use any more is known. Of a partition that it
+    is told to give up and has not got, it raises a KafkaError, and a SystemError where a call back
+    meets that (tried, confluent-kafka 2.16).
+
     Args:
         client: Nobody else uses it any more.
         within_s: How long that may take.
         has_left: Whether it has unsubscribed: then it has to lose its partitions, too.
-
-    Raises:
-        KafkaException: Fatal for the client.
     """
     deadline_s = time.monotonic() + within_s
     while time.monotonic() < deadline_s:
-        if client.poll(_STEP_S) is None and not (has_left and client.assignment()):
-            return
+        try:
+            if client.poll(_STEP_S) is None and not (has_left and client.assignment()):
+                return
+        except (KafkaException, SystemError):
+            time.sleep(_STEP_S)

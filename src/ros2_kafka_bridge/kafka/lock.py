@@ -366,11 +366,11 @@ def _end(consumer: Consumer, within_s: float, *, leaves: bool) -> None:
     """
 
     def end() -> None:
-        with contextlib.suppress(KafkaException):  # fatal for the client, and known
-            if leaves:
-                # One with a name stays in the group when it closes, but not when it unsubscribes.
+        if leaves:
+            # One with a name stays in the group when it closes, but not when it unsubscribes.
+            with contextlib.suppress(KafkaException):  # fatal for the client, and known
                 consumer.unsubscribe()
-            drain(consumer, _LEAVE_S, has_left=leaves)
+        drain(consumer, _LEAVE_S, has_left=leaves)
         with contextlib.suppress(KafkaException):
             consumer.close()
 

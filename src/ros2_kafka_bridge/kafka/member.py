@@ -170,7 +170,7 @@ class Member:
         # A member with a name stays in the group when it closes, but not when it unsubscribes.
         with contextlib.suppress(KafkaException):  # fatal for the client, and known
             self._consumer.unsubscribe()
-            drain(self._consumer, _LEAVE_S, has_left=True)
+        drain(self._consumer, _LEAVE_S, has_left=True)
         self._close_client()
         self._consumer = None
         self._partitions.clear()
