@@ -73,6 +73,9 @@ from pathlib import Path
 def test_it():
     place = Path(__file__).with_name('pid')
     subprocess.run(['sh', '-c', f'setsid sleep 1000 & echo $! > {place}'], check=True)
+    left = Path(f'/proc/{place.read_text().strip()}/cmdline')
+    while not left.read_bytes().startswith(b'sleep'):  # one that just begins shows no environment
+        time.sleep(0.01)
     while {hangs}:
         time.sleep(1)
 """
