@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
 
 from ros2_kafka_bridge.kafka.client_health import ClientHealth
-from ros2_kafka_bridge.kafka.draining import drain
+from ros2_kafka_bridge.kafka.draining import close
 from ros2_kafka_bridge.kafka.partitions import Partitions
 from ros2_kafka_bridge.threads import unattended
 
@@ -147,9 +147,7 @@ class Commits:
         """Close the client, once none of its commits is at work any more."""
         for thread in self._late:
             thread.join()
-        drain(self._client, _DRAIN_S, has_left=False)
-        with contextlib.suppress(KafkaException):  # fatal for the client, and known
-            self._client.close()
+        close(self._client, _DRAIN_S, has_left=False)
 
     def _news(self) -> dict[int, int]:
         return self._partitions.news

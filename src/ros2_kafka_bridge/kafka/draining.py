@@ -1,10 +1,19 @@
-"""What a member of a group has to be told before it is closed."""
+"""How a member of a group is closed: once it was told all that waits for it."""
 
+import contextlib
 import time
+from typing import Final
 
 from confluent_kafka import Consumer, KafkaException
 
-_STEP_S = 0.01
+_STEP_S: Final = 0.01
+
+
+def close(client: Consumer, within_s: float, *, has_left: bool) -> None:
+    """Close a client that was told all that waits for it; arguments are those of `drain`."""
+    drain(client, within_s, has_left=has_left)
+    with contextlib.suppress(KafkaException):  # fatal for the client, and known
+        client.close()
 
 
 def drain(client: Consumer, within_s: float, *, has_left: bool) -> None:

@@ -38,7 +38,7 @@ from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
 from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
 from ros2_kafka_bridge.kafka.admin import Admin
 from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth
-from ros2_kafka_bridge.kafka.draining import drain
+from ros2_kafka_bridge.kafka.draining import close
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.names import lock_group, lock_topic
 from ros2_kafka_bridge.kafka.properties import (
@@ -370,9 +370,7 @@ def _end(consumer: Consumer, within_s: float, *, leaves: bool) -> None:
             # One with a name stays in the group when it closes, but not when it unsubscribes.
             with contextlib.suppress(KafkaException):  # fatal for the client, and known
                 consumer.unsubscribe()
-        drain(consumer, _LEAVE_S, has_left=leaves)
-        with contextlib.suppress(KafkaException):
-            consumer.close()
+        close(consumer, _LEAVE_S, has_left=leaves)
 
     try:
         unattended.start('old lock', end).join(within_s)

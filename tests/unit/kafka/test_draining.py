@@ -1,11 +1,11 @@
 """A client is told what waits for it, whatever it raises meanwhile."""
 
-import time
 from unittest.mock import MagicMock
 
 import pytest
 from confluent_kafka import KafkaError, KafkaException
 
+from ros2_kafka_bridge.kafka import draining
 from ros2_kafka_bridge.kafka.draining import drain
 
 USELESS = KafkaException(KafkaError(KafkaError._INVALID_ARG))
@@ -29,8 +29,8 @@ def test_who_stays_a_member_keeps_its_partitions() -> None:
 
 @pytest.mark.parametrize('comes', ['a record', None])
 def test_it_ends_in_time(comes: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    now_s = iter(range(100))
-    monkeypatch.setattr(time, 'monotonic', lambda: next(now_s))
+    clock = MagicMock(monotonic=MagicMock(side_effect=range(100)))
+    monkeypatch.setattr(draining, 'time', clock)
     client = MagicMock()
     client.poll.return_value = comes
     client.assignment.return_value = ['orders']
