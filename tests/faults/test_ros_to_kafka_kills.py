@@ -8,6 +8,7 @@ import itertools
 import signal
 from pathlib import Path
 
+from filling import WINDOW, first_held_back
 from harness import Bench, Process, eventually, to_kafka, totals, values
 from leave import Leave
 from numbers_to_kafka import LATCHED, knock, last, seqs
@@ -16,9 +17,6 @@ from relay import node_behind_relay
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka, free_port
 
-READER_CACHE = 2000
-WINDOW = 2000
-HISTORY = 5000  # of a publisher whose profile says nothing of it
 RATE = 500
 
 
@@ -87,12 +85,13 @@ def test_sigkill_costs_a_publisher_that_is_held_back_its_history_too_guarantee_8
     config = bench.config([to_kafka('/orders', topic_name)], ros={'lease_s': 3})
     bench.create_topic(topic_name)
     options = (*leave.options, '--count', str(count))
-    held = 1000 + WINDOW + READER_CACHE + HISTORY
     with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
         leave.up_to(1000)
         eventually(lambda: bench.reaches(topic_name, 1000), 60, bridge.output)
         bench.close()
         own_kafka.kill()
+        leave.up_to(1000 + WINDOW)
+        held = first_held_back(bridge)
         leave.up_to(held + 1)
         publisher.wait_for(f'held back from {held}\n')
         bridge.kill()
