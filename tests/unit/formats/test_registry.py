@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from avro_messages import ROBOT, avro_bytes, cdr_from, fields_of, framed, json_text, scope_of
-from registry_answers import IMPATIENT, SECRET, decode_error, encode_error
+from registry_answers import ONCE, SECRET, decode_error, encode_error
 from registry_server import RegistryServer
 
 from ros2_kafka_bridge.config.formats import SchemaSettings
@@ -197,7 +197,7 @@ def test_no_record_is_lost_to_a_registry_that_is_unwell(
         server.register('robots-value', json_text(avro_schema(ROBOT))),
         avro_bytes(avro_schema(ROBOT), fields_of(cdr_from(ROBOT, {}), ROBOT)),
     )
-    decode = make_decode(ROBOT, scope_of(server.url, 'robots', IMPATIENT))
+    decode = make_decode(ROBOT, scope_of(server.url, 'robots', ONCE))
     server.answer(status)
     with pytest.raises(RouteError, match=rf'schema 1: told to answer {status}'):
         decode(value)
@@ -260,7 +260,7 @@ def test_nobody_at_the_url_says_so(server: RegistryServer) -> None:
 
 def test_a_registry_that_hangs_is_left(server: RegistryServer) -> None:
     server.hang()
-    error = encode_error(server.url)
+    error = encode_error(server.url, {'timeout': 0.5})
     assert type(error) is RouteError
     assert 'does not answer (ReadTimeout' in str(error)
 
@@ -268,7 +268,7 @@ def test_a_registry_that_hangs_is_left(server: RegistryServer) -> None:
 def test_a_second_url_is_asked_where_the_first_is_away(server: RegistryServer) -> None:
     with RegistryServer() as gone:
         away = gone.url
-    scope = scope_of(f'{away},{server.url}', 'robots', IMPATIENT)
+    scope = scope_of(f'{away},{server.url}', 'robots', ONCE)
     assert make_encode(ROBOT, scope)(cdr_from(ROBOT, {}))
 
 
