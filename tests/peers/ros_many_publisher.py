@@ -1,7 +1,8 @@
 """Any user's node with many topics: publishes the messages of a file, `topic type hex` a line.
 
 Publishes message objects, not bytes. Waits for the readers of each topic first, prints
-`published N` when all is out, and stays until SIGTERM.
+`published N` when all is out and `not acknowledged: TOPICS` where a reader lets it wait, and stays
+until SIGTERM.
 """
 
 import argparse
@@ -12,8 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+
+PATIENCE = Duration(seconds=10)
 
 
 def main() -> None:
@@ -41,6 +45,9 @@ def main() -> None:
     for publisher, message in messages:
         publisher.publish(message)
     print(f'published {len(messages)}', flush=True)  # noqa: T201
+    late = [topic for topic, one in publishers.items() if not one.wait_for_all_acked(PATIENCE)]
+    if late:
+        print(f'not acknowledged: {" ".join(late)}', flush=True)  # noqa: T201
     while rclpy.ok():
         time.sleep(0.05)
 
