@@ -1,13 +1,14 @@
 """Processes and Kafka clients that the integration tests and fault tests work with."""
 
 import contextlib
+import itertools
 import os
 import re
 import subprocess
 import sys
 import time
 import uuid
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -270,7 +271,7 @@ class Bench:
                 found += [m for m in consumer.consume(1000, 0.1) if m.error() is None]
             # One too many would be a duplicate: give it the time to show.
             found += [m for m in consumer.consume(1000, 0.5) if m.error() is None]
-        assert len(found) >= count, f'{topic} holds {len(found)} records, not {count}'
+        assert len(found) >= count, f'{topic} holds {len(found)} of {count}{gaps(found)}'
         return found
 
     def end_offset(self, topic: str, partition: int = 0) -> int:
@@ -352,6 +353,13 @@ def lines(file: Path) -> list[str]:
     if not file.exists():
         return []
     return file.read_text().split('\n')[:-1]
+
+
+def gaps(records: Sequence[Message]) -> str:
+    """Between which numbers of their publisher some are missing, as far as records tell."""
+    seqs = [int(found['ros.seq']) for found in map(headers, records) if 'ros.seq' in found]
+    found = [(a, b) for a, b in itertools.pairwise([0, *seqs]) if b > a + 1]
+    return f', with gaps of ros.seq at {found}' if found else ''
 
 
 def totals(bridge: Process, route: str = 'to_ros') -> dict[str, int]:

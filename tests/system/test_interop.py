@@ -41,7 +41,7 @@ def test_a_reader_of_another_vendor_gets_all_once_and_in_order_guarantees_1_3(
         bench.script('cyclone_reader.py', '/orders', str(file)),
         bench.bridge(config) as bridge,
     ):
-        eventually(lambda: len(lines(file)) >= COUNT, 60, lambda: f'{len(lines(file))} came')
+        eventually(lambda: len(lines(file)) >= COUNT, 60, lambda: f'only {lines(file)} came')
         # Confirmed, too: the other vendor's acknowledgements are understood.
         eventually(lambda: bench.committed(bench.group, topic_name) == COUNT, 60)
         assert bridge.end() == 0
