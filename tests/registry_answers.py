@@ -8,7 +8,7 @@ from avro_messages import ROBOT, scope_of
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.formats.avro import make_decode, make_encode
 
-ONCE = {'max.retries': 0, 'timeout': 60}
+ONCE = {'max.retries': 0, 'timeout': 30}
 SECRET = 'swordfish-31b0'  # noqa: S105 (of a test)
 
 
