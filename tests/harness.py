@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 PEERS = Path(__file__).parent / 'peers'
-READ_AT_THE_START = frozenset({'PYTHONPATH', 'LD_LIBRARY_PATH'})  # by Python and the linker
+READ_AT_THE_START = {'PYTHONPATH', 'LD_LIBRARY_PATH', 'LD_PRELOAD'}  # by Python and the linker
 START = ('-P', '-m', 'ros2_kafka_bridge.process.start', '--log-format=text', '--routes=')
 
 
@@ -161,9 +161,9 @@ class Bench:
         )
         return done.returncode, done.stdout, done.stderr
 
-    def publisher(self, topic: str, *options: str) -> Process:
+    def publisher(self, topic: str, *options: str, **environ: str) -> Process:
         """Start a ROS node that publishes (tests/peers/ros_publisher.py)."""
-        return self._begin(str(PEERS / 'ros_publisher.py'), topic, *options)
+        return self._begin(str(PEERS / 'ros_publisher.py'), topic, *options, **environ)
 
     def subscriber(
         self,
@@ -172,13 +172,13 @@ class Bench:
         *options: str,
         samples: int | None = None,
         lease_s: float | None = None,
+        **environ: str,
     ) -> Process:
         """Start a ROS node that reads into a file (tests/peers/ros_subscriber.py).
 
         It takes `samples` into its DDS cache (default 5000), and is given up `lease_s` after it
         was killed (default 20).
         """
-        environ = {}
         if samples is not None or lease_s is not None:
             readers = {} if samples is None else {topic: samples}
             profile = self._file('xml')

@@ -1,0 +1,31 @@
+"""Libraries that stand before those of a process (LD_PRELOAD), made of tests/peers/*.c."""
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+_SOURCES: Final = Path(__file__).parent / 'peers'
+
+
+def library(name: str, place: Path) -> str:
+    """Compile a library into `place`; returns its path, for LD_PRELOAD.
+
+    Args:
+        name: Of its source, without `.c`.
+        place: A directory.
+    """
+    compiler = shutil.which('cc')
+    if compiler is None:
+        pytest.skip('there is no C compiler: apt-get install gcc libc6-dev')
+    made = place / f'{name}.so'
+    done = subprocess.run(
+        [compiler, '-O2', '-shared', '-fPIC', '-o', made, _SOURCES / f'{name}.c', '-ldl'],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return str(made)
