@@ -1,4 +1,4 @@
-"""The DDS profile of the page on tuning is one that ROS takes."""
+"""The DDS profiles of the docs are ones that ROS takes."""
 
 import os
 import re
@@ -6,9 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from ros2_kafka_bridge.ros.fastdds_profile import Histories, make_profile
 
-PAGE = Path(__file__).parents[2] / 'docs' / 'tuning.md'
+DOCS = Path(__file__).parents[2] / 'docs'
 START = """
 import rclpy
 rclpy.init()
@@ -18,12 +20,12 @@ rclpy.shutdown()
 """
 
 
+@pytest.mark.parametrize('page', ['tuning.md', 'troubleshooting.md'])
 def test_ros_starts_with_the_profile_of_the_docs_and_with_what_the_bridge_adds(
-    tmp_path: Path, ros_domain: int
+    page: str, tmp_path: Path, ros_domain: int
 ) -> None:
-    [text] = re.findall(r'```xml\n(.*?)```', PAGE.read_text(), re.DOTALL)
     users = tmp_path / 'users.xml'
-    users.write_text(text)
+    users.write_text(profile_of(page))
     bridges = tmp_path / 'bridges.xml'
     bridges.write_text(make_profile(Histories({'/a': 500}, {'/b': 2000}, lease_s=3), users))
     for file in (users, bridges):
@@ -33,10 +35,15 @@ def test_ros_starts_with_the_profile_of_the_docs_and_with_what_the_bridge_adds(
 
 
 def test_a_profile_with_a_mistake_would_be_noticed(tmp_path: Path, ros_domain: int) -> None:
-    [text] = re.findall(r'```xml\n(.*?)```', PAGE.read_text(), re.DOTALL)
     wrong = tmp_path / 'wrong.xml'
-    wrong.write_text(text.replace('segment_size', 'size_of_segment'))
+    wrong.write_text(profile_of('tuning.md').replace('segment_size', 'size_of_segment'))
     assert 'Error' in started(wrong, ros_domain).stderr
+
+
+def profile_of(page: str) -> str:
+    """The one of a page of the docs."""
+    [text] = re.findall(r'```xml\n(.*?)```', (DOCS / page).read_text(), re.DOTALL)
+    return str(text)
 
 
 def started(profile: Path, ros_domain: int) -> subprocess.CompletedProcess[str]:

@@ -1,9 +1,11 @@
-"""The DDS profile of the bridge's own endpoints, made of the user's own and three settings.
+"""The DDS profile of the bridge's own endpoints, made of the user's own and what it needs.
 
 Fast DDS reads its settings from one XML file that an environment variable names. The bridge
 needs, for its own topics only: a history of known length (confirmation is read from its room), a
 short blocking time (publishing holds the interpreter lock), a quick heartbeat; and for the whole
-process: no intra-process delivery (it stalls when a history is full). All else stays as it is.
+process: no intra-process delivery (it stalls when a history is full), and no questions about the
+types of others (a reader waits for the answer before it is matched, and asks only once). All else
+stays as it is.
 """
 
 import os
@@ -18,17 +20,25 @@ NAMESPACE = 'http://www.eprosima.com'
 _NS = f'{{{NAMESPACE}}}'
 _BLOCKING_NS = 1_000_000
 _HEARTBEAT_NS = 10_000_000
+_TYPES = 'fastdds.type_propagation'
 
 
 class Dialect(NamedTuple):
-    """What differs between the versions of Fast DDS: a variable and a tag."""
+    """What differs between the versions of Fast DDS.
+
+    Args:
+        variable: Of the environment, names the file.
+        heartbeat: Tag of a writer's heartbeat.
+        asks_for_types: Whether a reader is matched only once the writer's type has been told.
+    """
 
     variable: str
     heartbeat: str
+    asks_for_types: bool
 
 
-FASTDDS_3 = Dialect('FASTDDS_DEFAULT_PROFILES_FILE', 'heartbeat_period')
-FASTDDS_2 = Dialect('FASTRTPS_DEFAULT_PROFILES_FILE', 'heartbeatPeriod')
+FASTDDS_3 = Dialect('FASTDDS_DEFAULT_PROFILES_FILE', 'heartbeat_period', asks_for_types=True)
+FASTDDS_2 = Dialect('FASTRTPS_DEFAULT_PROFILES_FILE', 'heartbeatPeriod', asks_for_types=False)
 
 
 class Histories(NamedTuple):
@@ -68,8 +78,10 @@ def make_profile(
         _writer(_entry(profiles, 'data_writer', topic), samples, dialect)
     for topic, samples in sorted(histories.readers.items()):
         _limit(_entry(profiles, 'data_reader', topic), samples)
+    if dialect.asks_for_types:
+        _ask_for_no_types(_participant(profiles))
     if histories.lease_s is not None:
-        _lease(profiles, histories.lease_s)
+        _lease(_participant(profiles), histories.lease_s)
     if not len(profiles):
         root.remove(profiles)  # Fast DDS takes an empty one for a mistake
     ET.register_namespace('', NAMESPACE)
@@ -99,6 +111,12 @@ def _child(parent: ET.Element, name: str, *, first: bool = False) -> ET.Element:
     return found
 
 
+def _down(parent: ET.Element, *names: str) -> ET.Element:
+    for name in names:
+        parent = _child(parent, name)
+    return parent
+
+
 def _entry(profiles: ET.Element, kind: str, topic: str) -> ET.Element:
     for element in profiles.findall(f'{_NS}{kind}'):
         if element.get('profile_name') == topic:
@@ -125,24 +143,26 @@ def _writer(entry: ET.Element, samples: int, dialect: Dialect) -> None:
     _duration(_child(_child(entry, 'times'), dialect.heartbeat), 0, _HEARTBEAT_NS)
 
 
-def _lease(profiles: ET.Element, lease_s: float) -> None:
-    participant = next(
-        (
-            p
-            for p in profiles.findall(f'{_NS}participant')
-            if p.get('is_default_profile') == 'true'
-        ),
-        None,
-    )
-    if participant is None:
-        participant = ET.Element(
-            f'{_NS}participant',
-            {'profile_name': 'ros2_kafka_bridge', 'is_default_profile': 'true'},
-        )
-        profiles.insert(0, participant)
-    config = participant
-    for name in ('rtps', 'builtin', 'discovery_config'):
-        config = _child(config, name)
+def _participant(profiles: ET.Element) -> ET.Element:
+    for element in profiles.findall(f'{_NS}participant'):
+        if element.get('is_default_profile') == 'true':
+            return element
+    own = {'profile_name': 'ros2_kafka_bridge', 'is_default_profile': 'true'}
+    profiles.insert(0, ET.Element(f'{_NS}participant', own))
+    return profiles[0]
+
+
+def _ask_for_no_types(participant: ET.Element) -> None:
+    properties = _down(participant, 'rtps', 'propertiesPolicy', 'properties')
+    if any(name.text == _TYPES for name in properties.iter(f'{_NS}name')):
+        return
+    added = ET.SubElement(properties, f'{_NS}property')
+    _child(added, 'name').text = _TYPES
+    _child(added, 'value').text = 'disabled'
+
+
+def _lease(participant: ET.Element, lease_s: float) -> None:
+    config = _down(participant, 'rtps', 'builtin', 'discovery_config')
     _duration(_child(config, 'leaseDuration'), *_split(lease_s))
     _duration(_child(config, 'leaseAnnouncement'), *_split(lease_s / 3))
 

@@ -1,12 +1,19 @@
 """The DDS profile keeps what the user wrote, and adds what the bridge needs."""
 
 import xml.etree.ElementTree as ET
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.ros.fastdds_profile import NAMESPACE, Histories, make_profile, user_profile
+from ros2_kafka_bridge.ros.fastdds_profile import (
+    FASTDDS_2,
+    NAMESPACE,
+    Histories,
+    make_profile,
+    user_profile,
+)
 
 NAMES = {'d': NAMESPACE}
 ORDERS = Histories({'/orders': 500}, {'/returned': 2000})
@@ -44,7 +51,7 @@ def write(place: Path, content: str) -> Path:
     return file
 
 
-def test_without_a_file_it_holds_the_bridges_endpoints_and_nothing_of_the_participant() -> None:
+def test_without_a_file_it_holds_the_bridges_endpoints() -> None:
     root = profile(ORDERS)
     assert root.tag == f'{{{NAMESPACE}}}dds'
     assert text(root, 'library_settings/intraprocess_delivery') == 'OFF'
@@ -55,7 +62,6 @@ def test_without_a_file_it_holds_the_bridges_endpoints_and_nothing_of_the_partic
     assert text(root, f'{reader}topic/resourceLimitsQos/max_samples') == '2000'
     assert entries(root, 'data_writer') == ['/orders']
     assert entries(root, 'data_reader') == ['/returned']
-    assert entries(root, 'participant') == []
 
 
 @pytest.mark.parametrize(
@@ -111,6 +117,52 @@ def test_a_lease_goes_into_the_users_own_participant(tmp_path: Path) -> None:
     assert entries(root, 'participant') == ['mine']
     assert text(root, 'profiles/participant/rtps/name') == 'robot 7'
     assert text(root, f'{LEASE}sec') == '4'
+
+
+def propagation(root: ET.Element) -> list[tuple[str | None, str | None]]:
+    """The properties of the default participant, by name and value."""
+    [participant] = root.findall('d:profiles/d:participant[@is_default_profile="true"]', NAMES)
+    properties = participant.findall('d:rtps/d:propertiesPolicy/d:properties/d:property', NAMES)
+    return [(text(one, 'name'), text(one, 'value')) for one in properties]
+
+
+@pytest.mark.parametrize(
+    'made',
+    [make_profile(Histories({}, {})), (files('warehouse') / 'data/fastdds.xml').read_text()],
+    ids=['of the bridge', 'of the warehouse'],
+)
+def test_no_reader_waits_until_a_publisher_has_told_its_type(made: str) -> None:
+    root = ET.fromstring(made)  # noqa: S314 (our own)
+    assert propagation(root) == [('fastdds.type_propagation', 'disabled')]
+
+
+@pytest.mark.parametrize('wish', ['enabled', 'disabled', 'minimal_bandwidth'])
+def test_a_users_own_wish_about_types_counts(wish: str, tmp_path: Path) -> None:
+    wishes = [('fastdds.max_message_size', '1000'), ('fastdds.type_propagation', wish)]
+    assert propagation(profile(ORDERS, with_properties(tmp_path, wishes))) == wishes
+
+
+def test_the_other_properties_of_the_users_participant_stay(tmp_path: Path) -> None:
+    other = ('fastdds.max_message_size', '1000')
+    root = profile(ORDERS, with_properties(tmp_path, [other]))
+    assert propagation(root) == [other, ('fastdds.type_propagation', 'disabled')]
+
+
+def with_properties(place: Path, properties: list[tuple[str, str]]) -> Path:
+    """A user's file whose default participant has properties."""
+    made = ''.join(
+        f'<property><name>{name}</name><value>{value}</value></property>'
+        for name, value in properties
+    )
+    policy = f'<propertiesPolicy><properties>{made}</properties></propertiesPolicy>'
+    participant = PARTICIPANT.replace('</name></rtps>', f'</name>{policy}</rtps>')
+    return write(place, f'<dds><profiles>{participant}</profiles></dds>')
+
+
+def test_fast_dds_2_asks_for_no_types_and_knows_no_such_property() -> None:
+    made = make_profile(ORDERS, dialect=FASTDDS_2)
+    assert 'type_propagation' not in made
+    assert 'participant' not in made
 
 
 @pytest.mark.parametrize(
