@@ -1,8 +1,8 @@
 """Nodes that neither ask for a type nor tell one: what they publish comes, and comes to them.
 
-Fast DDS 3 matches a reader with a writer only once that one has told its type, asks for each type
-once, and never again: where the publisher that it asked is killed before it answers, no publisher
-of that type is matched any more. A node that hears nothing of types is such a publisher.
+Fast DDS 3 asks for a type that the process does not use yet, once, and shows and matches nobody of
+it before the answer: where the publisher that it asked is killed before it answers, no other of
+that type is seen any more. A node that hears nothing of types is such a publisher.
 """
 
 from functools import partial

@@ -4,8 +4,8 @@ Fast DDS reads its settings from one XML file that an environment variable names
 needs, for its own topics only: a history of known length (confirmation is read from its room), a
 short blocking time (publishing holds the interpreter lock), a quick heartbeat; and for the whole
 process: no intra-process delivery (it stalls when a history is full), and no questions about the
-types of others (a reader waits for the answer before it is matched, and asks only once). All else
-stays as it is.
+types of others (nobody of a type is matched before the answer, and it is asked for only once). All
+else stays as it is.
 """
 
 import os
@@ -29,7 +29,7 @@ class Dialect(NamedTuple):
     Args:
         variable: Of the environment, names the file.
         heartbeat: Tag of a writer's heartbeat.
-        asks_for_types: Whether a reader is matched only once the writer's type has been told.
+        asks_for_types: Whether nobody of an unknown type is matched before that has been told.
     """
 
     variable: str
@@ -144,7 +144,7 @@ def _writer(entry: ET.Element, samples: int, dialect: Dialect) -> None:
 
 
 def _participant(profiles: ET.Element) -> ET.Element:
-    for element in profiles.findall(f'{_NS}participant'):
+    for element in reversed(profiles.findall(f'{_NS}participant')):  # the last one counts
         if element.get('is_default_profile') == 'true':
             return element
     own = {'profile_name': 'ros2_kafka_bridge', 'is_default_profile': 'true'}

@@ -15,6 +15,7 @@ from ros2_kafka_bridge.ros.fastdds_profile import (
     user_profile,
 )
 
+PAGE = Path(__file__).parents[3] / 'docs' / 'troubleshooting.md'
 NAMES = {'d': NAMESPACE}
 ORDERS = Histories({'/orders': 500}, {'/returned': 2000})
 
@@ -128,8 +129,12 @@ def propagation(root: ET.Element) -> list[tuple[str | None, str | None]]:
 
 @pytest.mark.parametrize(
     'made',
-    [make_profile(Histories({}, {})), (files('warehouse') / 'data/fastdds.xml').read_text()],
-    ids=['of the bridge', 'of the warehouse'],
+    [
+        make_profile(Histories({}, {})),
+        (files('warehouse') / 'data/fastdds.xml').read_text(),
+        PAGE.read_text().partition('```xml\n')[2].partition('```')[0],
+    ],
+    ids=['of the bridge', 'of the warehouse', 'of the docs'],
 )
 def test_no_reader_waits_until_a_publisher_has_told_its_type(made: str) -> None:
     root = ET.fromstring(made)  # noqa: S314 (our own)
@@ -146,6 +151,15 @@ def test_the_other_properties_of_the_users_participant_stay(tmp_path: Path) -> N
     other = ('fastdds.max_message_size', '1000')
     root = profile(ORDERS, with_properties(tmp_path, [other]))
     assert propagation(root) == [other, ('fastdds.type_propagation', 'disabled')]
+
+
+def test_of_two_default_participants_the_last_counts_as_for_fast_dds(tmp_path: Path) -> None:
+    two = PARTICIPANT + PARTICIPANT.replace('mine', 'last')
+    root = profile(ORDERS._replace(lease_s=4), write(tmp_path, f'<profiles>{two}</profiles>'))
+    first, last = root.findall('d:profiles/d:participant', NAMES)
+    assert 'leaseDuration' not in ET.tostring(first, encoding='unicode')
+    assert 'leaseDuration' in ET.tostring(last, encoding='unicode')
+    assert 'type_propagation' in ET.tostring(last, encoding='unicode')
 
 
 def with_properties(place: Path, properties: list[tuple[str, str]]) -> Path:
