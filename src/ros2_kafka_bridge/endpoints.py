@@ -291,12 +291,15 @@ class Readers(NamedTuple):
         come: How many have come since the sink was opened, whether they are there still or not.
         lost: Whether one has gone since the last look: publish again what is not confirmed.
         confirmed: How many of the messages published since the last loss are confirmed.
+        misread: Who would read the fields of what is published now into others, and what would
+            help; empty where nobody does.
     """
 
     matched: int
     come: int
     lost: bool
     confirmed: int
+    misread: str = ''
 
 
 class MessageSink(Protocol):

@@ -4,10 +4,12 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from confluent_kafka.schema_registry import Schema, SchemaRegistryClient
-from harness import PEERS, Bench, Process, eventually, headers, values
+from harness import PEERS, Bench, Process, eventually, headers, lines, values
 from messages import cdr, layout_of
 from raw_readers import reader_of, received
 from registry_server import RegistryServer
@@ -18,6 +20,7 @@ from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.avro.schema import avro_schema
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.message_types import load_layout
+from ros2_kafka_bridge.message_types.layout import Layout
 
 STRING = 'std_msgs/msg/String'
 FLOAT64 = 'std_msgs/msg/Float64'
@@ -105,31 +108,45 @@ def test_a_registry_that_is_away_at_the_start_holds_the_publishers_back_and_lose
     assert [decode(value) for value in found] == sent
 
 
+CRANE, SAID = 'acme_msgs/msg/Crane', {'name': 'north', 'load_t': 2.5}
+
+
+class Version(NamedTuple):
+    """A version of a package: the environment that has it, and the layout of its type."""
+
+    environ: dict[str, str]
+    layout: Layout
+
+
+def versions(place: Path) -> dict[str, Version]:
+    """Two of one package, built and installed."""
+    made = {}
+    for name, more in (('theirs', ''), ('ours', 'bool broken\n')):
+        messages = {'Crane': f'string name\nfloat64 load_t\n{more}'}
+        package = write_package(place / name, 'acme_msgs', messages)
+        environ = build_package(package, place / f'{name}-install')
+        made[name] = Version(environ, load_layout(CRANE, [place / name]))
+    return made
+
+
 def test_a_custom_message_is_carried_and_that_of_another_version_is_a_dead_letter(
     bench: Bench, topic_name: str
 ) -> None:
-    kind, said = 'acme_msgs/msg/Crane', {'name': 'north', 'load_t': 2.5}
-    environ, hashes, cdr_bytes = {}, {}, b''
-    for version, more in (('theirs', ''), ('ours', 'bool broken\n')):
-        messages = {'Crane': f'string name\nfloat64 load_t\n{more}'}
-        folder = bench.place / version
-        package = write_package(folder, 'acme_msgs', messages)
-        environ[version] = build_package(package, bench.place / f'{version}-install')
-        layout = load_layout(kind, [folder])
-        hashes[version] = layout.type_hash or 'none'
-        if version == 'theirs':
-            decode = FORMATS['json'].make_decode(layout, Scope(topic_name))
-            cdr_bytes = decode(json.dumps(said).encode())
-    (bench.place / 'sent').write_text(f'/in {kind} {cdr_bytes.hex()}\n')
+    built = versions(bench.place)
+    hashes = {version: it.layout.type_hash for version, it in built.items()}
+    decode = FORMATS['json'].make_decode(built['theirs'].layout, Scope(topic_name))
+    cdr_bytes = decode(json.dumps(SAID).encode())
+    (bench.place / 'sent').write_text(f'/in {CRANE} {cdr_bytes.hex()}\n')
     bridges = {}
-    for version in environ:
+    for version in built:
         bench.create_topic(f'{topic_name}.{version}')
-        source, sink = {'ros': '/in', 'type': kind}, {'kafka': f'{topic_name}.{version}'}
+        source, sink = {'ros': '/in', 'type': CRANE}, {'kafka': f'{topic_name}.{version}'}
         route = {'name': 'a', 'from': source, 'to': sink, 'format': 'json'}
         bridges[version] = bench.config([route], name=version)
     with ExitStack() as stack:
         for version, config in bridges.items():
-            bridge = stack.enter_context(bench.bridge(config, python=None, **environ[version]))
+            environ = built[version].environ
+            bridge = stack.enter_context(bench.bridge(config, python=None, **environ))
             bridge.wait_for('subscribes to /in')
         publisher = [
             sys.executable,
@@ -138,12 +155,48 @@ def test_a_custom_message_is_carried_and_that_of_another_version_is_a_dead_lette
             '--readers=2',
         ]
         log = bench.place / 'publisher.log'
-        stack.enter_context(Process(publisher, log, bench.environ | environ['theirs']))
+        stack.enter_context(Process(publisher, log, bench.environ | built['theirs'].environ))
         [record] = bench.records(f'{topic_name}.theirs', 1)
         [letter] = bench.records(f'{topic_name}.ours.dead-letters', 1)
-    assert json.loads(record.value() or b'') == said
+    assert json.loads(record.value() or b'') == SAID
     assert headers(record)['ros.type_hash'] == hashes['theirs']
     assert letter.value() == cdr_bytes
     error = headers(letter)['dead_letter.error']
-    assert f'the publisher sends {kind} {hashes["theirs"]}' in error
-    assert hashes['ours'] in error
+    assert f'the publisher sends {CRANE} {hashes["theirs"]}' in error
+    assert str(hashes['ours']) in error
+
+
+def test_a_route_waits_while_a_subscriber_of_another_version_would_misread_it(
+    bench: Bench, topic_name: str
+) -> None:
+    built = versions(bench.place)
+    sent = [json.dumps({**SAID, 'broken': number % 2 == 0}).encode() for number in range(100)]
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, sent)
+    source, sink = {'kafka': topic_name, 'start': 'earliest'}, {'ros': '/out', 'type': CRANE}
+    route = {'name': 'to_ros', 'from': source, 'to': sink, 'format': 'json'}
+
+    def reader(version: str) -> Process:
+        script = [sys.executable, str(PEERS / 'ros_raw_subscriber.py')]
+        file = str(bench.place / f'{version}.read')
+        environ = bench.environ | built[version].environ
+        return Process([*script, '/out', CRANE, file], bench.place / f'{version}.log', environ)
+
+    with ExitStack() as stack:
+        old = stack.enter_context(reader('theirs'))
+        new = stack.enter_context(reader('ours'))
+        for one in (old, new):
+            one.wait_for('ready')
+        environ = built['ours'].environ
+        bridge = stack.enter_context(bench.bridge(bench.config([route]), python=None, **environ))
+        bridge.wait_for(f'would misread {CRANE}: install the same version of the package')
+        assert not lines(bench.place / 'ours.read')
+        old.end()
+        bridge.wait_for('100 confirmed')
+        assert bridge.end() == 0
+    scope = Scope(topic_name)
+    decode = FORMATS['json'].make_decode(built['ours'].layout, scope)
+    encode = FORMATS['json'].make_encode(built['ours'].layout, scope)
+    read = [encode(bytes.fromhex(line)) for line in lines(bench.place / 'ours.read')]
+    assert read == [encode(decode(value)) for value in sent]
+    assert not lines(bench.place / 'theirs.read')

@@ -117,7 +117,8 @@ class KafkaToRosRoute(Route):
     check_type_hash: bool = setting(
         default=True,
         description='Whether a record whose header ros.type_hash is not that of the type here is '
-        'a dead letter. Without it the format alone decides.',
+        'a dead letter, and a subscriber of another definition holds the route. Without it the '
+        'format alone decides.',
     )
 
     def group(self, bridge: str) -> str:

@@ -1,4 +1,4 @@
-"""Whether enough readers know of their match.
+"""Whether enough readers know of their match, and none would misread what it gets.
 
 A writer knows of a match before the reader does, and what it publishes meanwhile is lost to that
 reader. So a reader counts once it has been there for a while; the while begins with its match,
@@ -26,6 +26,7 @@ class Settling:
     def __init__(self, needed: int) -> None:
         self._needed = needed
         self._come = 0
+        self._misread = ''
         self._came_s: deque[float] = deque()  # when those that are there came, the oldest first
         self._last_at_loss_s = 0.0  # when the last of those came that outlived one that went
 
@@ -33,6 +34,7 @@ class Settling:
         """Note who has come and gone; as often as possible, for it counts from here."""
         new = max(readers.come - self._come, readers.matched - len(self._came_s))
         self._come = readers.come
+        self._misread = readers.misread
         self._came_s.extend([time.monotonic()] * min(new, readers.matched))
         # Which one has gone is not told. The one that came last may be the one that stays.
         while len(self._came_s) > readers.matched:
@@ -44,6 +46,8 @@ class Settling:
     @property
     def obstacle(self) -> Obstacle | None:
         """What there is to wait for; None where enough readers know of their match."""
+        if self._misread:
+            return Obstacle(self._misread)
         there = len(self._came_s)
         if there < self._needed:
             return Obstacle(f'{there} of {self._needed} subscribers are there')

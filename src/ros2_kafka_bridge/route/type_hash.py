@@ -40,7 +40,7 @@ def make_hash_check(name: str, type_hash: str | None) -> CheckHeaders:
 def make_publisher_check(name: str, type_hash: str | None) -> CheckHeaders:
     """Make the function that refuses a message whose publisher has another version of the type.
 
-    DDS matches types by their names alone. Bytes of the other version would be read into the
+    DDS may match types by their names alone. Bytes of the other version would be read into the
     wrong fields, mostly without an error.
 
     Args:

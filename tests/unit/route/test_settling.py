@@ -22,6 +22,7 @@ class Topic:
         self.there: list[float] = []  # when each one came
         self.come = 0
         self.lost = False
+        self.misread = ''
         self.lost_with: list[float] = []  # those that were there when the last loss was told
         self.settling = Settling(needed)
 
@@ -34,7 +35,10 @@ class Topic:
         self.lost = True
 
     def look(self) -> str | None:
-        self.settling.look(Readers(len(self.there), self.come, lost=self.lost, confirmed=0))
+        readers = Readers(
+            len(self.there), self.come, lost=self.lost, confirmed=0, misread=self.misread
+        )
+        self.settling.look(readers)
         if self.lost:
             self.lost_with = list(self.there)
         self.lost = False
@@ -59,6 +63,23 @@ def test_a_reader_counts_once_it_has_been_there_for_a_while(topic: Topic) -> Non
     topic.now_s += SETTLE_S - 0.01
     assert topic.look() is not None
     topic.now_s += 0.01
+    assert topic.look() is None
+
+
+@pytest.mark.parametrize('needed', [0, 1])
+def test_nothing_is_published_while_a_reader_would_misread_it(
+    monkeypatch: pytest.MonkeyPatch, needed: int
+) -> None:
+    topic = Topic(needed)
+    monkeypatch.setattr(settling, 'time', SimpleNamespace(monotonic=lambda: topic.now_s))
+    topic.enter()
+    topic.look()
+    topic.now_s += SETTLE_S
+    assert topic.look() is None
+    topic.enter()
+    topic.misread = '/picker would misread it'
+    assert topic.look() == '/picker would misread it'
+    topic.misread = ''
     assert topic.look() is None
 
 
