@@ -180,10 +180,7 @@ class Wiring:
         """
         message_type = load_type(route.sink.type)
         room = self._histories.writers[route.sink.ros] if self._abilities.bounded else None
-        published = (
-            message_type if route.check_type_hash else message_type._replace(type_hash=None)
-        )
-        sink = RosSink(self._node, route.sink.ros, published, route.sink.qos, room, log)
+        sink = RosSink(self._node, route.sink.ros, message_type, route.sink.qos, room, log)
         decode = decode_of(route, self._config, message_type.layout)
         stack.enter_context(_open(sink))
         return KafkaToRos(

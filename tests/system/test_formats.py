@@ -172,7 +172,6 @@ def test_a_route_waits_while_a_subscriber_of_another_version_would_misread_it(
     built = versions(bench.place)
     sent = [json.dumps({**SAID, 'broken': number % 2 == 0}).encode() for number in range(100)]
     bench.create_topic(topic_name)
-    bench.produce(topic_name, sent)
     source, sink = {'kafka': topic_name, 'start': 'earliest'}, {'ros': '/out', 'type': CRANE}
     route = {'name': 'to_ros', 'from': source, 'to': sink, 'format': 'json'}
 
@@ -189,6 +188,8 @@ def test_a_route_waits_while_a_subscriber_of_another_version_would_misread_it(
             one.wait_for('ready')
         environ = built['ours'].environ
         bridge = stack.enter_context(bench.bridge(bench.config([route]), python=None, **environ))
+        bridge.wait_for('subscribes to it as')
+        bench.produce(topic_name, sent)
         bridge.wait_for(f'would misread {CRANE}: install the same version of the package')
         assert not lines(bench.place / 'ours.read')
         old.end()

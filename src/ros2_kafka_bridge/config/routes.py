@@ -117,8 +117,12 @@ class KafkaToRosRoute(Route):
     check_type_hash: bool = setting(
         default=True,
         description='Whether a record whose header ros.type_hash is not that of the type here is '
-        'a dead letter, and a subscriber of another definition holds the route. Without it the '
-        'format alone decides.',
+        'a dead letter. Without it the format alone decides.',
+    )
+    when_misread: Literal['wait', 'publish'] = setting(
+        default='wait',
+        description='What happens while a subscriber of another definition of the type would '
+        'misread what is published: nothing is published with wait.',
     )
 
     def group(self, bridge: str) -> str:

@@ -59,6 +59,14 @@ def unknown_type(name: str, message_path: Listed[Path] = ()) -> str | None:
         return str(error)
 
 
+def installed_hash(name: str) -> str | None:
+    """The REP-2011 hash of an installed type; None where there is none."""
+    try:
+        return load_layout(name).type_hash
+    except ConfigError:
+        return None
+
+
 def load_layout(name: str, message_path: Listed[Path] = ()) -> Layout:
     """What a type looks like, without its docs and constants.
 

@@ -73,8 +73,11 @@ def _matches(
 ) -> Iterator[tuple[Peer, Mismatch | None]]:
     """Everybody whom a route could meet; its own bridge as its file says, not as it runs."""
     if isinstance(route, KafkaToRosRoute):
+        own = own_nodes(config.name)
+        hashes = [peer.type_hash for peer in topic.publishers if own.fullmatch(peer.node)]
+        type_hash = hashes[0] if hashes else None
         for peer in [*others(topic.subscribers, config.name), *own_readers(routes, route)]:
-            yield peer, reader_problem(route, peer)
+            yield peer, reader_problem(route, peer, type_hash)
         return
     publishers = [*others(topic.publishers, config.name), *own_publishers(routes, route)]
     message_type = type_of(route, publishers)

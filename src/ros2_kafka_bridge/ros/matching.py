@@ -17,8 +17,14 @@ class Mismatch(NamedTuple):
     cure: str
 
 
-def reader_problem(route: KafkaToRosRoute, reader: Peer) -> Mismatch | None:
-    """Why a subscriber would get nothing from a route; None if it would."""
+def reader_problem(route: KafkaToRosRoute, reader: Peer, type_hash: str | None) -> Mismatch | None:
+    """Why a subscriber would get nothing from a route, or nothing right; None if it would.
+
+    Args:
+        route: The route that would publish to it.
+        reader: Seen in the graph.
+        type_hash: Of what the route publishes; None where it is not known.
+    """
     if reader.message_type != route.sink.type:
         text = f'reads {route.sink.ros} as {reader.message_type}'
         return Mismatch(text, 'set to.type, or give one of the two another topic')
@@ -26,6 +32,12 @@ def reader_problem(route: KafkaToRosRoute, reader: Peer) -> Mismatch | None:
         reasons = '; '.join(it.reason for it in found)
         return Mismatch(
             f'does not match: {reasons}', f'set to.qos: {_with(route.sink.qos, found)}'
+        )
+    if reader.misreads(route.sink.type, type_hash):
+        waits = '; the route waits while it is there' if route.when_misread == 'wait' else ''
+        return Mismatch(
+            f'would misread {route.sink.type}, of which it has another definition{waits}',
+            'install the same version of the package on both sides',
         )
     return None
 

@@ -58,6 +58,19 @@ class Peer(NamedTuple):
         """Whether it belongs to a bridge, this one or another."""
         return self.node.rpartition('/')[2].startswith(_PREFIX)
 
+    def misreads(self, name: str, type_hash: str | None) -> bool:
+        """Whether it would read messages of that type and definition into other fields.
+
+        Only where both tell what theirs is, by the same version of REP-2011; and a bridge does
+        not, it carries the bytes or refuses them.
+        """
+        if not type_hash or not self.type_hash or self.message_type != name or self.is_bridge:
+            return False
+        (version, _, fields), (there, _, others) = (
+            told.partition('_') for told in (type_hash, self.type_hash)
+        )
+        return version == there and fields != others
+
     @classmethod
     def of_qos(cls, node: str, message_type: str, gid: bytes, type_hash: str, qos: Any) -> 'Peer':
         """Make it of rclpy's QoS."""

@@ -32,11 +32,10 @@ class RosSink:
     Args:
         node: The bridge's node.
         topic: The ROS topic.
-        message_type: What is published. Who reads it by a definition of another hash would
-            misread it; without a hash all may.
+        message_type: What is published.
         qos: What the route says about QoS.
         room: Samples of the writer's history; None where it is not known to be bounded.
-        log: Where to say which subscribers do not match, or do not acknowledge.
+        log: Where to say which subscribers do not match, misread, or do not acknowledge.
     """
 
     def __init__(
@@ -148,24 +147,21 @@ class RosSink:
     def _look_at_readers(self) -> Readers:
         matched, come_here = self._events.look()
         come = self._come_before + come_here
-        if come > self._come:
-            self._graph_at_s = 0.0  # it may be of another definition
-        self._come = come
         gone = come - matched
-        self._matched = matched
+        now_s = time.monotonic()
+        if now_s >= self._graph_at_s or (come, gone) != (self._come, self._gone):
+            self._graph_at_s = now_s + _GRAPH_S
+            with contextlib.suppress(BridgeError):  # said only, and looked at again
+                self._look_at_graph()
+        self._come, self._matched = come, matched
         if gone != self._gone:
             self._gone = gone
             self._published = self._acknowledged = self._confirmed = 0
             return Readers(matched, come, lost=True, confirmed=0, misread=self._misread)
-        now_s = time.monotonic()
         if now_s >= self._look_at_s:
             self._look_at_s = now_s + _AGE_S
             self._confirmed = self._acknowledged
             self._acknowledged = self._look()
-        if now_s >= self._graph_at_s:
-            self._graph_at_s = now_s + _GRAPH_S
-            with contextlib.suppress(BridgeError):  # said only, and looked at again
-                self._look_at_graph()
         return Readers(matched, come, lost=False, confirmed=self._confirmed, misread=self._misread)
 
     def close(self) -> None:
@@ -203,15 +199,11 @@ class RosSink:
         self._told = {(node, what) for node, what in self._told if node in here}
         matching = [peer for peer in peers if not self._look_at_peer(peer)]
         self._mismatched = len(peers) - len(matching)
-        others = sorted({_name(peer) for peer in peers if self._has_other_definition(peer)})
-        # A middleware that compares definitions matches none of them: then nobody misreads.
-        if others and self._matched > len(matching):
-            kind = self._message_type.name
-            self._misread = f'{", ".join(others)} would misread {kind}: {_SAME_VERSION}'
-        else:
-            self._misread = ''
+        who = ', '.join(sorted({peer.node for peer in matching if self._misreads(peer)}))
+        kind = self._message_type.name
+        self._misread = f'{who} would misread {kind}: {_SAME_VERSION}' if who else ''
         waited_for = [peer for peer in matching if peer.reliability != 'best_effort']
-        self.holders = sorted({_name(peer) for peer in waited_for})
+        self.holders = sorted({peer.node if peer.named else _NO_NODE for peer in waited_for})
 
     def _look_at_peer(self, peer: Peer) -> bool:
         """Tells whether it does not match."""
@@ -221,25 +213,18 @@ class RosSink:
         if reason := mismatch(self._publisher_qos, peer.qos):
             self._tell(peer, f'does not match, give this route the qos it asks for: {reason}')
             return True
-        if self._has_other_definition(peer):
+        if self._misreads(peer):
             there, here = peer.type_hash, self._message_type.type_hash
             kind = f'{peer.message_type} {there}, installed here is {here}'
             self._tell(peer, f'subscribes to it as {kind}: {_SAME_VERSION}')
-            return True
         if peer.reliability == 'best_effort':
             self._tell(peer, 'reads best effort: nothing tells what it has received')
         return False
 
-    def _has_other_definition(self, peer: Peer) -> bool:
-        here = self._message_type
-        told = peer.type_hash and here.type_hash
-        return bool(told) and peer.message_type == here.name and peer.type_hash != here.type_hash
+    def _misreads(self, peer: Peer) -> bool:
+        return peer.misreads(self._message_type.name, self._message_type.type_hash)
 
     def _tell(self, peer: Peer, what: str) -> None:
         if peer.named and (peer.node, what) not in self._told:
             self._told.add((peer.node, what))
             self._occasional.warning(f'{self._topic}: {peer.node} {what}')
-
-
-def _name(peer: Peer) -> str:
-    return peer.node if peer.named else _NO_NODE

@@ -22,7 +22,8 @@ class Publishing:
     def __init__(self, window: RecordWindow, sink: MessageSink, route: KafkaToRosRoute) -> None:
         self._window = window
         self._sink = sink
-        self._settling = Settling(route.min_subscribers)
+        publishes = route.when_misread == 'publish'
+        self._settling = Settling(route.min_subscribers, may_misread=publishes)
         self._paces = route.max_rate is not None
         self._pace = Pace(route.max_rate)
         self._ages = route.max_age_s is not None

@@ -21,10 +21,12 @@ class Settling:
 
     Args:
         needed: How many must know of their match; with 0 nobody is waited for.
+        may_misread: Whether those who misread what they get are no obstacle.
     """
 
-    def __init__(self, needed: int) -> None:
+    def __init__(self, needed: int, *, may_misread: bool = False) -> None:
         self._needed = needed
+        self._may_misread = may_misread
         self._come = 0
         self._misread = ''
         self._came_s: deque[float] = deque()  # when those that are there came, the oldest first
@@ -46,7 +48,7 @@ class Settling:
     @property
     def obstacle(self) -> Obstacle | None:
         """What there is to wait for; None where enough readers know of their match."""
-        if self._misread:
+        if self._misread and not self._may_misread:
             return Obstacle(self._misread)
         there = len(self._came_s)
         if there < self._needed:

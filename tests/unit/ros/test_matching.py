@@ -1,7 +1,8 @@
 """What helps where a route and somebody in the graph do not match."""
 
+from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
@@ -51,10 +52,21 @@ def _reader(**asked: object) -> Peer:
 def test_what_would_match_can_be_pasted_and_does_match(
     qos: str, asked: dict[str, object], cure: str
 ) -> None:
-    problem = reader_problem(_route(qos), _reader(**asked))
+    problem = reader_problem(_route(qos), _reader(**asked), None)
     assert problem is not None
     assert problem.cure == f'set to.qos: {cure}'
-    assert reader_problem(_route(cure), _reader(**asked)) is None
+    assert reader_problem(_route(cure), _reader(**asked), None) is None
+
+
+@pytest.mark.parametrize('reaction', ['wait', 'publish'])
+def test_a_reader_of_another_definition_is_told(reaction: Literal['wait', 'publish']) -> None:
+    route = replace(_route('{}'), when_misread=reaction)
+    reader = _reader()._replace(type_hash='RIHS01_bb')
+    assert reader_problem(route, reader, 'RIHS01_bb') is None
+    problem = reader_problem(route, reader, 'RIHS01_aa')
+    assert problem is not None
+    assert problem.text.startswith('would misread std_msgs/msg/String')
+    assert ('the route waits' in problem.text) == (reaction == 'wait')
 
 
 def test_routes_of_one_file_count_for_each_other() -> None:

@@ -83,6 +83,12 @@ def test_nothing_is_published_while_a_reader_would_misread_it(
     assert topic.look() is None
 
 
+def test_it_is_published_all_the_same_where_the_route_says_so() -> None:
+    lenient = Settling(0, may_misread=True)
+    lenient.look(Readers(1, 1, lost=False, confirmed=0, misread='/picker would misread it'))
+    assert lenient.obstacle is None
+
+
 def test_one_that_leaves_does_not_make_those_wait_that_have_long_been_there(topic: Topic) -> None:
     topic.enter()
     topic.enter()

@@ -30,11 +30,14 @@ def graph_findings(node: RosNode, topic: str, config: Config) -> list[Finding]:
 
 def reader_findings(route: KafkaToRosRoute, config: Config, node: RosNode) -> Iterator[Finding]:
     """Who would get the messages of a route to ROS."""
+    from ros2_kafka_bridge.message_types import installed_hash  # noqa: PLC0415 (reads files)
+
     topic, fit = route.sink.ros, 0
     own = own_readers(config.routes, route)
     peers = node.subscribers(topic)
+    type_hash = installed_hash(route.sink.type)
     for peer in [*(others(peers, config.name) if own else peers), *own]:
-        if problem := reader_problem(route, peer):
+        if problem := reader_problem(route, peer, type_hash):
             yield Finding('bad', 'readers', f'{peer.node} {problem.text}', problem.cure)
             continue
         fit += 1

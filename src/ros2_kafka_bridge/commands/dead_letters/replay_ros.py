@@ -107,7 +107,8 @@ class LetterChannel:
         topic, needed = self._route.sink.ros, self._route.min_subscribers
         self._letters.hold(letters)
         with waiting(f'Waiting for the subscribers of {topic}'):
-            self._direction.run(_Patience(self._stop, self._letters, self._direction))
+            patience = _Patience(self._stop, self._letters, self._direction)
+            self._direction.run(patience)
         measures = self._direction.snapshot.measures
         if not self._letters.lag() or (self._stop.asked and not measures.queued):
             return
@@ -116,6 +117,8 @@ class LetterChannel:
         if (matched := measures.matched) < needed:
             there = f'{matched} of {count(needed, "subscriber")}'
             raise TransportError(f'{there} of {topic} there after {_PATIENCE_S:g} s')
+        if measures.queued and patience.reason:
+            raise TransportError(f'{topic}: {patience.reason}')
         raise TransportError(f'a subscriber of {topic} does not take: not acknowledged')
 
 
@@ -139,12 +142,14 @@ class _Patience(Part):
         super().__init__(stop)
         self._letters = letters
         self._direction = direction
+        self.reason = ''  # for which it waited last
         self._seen = (0, 0, 0)
         self._until_s = time.monotonic() + _PATIENCE_S
 
     def look(self) -> bool:
         """Look at what has moved; tells whether to drain."""
         now_s, told = time.monotonic(), self._direction.snapshot
+        self.reason = told.reason or self.reason
         seen = told.confirmed, told.repeated, told.measures.queued
         if seen != self._seen:
             self._seen, self._until_s = seen, now_s + _PATIENCE_S

@@ -31,6 +31,7 @@ from ros2_kafka_bridge.errors import BridgeError, TransportError
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
 from ros2_kafka_bridge.kafka.properties import PropertyValue, common_properties
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
+from ros2_kafka_bridge.message_types import installed_hash
 from ros2_kafka_bridge.ros import rates
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.matching import (
@@ -231,7 +232,8 @@ def _peer_row(peer: Peer) -> PeerRow:
 def _matches(route: AnyRoute, topic: Topic, routes: Sequence[AnyRoute]) -> Iterator[Match]:
     if isinstance(route, KafkaToRosRoute):
         readers = [*topic.subscribers, *own_readers(routes, route)]
-        found = [(peer, reader_problem(route, peer)) for peer in readers]
+        type_hash = installed_hash(route.sink.type)
+        found = [(peer, reader_problem(route, peer, type_hash)) for peer in readers]
     else:
         publishers = [*topic.publishers, *own_publishers(routes, route)]
         message_type = type_of(route, publishers)
