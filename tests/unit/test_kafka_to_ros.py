@@ -81,6 +81,18 @@ def test_min_subscribers_0_publishes_to_nobody() -> None:
     assert house.sink.published == [b'cdr:a']
 
 
+@pytest.mark.parametrize(('reaction', 'out'), [('wait', 0), ('publish', 1)])
+def test_what_would_be_misread_waits_or_not_as_the_route_says(reaction: str, out: int) -> None:
+    house = House(when_misread=reaction)
+    house.sink.misread = '/old would misread it'
+    house.give(b'a')
+    house.steps()
+    assert len(house.sink.published) == out
+    house.sink.misread = ''
+    house.steps()
+    assert house.sink.published == [b'cdr:a']
+
+
 def test_old_records_are_dropped_and_counted_where_the_route_says_so() -> None:
     house = House(max_age_s=60)
     now_ms = int(time.time() * 1000)

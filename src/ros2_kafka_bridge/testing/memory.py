@@ -273,6 +273,7 @@ class MemoryMessageSink:
         matched: Readers that are there.
         acknowledging: Whether they acknowledge what is published.
         holders: Their nodes.
+        misread: Which of them would misread what is published.
     """
 
     room: int = 1_000_000
@@ -281,6 +282,7 @@ class MemoryMessageSink:
     published: list[bytes] = field(default_factory=list)
     mismatched: int = 0
     holders: Sequence[str] = ()
+    misread: str = ''
     _come: int = 0
     _known: int = 0
     _since_loss: int = 0
@@ -327,10 +329,13 @@ class MemoryMessageSink:
         self._known = self.matched
         if self._lost:
             self._lost = False
-            return Readers(self.matched, self._come, lost=True, confirmed=0)
+            return Readers(self.matched, self._come, lost=True, confirmed=0, misread=self.misread)
         if self.acknowledging:
             self._confirmed = self._since_loss
-        return Readers(self.matched, self._come, lost=False, confirmed=self._confirmed)
+        confirmed = self._confirmed
+        return Readers(
+            self.matched, self._come, lost=False, confirmed=confirmed, misread=self.misread
+        )
 
     def close(self) -> None:
         """Destroy the publisher."""

@@ -170,3 +170,13 @@ def test_subscribers_that_are_too_few_or_do_not_acknowledge_are_said_after_a_whi
     with pytest.raises(TransportError, match=words):
         to.deliver(letters(b'1'))
     assert to.delivered == 0
+
+
+def test_a_subscriber_that_would_misread_the_letters_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(replay_ros, '_PATIENCE_S', 1.5)  # a wait is told after a second
+    to = channel(Readers(misread='/old would misread it'))
+    with pytest.raises(TransportError, match=r'^/orders: /old would misread it$'):
+        to.deliver(letters(b'1'))
+    assert to.delivered == 0

@@ -117,7 +117,7 @@ class LetterChannel:
         if (matched := measures.matched) < needed:
             there = f'{matched} of {count(needed, "subscriber")}'
             raise TransportError(f'{there} of {topic} there after {_PATIENCE_S:g} s')
-        if measures.queued and patience.reason:
+        if patience.reason and not measures.queued:  # none was published that is not acknowledged
             raise TransportError(f'{topic}: {patience.reason}')
         raise TransportError(f'a subscriber of {topic} does not take: not acknowledged')
 
