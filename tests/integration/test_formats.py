@@ -191,9 +191,11 @@ def test_a_bad_record_becomes_a_dead_letter_that_names_the_field_or_both_hashes(
     with reader_of(bench, FLOAT64), bench.bridge(config) as bridge:
         bench.produce(topic_name, [b'{"data": 1}', b'{"data": "one"}', b'{}', b'\xff', None])
         bench.produce(topic_name, [b'{"data": 2}'], headers=[('ros.type_hash', own.encode())])
-        told = [('ros.type', b'my_msgs/msg/Float64'), ('ros.type_hash', other.encode())]
+        told = [('ros.type', FLOAT64.encode()), ('ros.type_hash', other.encode())]
         bench.produce(topic_name, [b'{"data": 3}'], headers=told)
-        bench.produce(topic_name, [b'{"data": 4}'])
+        # One that a processor has copied from what it has read says nothing.
+        copied = [('ros.type', b'my_msgs/msg/Distance'), ('ros.type_hash', other.encode())]
+        bench.produce(topic_name, [b'{"data": 4}'], headers=copied)
         came = received(bench, 3, bridge, FLOAT64)
         letters = bench.records(f'{topic_name}.dead-letters', 5)
         assert bench.reaches(topic_name, 8)
@@ -203,6 +205,8 @@ def test_a_bad_record_becomes_a_dead_letter_that_names_the_field_or_both_hashes(
     errors = [headers(letter)['dead_letter.error'] for letter in letters]
     assert errors[0] == "DecodeError: $.data: expected float, got str 'one'"
     assert errors[1] == 'DecodeError: $.data: is missing'
-    assert errors[4].startswith('DecodeError: ros.type_hash: the record was written with my_msgs/')
+    assert errors[4].startswith(
+        'DecodeError: ros.type_hash: the record was written with std_msgs/'
+    )
     assert own in errors[4]
     assert other in errors[4]

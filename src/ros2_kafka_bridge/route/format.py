@@ -20,6 +20,9 @@ from ros2_kafka_bridge.route.type_hash import (
 _EVEN = frozenset({'text', 'cdr'})
 """Formats whose values are about as large as their messages."""
 
+_UNNAMED = frozenset({'cdr'})
+"""Formats whose values do not tell what they hold: bytes of another type may look right."""
+
 _LIMIT = 'max_message_bytes of the route'
 
 
@@ -36,7 +39,7 @@ def scope_of(route: KafkaToRosRoute | RosToKafkaRoute, config: Config) -> Scope:
     )
 
 
-def decode_of(route: KafkaToRosRoute, config: Config, layout: Layout) -> Decode:
+def decode_of(route: KafkaToRosRoute | RosToKafkaRoute, config: Config, layout: Layout) -> Decode:
     """Make the decode function of a route: no value and no message larger than it allows.
 
     Raises:
@@ -76,12 +79,13 @@ def asks_registry(route: KafkaToRosRoute | RosToKafkaRoute) -> bool:
 
 def check_of(route: KafkaToRosRoute | RosToKafkaRoute, layout: Layout) -> CheckHeaders:
     """Make the function that refuses records and messages of another version of the type."""
-    if isinstance(route, KafkaToRosRoute):
-        check = make_hash_check if route.check_type_hash else None
-    else:
+    name, type_hash = layout.type_name, layout.type_hash
+    if isinstance(route, RosToKafkaRoute):
         # cdr reads no field into another: bytes and hash go on together.
-        check = None if route.format in _EVEN else make_publisher_check
-    return check(layout.type_name, layout.type_hash) if check else check_nothing
+        return check_nothing if route.format in _EVEN else make_publisher_check(name, type_hash)
+    if not route.check_type_hash:
+        return check_nothing
+    return make_hash_check(name, type_hash, any_type=route.format not in _UNNAMED)
 
 
 def _not_grown(

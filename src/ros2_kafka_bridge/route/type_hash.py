@@ -10,28 +10,42 @@ CheckHeaders = Callable[[HeaderList], None]
 
 _TYPE, _HASH = 'ros.type', 'ros.type_hash'
 _TOLD = b'RIHS'  # as every hash begins
+_MOST_SHOWN = 300
 
 
 def check_nothing(_headers: HeaderList) -> None:
     """Let every record pass."""
 
 
-def make_hash_check(name: str, type_hash: str | None) -> CheckHeaders:
+def make_hash_check(name: str, type_hash: str | None, *, any_type: bool = False) -> CheckHeaders:
     """Make the function that refuses a record which was written with another type than this one.
 
     Args:
         name: Of the type that the route publishes.
         type_hash: Its REP-2011 hash; None, and nothing is refused.
+        any_type: Whether the hash of a type with another name says nothing: a program that makes
+            new records of others has copied it, and the format finds out itself what they hold.
 
     Returns:
         The function. It raises DecodeError where the headers tell another hash.
     """
 
-    def refuse(written: str, there: str) -> DecodeError:
-        return DecodeError(
+    def refuse(written: str, there: str) -> DecodeError | None:
+        if any_type and written not in {'', name}:
+            return None
+        told = (
             f'{_HASH}: the record was written with {written or "a type of hash"} {there}, this '
-            f'route publishes {name} {type_hash}: install the same version of the package on '
-            'both sides, or set check_type_hash: false, and the format alone decides'
+            f'route publishes {name} {type_hash}'
+        )
+        if written not in {'', name}:
+            return DecodeError(
+                f'{told}: it holds that type, or a program has copied the header from another '
+                'record: let it leave ros.type_hash out, or set check_type_hash: false, and the '
+                'format alone decides'
+            )
+        return DecodeError(
+            f'{told}: install the same version of the package on both sides, or set '
+            'check_type_hash: false, and the format alone decides'
         )
 
     return _make_check(type_hash, refuse)
@@ -61,7 +75,9 @@ def make_publisher_check(name: str, type_hash: str | None) -> CheckHeaders:
     return _make_check(type_hash, refuse)
 
 
-def _make_check(type_hash: str | None, refuse: Callable[[str, str], RecordError]) -> CheckHeaders:
+def _make_check(
+    type_hash: str | None, refuse: Callable[[str, str], RecordError | None]
+) -> CheckHeaders:
     if not type_hash:
         return check_nothing
     same = (_HASH, type_hash.encode())
@@ -73,9 +89,16 @@ def _make_check(type_hash: str | None, refuse: Callable[[str, str], RecordError]
         there = _bytes(told.get(_HASH))
         if there.startswith(_TOLD) and there != same[1]:
             written = _bytes(told.get(_TYPE))
-            raise refuse(written.decode(errors='replace'), there.decode(errors='replace'))
+            error = refuse(_shown(written), _shown(there))
+            if error is not None:
+                raise error
 
     return check
+
+
+def _shown(value: bytes) -> str:
+    """What others have written, cut where no bridge writes as much."""
+    return value[:_MOST_SHOWN].decode(errors='replace')
 
 
 def _bytes(value: str | bytes | None) -> bytes:
