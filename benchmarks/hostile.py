@@ -16,7 +16,8 @@ _CODE_POINTS: Final = 'aZ0 \u00e9\u4e16\U0001f916\ufffd\u202e\x1b\n'
 _NOT_UTF8: Final = (b'\xc0\x80', b'\xed\xa0\x80', b'\xf8\x88', b'\xff', b'\xc3', b'\xf0\x9f\xa4')
 _NAMES: Final = (
     b'', b'trace', b'\xff\xfe', b'\xed\xa0\x80', b'a\x00b', b'\x1b[31m', b'x\r\ny', b'{0}', b'%s',
-    b'bridge.origin', b'ros.gid', b'ros.seq', b'dead_letter.error', b'dead_letter.offset',
+    b'bridge.origin', b'bridge.route', b'ros.topic', b'ros.gid', b'ros.seq', b'dead_letter.error',
+    b'dead_letter.offset',
     '\u202eevil'.encode(), b'n' * 5000,
 )  # fmt: skip
 _LENGTHS: Final = (0, 1, 2**31 - 1, 2**31, 2**32 - 1, 10**6, 255)

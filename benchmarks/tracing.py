@@ -14,6 +14,7 @@ from opentelemetry.sdk.trace.export import SpanExporter, SpanExportResult
 
 from ros2_kafka_bridge.endpoints import Message, headers_of
 from ros2_kafka_bridge.logs.lines import RouteLog
+from ros2_kafka_bridge.route.identity import Author
 from ros2_kafka_bridge.route.labels import make_headers
 from ros2_kafka_bridge.route.record_window import RecordEntry
 from ros2_kafka_bridge.testing.memory import MemoryRecord
@@ -25,6 +26,7 @@ from ros2_kafka_bridge.tracing.span import Span
 _SAMPLE: Final = 0.01
 _CALLS: Final = 1000
 _RUNS: Final = 50
+_AUTHOR: Final = Author('/orders', 'bridge', 'orders')
 _MESSAGE: Final = Message(b'x' * 100, bytes(range(16)), 42, 1_700_000_000_000_000_000)
 
 
@@ -37,7 +39,7 @@ class _Nowhere(SpanExporter):
 
 def main() -> None:
     """Print a line for each part of the way."""
-    plain = make_headers('/orders', 'std_msgs/msg/String', 'bridge', lambda _: 'RIHS01_ab')
+    plain = make_headers(_AUTHOR, 'std_msgs/msg/String', lambda _: 'RIHS01_ab')
     traced = with_traceparent(plain, _SAMPLE)
     without = MemoryRecord(b'x', header_list=plain(_MESSAGE))
     parent = ('traceparent', f'00-{"1" * 32}-{"2" * 16}-00'.encode())

@@ -13,6 +13,7 @@ from ros2_kafka_bridge.errors import (
 )
 from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
+from ros2_kafka_bridge.route.identity import Identity
 from ros2_kafka_bridge.route.type_hash import check_nothing
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSink
@@ -35,6 +36,8 @@ def encode(cdr: bytes) -> bytes:
 class InKafka:
     """Kafka holds the messages and the dead letters of these numbers, whoever published them."""
 
+    unproved = 0
+
     def __init__(self, numbers: frozenset[int], letters: frozenset[int]) -> None:
         self.numbers = set(numbers)
         self.letters = letters
@@ -48,11 +51,11 @@ class InKafka:
     def look_at_end(self) -> None:
         pass
 
-    def holds(self, _gid: bytes, _seq: int) -> bool:
+    def holds(self, _identity: Identity) -> bool:
         return False
 
-    def holds_letter(self, _gid: bytes, seq: int, _made_ns: int) -> bool:
-        return seq in self.letters
+    def holds_letter(self, identity: Identity) -> bool:
+        return identity.seq in self.letters
 
 
 class House:

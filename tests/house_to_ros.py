@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters
+from ros2_kafka_bridge.endpoints import HeaderList
 from ros2_kafka_bridge.errors import DecodeError, RouteError
 from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 HASH = 'RIHS01_' + '1' * 64
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
+MINE: HeaderList = [('ros.topic', b'/orders'), ('bridge.origin', b'me')]
+"""The headers of a record that the bridge of a house has made of a message of its own topic."""
 
 
 BUGS: dict[bytes, tuple[type[BaseException], str]] = {

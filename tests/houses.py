@@ -6,15 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from identified import AUTHOR, STRING, identify
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters
-from ros2_kafka_bridge.dedup import Numbers
-from ros2_kafka_bridge.endpoints import Message, Reports
+from ros2_kafka_bridge.endpoints import Message, Record, Reports
 from ros2_kafka_bridge.errors import EncodeError, RouteError, TransportError
 from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
+from ros2_kafka_bridge.route.labels import make_headers
 from ros2_kafka_bridge.route.message_window import MessageEntry
 from ros2_kafka_bridge.route.produced import Produced
 from ros2_kafka_bridge.route.type_hash import check_nothing
@@ -24,6 +25,12 @@ from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSi
 from ros2_kafka_bridge.threads.stop import Stop
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
+GID = bytes(range(16))
+
+
+def made_ns(number: int) -> int:
+    """When the message of that number was published."""
+    return 1_700_000_000_000_000_000 + number
 
 
 def encode(cdr: bytes) -> bytes:
@@ -53,18 +60,19 @@ class NoTail:
 
     topic = 'orders'
     complete = True
+    is_cut = False
     since_ns = 0.0
 
     def __init__(self) -> None:
         self.records = 0
         self.partitions = 0
-        self.numbers: dict[bytes, Numbers] = {}
-        self.found = Numbers()
+        self.found: list[Record] = []
 
-    def read(self, records: int, within_s: float) -> None:
+    def read(self, records: int, within_s: float, note: Callable[[Record], None]) -> None:
         del within_s
         self.records, self.partitions = records, 1
-        self.numbers = {b'gid': self.found}
+        for record in self.found:
+            note(record)
 
 
 class House:
@@ -92,11 +100,11 @@ class House:
         self.direction = RosToKafka(
             route,
             self.source,
-            Produced(self.tail, NoTail(), LOG),
+            Produced(self.tail, NoTail(), identify, lambda _: None, LOG),
             self.sink,
             lambda: guarded(encode, route.max_message_bytes, EncodeError),
             lambda _: b'key',
-            lambda message: [('ros.seq', b'%d' % message.seq)],
+            make_headers(AUTHOR, STRING, lambda _: ''),
             check_nothing,
             DeadLetters('orders.dead', self.letters, lambda: None, LOG),
             Backlog(self.spool, route.spool, LOG, drops=route.when_full == 'drop_oldest'),
@@ -108,7 +116,7 @@ class House:
 
     def give(self, *numbers: int) -> None:
         for number in numbers:
-            self.source.waiting.append(Message(b'%d' % number, b'gid', number, 0))
+            self.source.waiting.append(Message(b'%d' % number, GID, number, made_ns(number)))
 
     def steps(self, count: int = 4) -> None:
         for _ in range(count):

@@ -104,6 +104,7 @@ def headers(ros_topic: str, gid: bytes) -> list[tuple[str, str | bytes | None]]:
         'ros.type_hash': message_type.type_hash or '',
         'ros.gid': gid.hex(),
         'bridge.origin': 'drain',
+        'bridge.route': 'drain',
     }
     return [(name, value.encode()) for name, value in told.items()]
 

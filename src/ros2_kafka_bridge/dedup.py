@@ -7,23 +7,29 @@ after a crash, may write some of them once more: with these two a reader leaves 
     for record in without_repeats(records):
         ...
 
-Needs no Kafka client: a record is anything with the `headers()` of confluent_kafka's Message.
+These headers are believed: see `Deduplicator`. Needs no Kafka client: a record is anything with
+the `headers()` of confluent_kafka's Message.
 """
 
 import json
+import re
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import Any, Final, TypeVar
 
-from ros2_kafka_bridge.endpoints import HasHeaders, headers_of
+from ros2_kafka_bridge.endpoints import HasHeaders, HeaderList, headers_of
 
 MAX_PUBLISHERS: Final = 1000
 MAX_GAPS: Final = 1000
 _VERSION: Final = 1
-
+_GID: Final = re.compile(r'[0-9a-f]{32}')
+_SEQ: Final = re.compile(r'\d{1,19}', re.ASCII)
+_LONGEST: Final = 32
 
 AnyRecord = TypeVar('AnyRecord', bound=HasHeaders)
+Known = TypeVar('Known')
 
 
 class Numbers:
@@ -109,6 +115,12 @@ class Deduplicator:
     at its limits counts as new again, so that nothing is ever left out by mistake. Not to be used
     from several threads at a time.
 
+    It believes `ros.gid` and `ros.seq`. Whoever else may write to the topic can write a number
+    that is still to come, and the record of the bridge with that number is left out then; a
+    program that copies headers to another topic makes copies that are left out there. So the
+    bridge alone should have WRITE on the topic that is read (docs/security.md), or the record has
+    to carry an id of its own to be told apart by.
+
     Args:
         max_publishers: How many publishers are remembered; the one heard least recently is
             forgotten for a further one.
@@ -127,14 +139,8 @@ class Deduplicator:
 
     def is_new_number(self, gid: bytes, seq: int) -> bool:
         """Whether message `seq` of the publisher `gid` is seen for the first time."""
-        numbers = self._seen.get(gid)
-        if numbers is None:
-            numbers = self._seen[gid] = Numbers(self._max_gaps)
-            if len(self._seen) > self._max_publishers:
-                self._seen.popitem(last=False)
-        else:
-            self._seen.move_to_end(gid)
-        return numbers.add(seq)
+        make = partial(Numbers, self._max_gaps)
+        return of_publisher(self._seen, gid, make, self._max_publishers).add(seq)
 
     def without_repeats(self, records: Iterable[AnyRecord]) -> Iterator[AnyRecord]:
         """Leave out the records that were seen before."""
@@ -178,19 +184,50 @@ def without_repeats(records: Iterable[AnyRecord]) -> Iterator[AnyRecord]:
     return Deduplicator().without_repeats(records)
 
 
-def place_of(record: HasHeaders) -> tuple[bytes, int] | None:
-    """Publisher and number of a record; None where its headers do not tell.
+def of_publisher(
+    known: OrderedDict[bytes, Known], gid: bytes, make: Callable[[], Known], most: int
+) -> Known:
+    """What is known of a publisher, made now where it is heard for the first time.
 
-    Anyone may write such headers: what is not of the bridge says nothing.
+    Args:
+        known: By publisher, the one heard least recently first.
+        gid: Of the publisher.
+        make: Makes what is known of one that is new.
+        most: How many are remembered: for one more the first is forgotten.
     """
-    headers = dict(headers_of(record) or ())
-    gid, seq = headers.get('ros.gid'), headers.get('ros.seq')
-    if not isinstance(gid, bytes) or not isinstance(seq, bytes):
+    found = known.get(gid)
+    if found is None:
+        found = known[gid] = make()
+        if len(known) > most:
+            known.popitem(last=False)
+    else:
+        known.move_to_end(gid)
+    return found
+
+
+def place_of(record: HasHeaders) -> tuple[bytes, int] | None:
+    """Publisher and number of a record; None where its headers do not tell."""
+    return place_in(headers_of(record) or [])
+
+
+def place_in(headers: HeaderList) -> tuple[bytes, int] | None:
+    """Publisher and number, of the headers of a record; None where they do not tell.
+
+    Anyone may write such headers: what does not look like the bridge's says nothing, and nothing
+    is made of it, however long it is.
+    """
+    told = dict(headers)
+    gid, seq = _text(told.get('ros.gid')), _text(told.get('ros.seq'))
+    if not _GID.fullmatch(gid) or not _SEQ.fullmatch(seq):
         return None
-    try:
-        return bytes.fromhex(gid.decode()), int(seq)
-    except ValueError:
-        return None
+    return bytes.fromhex(gid), int(seq)
+
+
+def _text(value: str | bytes | None) -> str:
+    """A header that is short enough to be of the bridge; empty for any other."""
+    if value is None or len(value) > _LONGEST:
+        return ''
+    return value if isinstance(value, str) else value.decode('ascii', 'replace')
 
 
 def _publishers(state: Any) -> list[Any]:

@@ -5,6 +5,7 @@ BridgeError
 ├── RecordError              this record or message can never be delivered: on_error applies
 │   ├── DecodeError          a record's value is not what the route's format says
 │   ├── EncodeError          a message cannot be written in the route's format
+│   ├── LoopError            a record came from the ROS topic that it would be published to
 │   └── RecordTooLargeError  larger than a limit of the route or of the broker
 ├── RouteError               this route alone has failed: tried again with backoff
 │   └── SpoolInUseError      another process has its spool, and runs it where bridges take turns
@@ -79,6 +80,10 @@ class DecodeError(RecordError):
 
 class EncodeError(RecordError):
     """A message cannot be written in the format of the route."""
+
+
+class LoopError(RecordError):
+    """A record was made by this bridge of a message of the ROS topic that it would go to."""
 
 
 def error_of_bug(

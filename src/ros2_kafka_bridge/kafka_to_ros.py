@@ -28,6 +28,7 @@ from ros2_kafka_bridge.errors import BridgeError, RecordError, RouteError
 from ros2_kafka_bridge.formats import Decode
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.route.counters import Counters, Outcome
+from ros2_kafka_bridge.route.identity import guard_loops
 from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.route.obstacle import (
     LONGEST_NAP_S,
@@ -61,7 +62,7 @@ class KafkaToRos:
 
     Args:
         route: The settings of the route.
-        origin: Name of the bridge; its own records are skipped.
+        bridge: Its name, by which a record that would go round is known.
         source: Where the records come from.
         sink: Where the messages go; open already, and stays open when the route fails.
         check_headers: Refuses a record that was written with another type.
@@ -75,7 +76,7 @@ class KafkaToRos:
     def __init__(
         self,
         route: KafkaToRosRoute,
-        origin: str,
+        bridge: str,
         source: RecordSource,
         sink: MessageSink,
         check_headers: CheckHeaders,
@@ -90,10 +91,9 @@ class KafkaToRos:
         self._telling = Telling(self.counters, self._meter, dead_letters)
         self._pause = Pause()
         self._route = route
-        self._origin = origin.encode()
         self._source = source
         self._sink = sink
-        self._check_headers = check_headers
+        self._skips, self._check_headers = guard_loops(bridge, route, check_headers)
         self._decode = decode
         self._dead_letters = dead_letters
         self._log = log
@@ -171,7 +171,7 @@ class KafkaToRos:
             window.end_at(entry, window.failure)
             return
         headers = self._read_headers(record)
-        if headers and ('bridge.origin', self._origin) in headers:
+        if headers and self._skips(headers):
             entry.outcome = Outcome.SKIPPED
             return
         try:
@@ -197,14 +197,14 @@ class KafkaToRos:
         self, entry: RecordEntry, record: Record, headers: HeaderList | None, error: RecordError
     ) -> None:
         refused = refused_record(self._route, entry, headers, error)
+        policy = refused.policy(self._route.on_error)
         refused.tell_bug(self._occasional)
         self._meter.troubles.note(error, refused.where)
         self._traces.refused(entry, error)
-        policy = refused.policy(self._route.on_error)
         if policy == 'stop':
             self._window.end_at(entry, refused.failure())
             return
-        self._occasional.warning(f'{policy}: {refused.text}', about=refused.about)
+        refused.tell(policy, self._occasional)
         if policy == 'drop':
             entry.outcome = Outcome.DROPPED
             return

@@ -23,6 +23,7 @@ from ros2_kafka_bridge.formats import Encode
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.gathering import Gathering
+from ros2_kafka_bridge.route.identity import Identity
 from ros2_kafka_bridge.route.labels import MakeHeaders, MakeKey
 from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.route.message_window import MessageEntry, MessageWindow
@@ -255,12 +256,11 @@ class RosToKafka:
         if policy == 'stop':
             self._window.end_at(entry, refused)
             return
-        if policy == 'dead_letter' and self._in_kafka.holds_letter(
-            entry.gid, entry.seq, entry.made_ns
-        ):
+        identity = Identity(entry.gid, entry.seq, entry.made_ns)
+        if policy == 'dead_letter' and self._in_kafka.holds_letter(identity):
             self._end(entry, Outcome.SKIPPED, error)
             return
-        self._occasional.warning(f'{policy}: {refused.text}', about=refused.about)
+        refused.tell(policy, self._occasional)
         if policy == 'drop':
             self._end(entry, Outcome.DROPPED, error)
             return
@@ -313,6 +313,7 @@ class RosToKafka:
 
     def _take_snapshot(self) -> None:
         self.counters.lost_upstream = self._source.lost_upstream
+        self.counters.unproved = self._in_kafka.unproved
         measures = self._meter.measures(
             self._sink.load,
             self._source.matches,

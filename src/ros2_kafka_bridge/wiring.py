@@ -31,6 +31,7 @@ from ros2_kafka_bridge.ros.successor import RosSuccessor
 from ros2_kafka_bridge.ros.types import load_type
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.route.format import asks_registry, check_of, decode_of, encode_of
+from ros2_kafka_bridge.route.identity import Author, make_identify
 from ros2_kafka_bridge.route.labels import make_headers, make_key
 from ros2_kafka_bridge.route.message_window import MessageEntry
 from ros2_kafka_bridge.route.produced import Produced
@@ -239,9 +240,7 @@ class Wiring:
                 raise RouteError(str(error)) from error  # as where the type is learned
 
         make_value_key = make_key(route.sink.key, route.source.ros, message_type.layout)
-        headers = self._tracing.headers(
-            make_headers(route.source.ros, name, self._config.name, source.type_hash)
-        )
+        headers = self._tracing.headers(make_headers(self._author(route), name, source.type_hash))
         # From here on DDS holds the publishers back: nothing behind this line may ask Kafka, or
         # an outage would close the reader again.
         stack.enter_context(_open(source))
@@ -264,8 +263,17 @@ class Wiring:
 
     def _produced(self, route: RosToKafkaRoute, log: Log) -> Produced:
         properties = self._consumer_properties(tail_group(self._config.name, route.name))
-        letters = KafkaTail(properties, route.dead_letter_topic, partial(message_of_letter, route))
-        return Produced(KafkaTail(properties, route.sink.kafka), letters, log)
+        identify = make_identify(self._author(route))
+        return Produced(
+            KafkaTail(properties, route.sink.kafka),
+            KafkaTail(properties, route.dead_letter_topic),
+            identify,
+            partial(message_of_letter, route, identify),
+            log,
+        )
+
+    def _author(self, route: RosToKafkaRoute) -> Author:
+        return Author(route.source.ros, self._config.name, route.name)
 
     def _kafka_sink(self, route: RosToKafkaRoute, log: Log) -> KafkaSink[MessageEntry]:
         properties = self._producer_properties(route)

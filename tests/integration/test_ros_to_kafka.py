@@ -62,6 +62,7 @@ def test_headers_name_topic_type_publisher_number_time_and_origin_guarantee_2(
             'ros.type_hash': load_type(STRING).type_hash,
             'ros.gid': gid,
             'bridge.origin': bench.name,
+            'bridge.route': 'to_kafka',
         }
     ]
     assert {record.key() for record in records} == {b'/orders'}
@@ -222,12 +223,12 @@ def test_what_a_keep_last_publisher_overwrites_is_counted_and_said_guarantee_2(
 # Loops
 
 
-def test_a_bridge_skips_its_own_records_so_that_no_loop_closes(
+def test_two_files_of_one_name_that_mirror_a_topic_skip_their_own_so_that_no_loop_closes(
     bench: Bench, topic_name: str
 ) -> None:
     bench.create_topic(topic_name)
     out = bench.config([to_kafka('/orders', topic_name)])
-    back = bench.config([to_ros(topic_name, '/orders')])
+    back = bench.config([to_ros(topic_name, '/orders', skip_own=True)])
     with (
         bench.bridge(out) as first,
         bench.bridge(back) as second,

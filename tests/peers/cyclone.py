@@ -44,12 +44,16 @@ class Joined(NamedTuple):
     qos: Qos
 
 
-def join(ros_topic: str) -> Joined:
-    """Join the domain of ROS_DOMAIN_ID, reliable, volatile, KEEP_ALL."""
+def join(ros_topic: str, *, latched: bool = False) -> Joined:
+    """Join the domain of ROS_DOMAIN_ID, reliable, KEEP_ALL, volatile if not latched."""
+    kept = [
+        Policy.Durability.TransientLocal,
+        Policy.DurabilityService(duration(), Policy.History.KeepAll, -1, -1, -1),
+    ]
     qos = Qos(
         Policy.Reliability.Reliable(duration(seconds=10)),
         Policy.History.KeepAll,
-        Policy.Durability.Volatile,
+        *(kept if latched else [Policy.Durability.Volatile]),
     )
     number = int(os.environ['ROS_DOMAIN_ID'])
     domain = Domain(number, THIS_MACHINE)

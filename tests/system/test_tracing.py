@@ -215,7 +215,7 @@ def test_a_line_about_a_bad_record_says_in_fields_which_one_it_is(
 ) -> None:
     """One of many, and summed: also what is another error, and the rest at the end."""
     bench.create_topic(topic_name)
-    label = [('ros.gid', b'00ff'), ('ros.seq', b'9')]
+    label = [('ros.gid', b'00ff' * 8), ('ros.seq', b'9')]
     bench.produce(topic_name, [b'caf\xe9'] * 100, headers=[*sampled(), *label])
     bench.produce(topic_name, [None, b'last'])
     config = bench.config([to_ros(topic_name, ROS_TOPIC)])
@@ -232,7 +232,7 @@ def test_a_line_about_a_bad_record_says_in_fields_which_one_it_is(
     assert [line['offset'] for line in alone] == list(range(5))
     assert {line['trace_id'] for line in alone} == {TRACE}
     assert {(line['route'], line['partition'], line['gid'], line['seq']) for line in alone} == {
-        ('to_ros', 0, '00ff', 9)
+        ('to_ros', 0, '00ff' * 8, 9)
     }
     assert (null['offset'], null.get('trace_id')) == (100, None)
     assert (rest['offset'], rest['times']) == (99, 95)

@@ -118,7 +118,7 @@ def end_of_topic(client: Library) -> Iterator[Callable[[], object]]:
     """The end of a topic that is empty."""
     client.list_topics.return_value.topics = {'t': MagicMock(partitions=[0])}
     client.get_watermark_offsets.return_value = (0, 0)
-    yield lambda: KafkaTail(KAFKA, 't').read(10, 1.0)
+    yield lambda: KafkaTail(KAFKA, 't').read(10, 1.0, lambda _: None)
 
 
 def ros_source(handle: Library) -> Iterator[Callable[[], object]]:

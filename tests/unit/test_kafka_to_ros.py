@@ -1,14 +1,19 @@
 """The direction Kafka -> ROS, driven step by step with ends in memory."""
 
 import time
+from typing import TYPE_CHECKING
 
 import pytest
-from house_to_ros import House
+from house_to_ros import MINE, House
 from hypothesis import given, settings, strategies
 
+from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route import settling
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Stop
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.endpoints import HeaderList
 
 
 @pytest.fixture(autouse=True)
@@ -37,13 +42,61 @@ def test_offsets_with_gaps_move_on_in_order_of_consumption() -> None:
     assert house.positions() == {0: 1001}
 
 
-def test_records_of_this_bridge_are_skipped_and_counted() -> None:
+def test_what_would_go_round_is_a_dead_letter_and_no_other_record_of_this_bridge(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """A processor copies the headers of what it has read into the commands that it writes."""
+    copied: list[HeaderList] = [
+        [('ros.topic', b'/status'), ('bridge.origin', b'me'), ('bridge.route', b'status')],
+        [('ros.topic', b'/orders'), ('bridge.origin', b'you')],
+        [('bridge.origin', b'me')],
+        [('ros.topic', b'/orders')],
+        [('ros.topic', b'/orders/'), ('bridge.origin', b'me'), ('origin', b'/orders')],
+    ]
     house = House()
-    house.give(b'mine', header_list=[('bridge.origin', b'me')])
-    house.give(b'other', first=1, header_list=[('bridge.origin', b'you')])
+    for offset, headers in enumerate(copied):
+        house.give(b'%d' % offset, first=offset, header_list=headers)
+    for offset in range(5, 55):
+        house.give(b'round', first=offset, header_list=[*MINE, ('extra', b'x')])
+    house.steps()
+    assert house.sink.published == [b'cdr:%d' % offset for offset in range(5)]
+    assert house.direction.counters.snapshot(0).dead_lettered == 50
+    letter = house.letters.records[0]
+    assert (letter.value, letter.headers[:3]) == (b'round', [*MINE, ('extra', b'x')])
+    assert str(dict(letter.headers)['dead_letter.error']).startswith('LoopError: it came from /or')
+    warnings = [line for line in caplog.messages if 'LoopError' in line or 'it came from' in line]
+    assert len(warnings) == 1, 'it says so once, not 50 times'
+    assert 'skip_own: true' in warnings[0]
+
+
+def test_what_would_go_round_is_skipped_and_counted_where_the_route_says_so() -> None:
+    house = House(skip_own=True, on_error='stop')
+    house.give(b'mine', header_list=MINE)
+    house.give(b'other', first=1, header_list=[MINE[0]])
     house.steps()
     assert house.sink.published == [b'cdr:other']
     assert house.direction.counters.snapshot(0).skipped == 1
+    assert house.letters.records == []
+
+
+@pytest.mark.parametrize(
+    ('on_error', 'ended'), [('drop', {'dropped': 1}), ('stop', {'dropped': 0})]
+)
+def test_what_would_go_round_follows_on_error_as_any_other_bad_record(
+    on_error: str, ended: dict[str, int]
+) -> None:
+    house = House(on_error=on_error)
+    house.give(b'mine', header_list=MINE)
+    if on_error == 'stop':
+        with pytest.raises(RouteError, match='it came from /orders by this bridge') as failed:
+            house.steps()
+        assert failed.value.final
+    else:
+        house.steps()
+    counts = house.direction.counters.snapshot(0)
+    assert {name: getattr(counts, name) for name in ended} == ended
+    assert house.sink.published == []
+    assert house.letters.records == []
 
 
 def test_when_a_reader_goes_the_unconfirmed_are_published_again_in_order() -> None:
@@ -169,7 +222,7 @@ def test_guarantee_1_no_offset_is_committed_before_all_up_to_it_have_ended(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(settling, 'SETTLE_S', 0.0)
         patch.setattr(time, 'sleep', lambda _: None)
-        house = House(drain_s=0.005, max_age_s=60)
+        house = House(drain_s=0.005, max_age_s=60, skip_own=True)
         house.sink.matched = 0
         house.sink.acknowledging = house.letters.answering = False
         good: dict[int, bytes] = {}
@@ -181,7 +234,7 @@ def test_guarantee_1_no_offset_is_committed_before_all_up_to_it_have_ended(
             elif event == 'bad':
                 house.give(b'bad %d' % offset, first=offset)
             elif event == 'mine':
-                house.give(b'm', first=offset, header_list=[('bridge.origin', b'me')])
+                house.give(b'm', first=offset, header_list=MINE)
             elif event == 'old':
                 house.give(b'o', first=offset, time_ms=1)
             elif event == 'step':

@@ -119,6 +119,11 @@ class KafkaToRosRoute(Route):
         description='Whether a record whose header ros.type_hash is not that of the type here is '
         'a dead letter. Without it the format alone decides.',
     )
+    skip_own: bool = setting(
+        default=False,
+        description='Whether a record that this bridge has made of a message of the same ROS '
+        'topic is skipped. Without it, it is a dead letter: it would go round.',
+    )
     when_misread: Literal['wait', 'publish'] = setting(
         default='wait',
         description='What happens while a subscriber of another definition of the type would '

@@ -64,7 +64,13 @@ class Summed:
         self._say(_Kind(0.0, 0, 0, logging.INFO, text, more, about), kind)
 
     def warning(
-        self, text: str, more: str = '', *, about: About | None = None, kind: str = ''
+        self,
+        text: str,
+        more: str = '',
+        *,
+        about: About | None = None,
+        kind: str = '',
+        first: int | None = None,
     ) -> None:
         """Say a warning, at once or in a sum.
 
@@ -74,8 +80,9 @@ class Summed:
             about: The record or message.
             kind: What it is summed with; without it, whatever differs in numbers, ids and quoted
                 values only.
+            first: How many of it are said at once; without it as many as of any kind.
         """
-        self._say(_Kind(0.0, 0, 0, logging.WARNING, text, more, about), kind)
+        self._say(_Kind(0.0, 0, 0, logging.WARNING, text, more, about), kind, first)
 
     def error(
         self,
@@ -104,7 +111,7 @@ class Summed:
                 self._sum(name, kind, 0.0)
             self._kinds.clear()
 
-    def _say(self, line: _Kind, name: str) -> None:
+    def _say(self, line: _Kind, name: str, first: int | None = None) -> None:
         now_s = time.monotonic()
         with self._lock:
             name = self._room_for(name or _DETAIL.sub('#', line.text), now_s)
@@ -114,7 +121,7 @@ class Summed:
             kind.level, kind.text, kind.more, kind.about, kind.bug = (
                 line.level, line.text, line.more, line.about, line.bug,
             )  # fmt: skip
-            if kind.said < self._first:
+            if kind.said < (first or self._first):
                 kind.said += 1
                 self._write(kind, '', None)
                 return

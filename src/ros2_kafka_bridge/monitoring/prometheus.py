@@ -24,8 +24,12 @@ from ros2_kafka_bridge.route.counters import BOUNDS_S, Distribution, Outcome, St
 
 PREFIX: Final = 'ros2_kafka_bridge_'
 _NO_ERRORS: Final = dict.fromkeys(
-    ('DecodeError', 'EncodeError', 'RecordTooLargeError', 'RouteError', 'TransportError'), 0
-)
+    (
+        'DecodeError', 'EncodeError', 'LoopError', 'RecordTooLargeError', 'RouteError',
+        'TransportError',
+    ),
+    0,
+)  # fmt: skip
 _PAGE_BYTES: Final = os.sysconf('SC_PAGE_SIZE')
 
 Labels = tuple[str, ...]
@@ -214,6 +218,11 @@ METRICS: Final = (
         'messages_repeated', 'counter', 'Published again, because a reader had gone before it '
         'confirmed them.', _ROUTE,
         _of_routes(lambda told: told.snapshot.repeated),
+    ),
+    MetricDefinition(
+        'messages_unproved', 'counter', 'Sent to Kafka though a record there has their publisher '
+        'and number, as the rest of its headers does not prove that it is theirs.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.unproved),
     ),
     MetricDefinition(
         'bytes_taken', 'counter', 'Bytes of values of records or of CDR, taken.', _ROUTE,

@@ -111,6 +111,7 @@ def _route(told: RouteReport, recent: RouteStatistics) -> Json:
         'lag': now.lag,
         'lost_upstream': now.lost_upstream,
         'repeated': now.repeated,
+        'unproved': now.unproved,
         'delay_s': _rounded(recent.delay),
         'in_bridge_s': _rounded(recent.in_bridge),
         'end_to_end_s': _rounded(recent.end_to_end),

@@ -27,6 +27,7 @@ _FROM_ROS: Final = {
 ERROR_ADVICE: Final = {
     'DecodeError': "Look into its dead letter, mend its sender or the route's format, replay it.",
     'EncodeError': "Look into its dead letter, mend the route's format or its schema, replay it.",
+    'LoopError': 'Let its sender leave bridge.origin out, or set skip_own: true; then replay it.',
     'RecordTooLargeError': 'Raise the limit that is named, then replay its dead letter.',
     'RouteError': 'The route is tried again by itself: mend what is named.',
     'TransportError': 'It goes on by itself once the other side is back.',

@@ -175,7 +175,8 @@ class Snapshot(NamedTuple):
     of the bridge has left on disk counts as taken when it is found. `spooled` waits on disk,
     `in_flight` is the length of what the route holds, not a difference. `lag` is in records
     (Kafka -> ROS only), `lost_upstream` what was lost before the bridge could take it, `repeated`
-    what was published again. `final` says that the route has failed and is not tried again.
+    what was published again, `unproved` what was sent though a record in Kafka had its number.
+    `final` says that the route has failed and is not tried again.
     `made_s` is when it was made, by the monotonic clock that all processes of a machine share.
     `beat_s` is when the route's thread was seen at work last, by that clock; 0 while it waits on
     purpose (for its next try, its turn, a type) or has ended.
@@ -201,13 +202,14 @@ class Snapshot(NamedTuple):
     made_s: float = 0.0
     beat_s: float = 0.0
     measures: Measures = Measures()
+    unproved: int = 0
 
     @property
     def balanced(self) -> bool:
         """Whether everything taken is accounted for, and nothing counted below zero."""
         ended = [getattr(self, outcome) for outcome in Outcome]
         parts = [*ended, self.spooled, self.in_flight]
-        rest = (self.lost_upstream, self.repeated)
+        rest = (self.lost_upstream, self.repeated, self.unproved)
         return bool(self.taken == sum(parts) and min(*parts, *rest) >= 0)
 
 
@@ -221,6 +223,7 @@ class Counters:
     taken: int = 0
     lost_upstream: int = 0
     repeated: int = 0
+    unproved: int = 0
     ended: dict[Outcome, int] = field(default_factory=lambda: dict.fromkeys(Outcome, 0))
 
     def end(self, outcome: Outcome, count: int = 1) -> None:
@@ -275,6 +278,7 @@ class Counters:
             made_s=now_s,
             beat_s=0.0 if self.state is State.STOPPED else now_s,
             measures=measures,
+            unproved=self.unproved,
         )
 
 

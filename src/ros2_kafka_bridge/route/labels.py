@@ -7,6 +7,7 @@ from ros2_kafka_bridge.endpoints import HeaderList, Message
 from ros2_kafka_bridge.errors import BridgeError, EncodeError, error_of_bug
 from ros2_kafka_bridge.formats.walk import make_reader
 from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.route.identity import Author
 
 MakeKey = Callable[[Message], bytes | None]
 """Message -> key of its record."""
@@ -19,14 +20,13 @@ KEY_LIMIT_BYTES = 8192
 
 
 def make_headers(
-    topic: str, message_type: str, origin: str, type_hash: Callable[[bytes], str | None]
+    author: Author, message_type: str, type_hash: Callable[[bytes], str | None]
 ) -> MakeHeaders:
     """Make the function that writes a record's headers.
 
     Args:
-        topic: The ROS topic.
-        message_type: Its type.
-        origin: Name of the bridge.
+        author: Who makes the records.
+        message_type: What is read from ROS.
         type_hash: REP-2011 hash of what the publisher with that gid sends, or empty; None while
             that publisher is not known.
     """
@@ -35,25 +35,26 @@ def make_headers(
     def for_publisher(gid: bytes) -> HeaderList:
         known_hash = type_hash(gid)
         told = {
-            'ros.topic': topic,
             'ros.type': message_type,
             'ros.type_hash': known_hash or '',
             'ros.gid': gid.hex(),
-            'bridge.origin': origin,
         }
         if len(by_publisher) > 1000:
             by_publisher.clear()
-        same: HeaderList = [(n, value.encode()) for n, value in told.items() if value]
+        same: HeaderList = [*author.headers]
+        same += [(name, value.encode()) for name, value in told.items() if value]
         if known_hash is not None:
             by_publisher[gid] = same
         return same
 
     def headers(message: Message) -> HeaderList:
-        same = by_publisher.get(message.gid) or for_publisher(message.gid)
-        time_ns = ('ros.source_time_ns', b'%d' % message.source_time_ns)
-        if not message.seq:
-            return [*same, time_ns]
-        return [*same, ('ros.seq', b'%d' % message.seq), time_ns]
+        _, gid, seq, made_ns = message
+        made = [*(by_publisher.get(gid) or for_publisher(gid))]
+        if seq:
+            made.append(('ros.seq', b'%d' % seq))
+        if made_ns > 0:  # some publishers send no time
+            made.append(('ros.source_time_ns', b'%d' % made_ns))
+        return made
 
     return headers
 

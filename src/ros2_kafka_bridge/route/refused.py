@@ -1,20 +1,23 @@
 """What is said about what can never be delivered: in the log, and in its dead letter."""
 
-import re
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters.letter import Letter, parse
 from ros2_kafka_bridge.dead_letters.writer import explain, from_kafka, from_ros, without_value
-from ros2_kafka_bridge.dedup import place_of
+from ros2_kafka_bridge.dedup import place_in
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, Record
-from ros2_kafka_bridge.errors import About, RecordError, RecordTooLargeError, RouteError
-from ros2_kafka_bridge.logs.summed import Summed
+from ros2_kafka_bridge.errors import (
+    About,
+    LoopError,
+    RecordError,
+    RecordTooLargeError,
+    RouteError,
+)
+from ros2_kafka_bridge.logs.summed import FIRST, Summed
+from ros2_kafka_bridge.route.identity import Identify, Identity
 from ros2_kafka_bridge.route.record_window import RecordEntry
 from ros2_kafka_bridge.route.trace_context import trace_id_of
-
-_GID: Final = re.compile(r'[0-9a-f]{2,64}')
-_NUMBER: Final = re.compile(r'\d{1,19}', re.ASCII)
 
 
 class Refused(NamedTuple):
@@ -38,6 +41,11 @@ class Refused(NamedTuple):
     def policy(self, on_error: str) -> str:
         """What is done about it: what the route says, but a bug of the bridge drops nothing."""
         return 'dead_letter' if on_error == 'drop' and self.error.bug is not None else on_error
+
+    def tell(self, policy: str, sums: Summed) -> None:
+        """Say what is done about it; one line for what goes round: a mirror has nothing else."""
+        first = 1 if isinstance(self.error, LoopError) else FIRST
+        sums.warning(f'{policy}: {self.text}', about=self.about, first=first)
 
     def tell_bug(self, sums: Summed) -> None:
         """Log a bug of the bridge with its traceback, whatever the route does about it."""
@@ -112,33 +120,32 @@ def letter_of_message(route: RosToKafkaRoute, record: Outgoing, error: RecordErr
     return without_value(letter) if isinstance(error, RecordTooLargeError) else letter
 
 
-def message_of_letter(route: RosToKafkaRoute, record: Record) -> tuple[bytes, int] | None:
-    """Publisher and number of a message that the route has refused.
+def message_of_letter(
+    route: RosToKafkaRoute, identify: Identify, record: Record
+) -> Identity | None:
+    """Which message it was that the route has refused.
 
     Args:
         route: The route.
+        identify: Reads which message a record of the route carries; a letter keeps its headers.
         record: Of its dead-letter topic. Of the letters of another route, which may share that
             topic, and of anything else it tells nothing.
     """
     found = parse(route.dead_letter_topic, record)
-    about = found.about if isinstance(found, Letter) else None
-    way = (route.name, route.source.ros, route.sink.kafka)
-    if about is None or (about.route, about.ros_topic, about.topic) != way:
+    if not isinstance(found, Letter) or (about := found.about) is None:
         return None
-    return place_of(record)
+    way = (route.name, route.source.ros, route.sink.kafka)
+    if (about.route, about.ros_topic, about.topic) != way:
+        return None
+    return identify(found.headers)
 
 
 def about_labelled(headers: HeaderList | None, error: RecordError | None = None) -> About:
     """What the headers of a record tell, which anyone may have written, and an error."""
-    told = dict(headers or [])
-    gid, seq = _text(told.get('ros.gid')), _text(told.get('ros.seq'))
+    gid, seq = place_in(headers or []) or (b'', None)
     return About(
-        gid=gid if _GID.fullmatch(gid) else None,
-        seq=int(seq) if _NUMBER.fullmatch(seq) else None,
+        gid=gid.hex() or None,
+        seq=seq,
         trace_id=trace_id_of(headers),
         error=None if error is None else type(error).__name__,
     )
-
-
-def _text(value: str | bytes | None) -> str:
-    return value if isinstance(value, str) else (value or b'').decode(errors='replace')

@@ -100,6 +100,7 @@ def _rare(snapshot: Snapshot) -> str:
         'spooled': snapshot.spooled,
         'lost on a damaged disk': snapshot.lost,
         'published again': snapshot.repeated,
+        'sent though their number is there': snapshot.unproved,
         'lost before the bridge': snapshot.lost_upstream,
     }
     return ''.join(f', {number} {name}' for name, number in counts.items() if number)

@@ -13,11 +13,17 @@ from typing import Protocol
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.route.counters import Counters
-from ros2_kafka_bridge.spool.rows import Row
+from ros2_kafka_bridge.route.identity import Identity
+from ros2_kafka_bridge.spool.rows import Row, identity_of
 
 
 class InKafka(Protocol):
     """What is in Kafka already, from before a restart (`route.produced.Produced`)."""
+
+    @property
+    def unproved(self) -> int:
+        """How many messages were sent though a record there has their number."""
+        ...
 
     def contains(self, message: Message) -> bool:
         """Whether a message that a publisher may send again is there."""
@@ -34,11 +40,11 @@ class InKafka(Protocol):
             RouteError: The topic may not be read.
         """
 
-    def holds(self, gid: bytes, seq: int) -> bool:
+    def holds(self, identity: Identity) -> bool:
         """Whether a message is in the part of the topic that was read."""
         ...
 
-    def holds_letter(self, gid: bytes, seq: int, made_ns: int) -> bool:
+    def holds_letter(self, identity: Identity) -> bool:
         """Whether a message that is refused now was made a dead letter before."""
         ...
 
@@ -99,7 +105,7 @@ class Doubt:
 
     def settles(self, row: Row) -> bool:
         """Whether a row that an earlier life has left is in Kafka."""
-        is_there = self._in_kafka.holds(row.gid, row.seq)
+        is_there = self._in_kafka.holds(identity_of(row))
         if is_there:
             self._stage = _Stage.NONE  # the end of the topic is known already
         return is_there

@@ -6,7 +6,8 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import msgspec
 
-from ros2_kafka_bridge.endpoints import HeaderList, Outgoing
+from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, source_time_ns
+from ros2_kafka_bridge.route.identity import Identity
 
 ROW_BYTES: Final = 100
 """What a row takes beside its payload, as it is accounted."""
@@ -38,6 +39,11 @@ class Row(NamedTuple):
     gid: bytes
     seq: int
     record: Outgoing
+
+
+def identity_of(row: Row) -> Identity:
+    """Which message a row holds."""
+    return Identity(row.gid, row.seq, source_time_ns(row.record.headers))
 
 
 def size_of(record: Outgoing) -> int:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Final
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
-from ros2_kafka_bridge.endpoints import Message, source_time_ns
+from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.logs.text import count as counted
 from ros2_kafka_bridge.route.counters import Counters, Outcome
@@ -19,7 +19,7 @@ from ros2_kafka_bridge.route.message_window import MessageEntry, MessageWindow
 from ros2_kafka_bridge.route.place import ASIDE, PENDING, REFUSED
 from ros2_kafka_bridge.spool.backlog import BATCH, Backlog
 from ros2_kafka_bridge.spool.doubt import Doubt, InKafka
-from ros2_kafka_bridge.spool.rows import Row
+from ros2_kafka_bridge.spool.rows import Row, identity_of
 
 _PATIENCE_S: Final = 1.0  # with a full window, before new messages go to disk
 
@@ -360,7 +360,7 @@ def _row_of(entry: MessageEntry) -> Row:
 def _entry_of(row: Row, age_s: float) -> MessageEntry:
     """An entry that was on disk."""
     value = row.record.value or b''  # its length stands for that of the message
-    message = Message(value, row.gid, row.seq, source_time_ns(row.record.headers))
+    message = Message(value, row.gid, row.seq, identity_of(row).source_time_ns)
     entry = MessageEntry(row.number, row.record, message, time.monotonic() - age_s)
     entry.is_letter, entry.is_on_disk = row.dead, True
     return entry

@@ -17,6 +17,7 @@ ReadHeaders = Callable[[Record], HeaderList | None]
 
 _MOST_OPEN: Final = 10_000
 _PASSED_ON: Final = ('ros.gid', 'ros.seq', 'ros.source_time_ns')
+_MOST_CHARS: Final = 64  # a bridge writes fewer
 
 
 class TracedEntry(Protocol):
@@ -146,6 +147,6 @@ class SpansOfRecords:
 def _told(record: Record, headers: HeaderList) -> dict[str, str | int]:
     told: dict[str, str | int] = {'messaging.message.body.size': len(record.value() or b'')}
     for name, value in headers:
-        if name in _PASSED_ON and value is not None:
+        if name in _PASSED_ON and value is not None and len(value) <= _MOST_CHARS:
             told[name] = value.decode(errors='replace') if isinstance(value, bytes) else value
     return told

@@ -233,11 +233,10 @@ def test_a_line_of_text_names_the_trace_where_there_is_one(
 
 
 def test_what_a_record_says_of_itself_is_believed_only_where_it_can_be_true() -> None:
-    good = about_labelled(
-        [('ros.gid', b'00ff'), ('ros.seq', b'7'), ('traceparent', f'00-{TRACE}-{"1" * 16}-00')],
-        DecodeError('broken'),
-    )
-    assert good == About(gid='00ff', seq=7, trace_id=TRACE, error='DecodeError')
+    parent = ('traceparent', f'00-{TRACE}-{"1" * 16}-00')
+    place = [('ros.gid', b'00ff' * 8), ('ros.seq', b'7')]
+    good = about_labelled([*place, parent], DecodeError('broken'))
+    assert good == About(gid='00ff' * 8, seq=7, trace_id=TRACE, error='DecodeError')
     hostile = [('ros.gid', b'\x1b[31m'), ('ros.seq', b'9' * 5000), ('traceparent', b'x')]
     assert about_labelled([*hostile]) == About()
     assert about_labelled(None) == About()

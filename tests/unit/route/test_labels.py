@@ -7,22 +7,25 @@ from ros2_kafka_bridge.errors import ConfigError, EncodeError
 from ros2_kafka_bridge.formats import text
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.message_types.layout import Field, Layout, String
+from ros2_kafka_bridge.route.identity import Author
 from ros2_kafka_bridge.route.labels import make_headers, make_key
 
 SCOPE = Scope('topic')
+AUTHOR = Author('/orders', 'warehouse-1', 'returned')
 LAYOUT = Layout('std_msgs/msg/String', (Field('data', String()),))
 GID = bytes(range(16))
 MESSAGE = Message(text.make_decode(LAYOUT, SCOPE)(b'shelf-7'), GID, 42, 1_700_000_000_000_000_000)
 
 
 def test_headers_say_where_a_message_comes_from() -> None:
-    headers = make_headers('/orders', 'std_msgs/msg/String', 'warehouse-1', lambda _: 'RIHS01_ab')
+    headers = make_headers(AUTHOR, 'std_msgs/msg/String', lambda _: 'RIHS01_ab')
     assert headers(MESSAGE) == [
         ('ros.topic', b'/orders'),
+        ('bridge.origin', b'warehouse-1'),
+        ('bridge.route', b'returned'),
         ('ros.type', b'std_msgs/msg/String'),
         ('ros.type_hash', b'RIHS01_ab'),
         ('ros.gid', GID.hex().encode()),
-        ('bridge.origin', b'warehouse-1'),
         ('ros.seq', b'42'),
         ('ros.source_time_ns', b'1700000000000000000'),
     ]
@@ -30,15 +33,19 @@ def test_headers_say_where_a_message_comes_from() -> None:
 
 def test_the_hash_of_a_publisher_that_is_not_known_yet_is_asked_again() -> None:
     known = iter([None, 'RIHS01_ab'])
-    headers = make_headers('/orders', 'std_msgs/msg/String', 'bridge', lambda _: next(known))
+    headers = make_headers(AUTHOR, 'std_msgs/msg/String', lambda _: next(known))
     told = [dict(headers(MESSAGE)).get('ros.type_hash') for _ in range(3)]
     assert told == [None, b'RIHS01_ab', b'RIHS01_ab']
 
 
 def test_what_the_middleware_does_not_tell_is_left_out() -> None:
-    headers = make_headers('/orders', 'std_msgs/msg/String', 'warehouse-1', lambda _: '')
+    headers = make_headers(AUTHOR, 'std_msgs/msg/String', lambda _: '')
+    always = ['ros.topic', 'bridge.origin', 'bridge.route', 'ros.type']
     names = [name for name, _ in headers(MESSAGE._replace(gid=b'', seq=0))]
-    assert names == ['ros.topic', 'ros.type', 'bridge.origin', 'ros.source_time_ns']
+    assert names == [*always, 'ros.source_time_ns']
+    for nothing_ns in (0, -1):
+        timeless = headers(MESSAGE._replace(gid=b'', source_time_ns=nothing_ns))
+        assert [name for name, _ in timeless] == [*always, 'ros.seq'], '1970 is no time'
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """What is on disk when a run fails, is stopped by a message, or ends."""
 
 import pytest
-from houses import Make, come_back, go_away
+from houses import GID, Make, come_back, go_away
 
 from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import RecordTooLargeError, RouteError, TransportError
@@ -53,7 +53,7 @@ def test_what_came_back_from_disk_keeps_its_place_where_kafka_goes_away_at_once(
 def test_on_error_stop_keeps_what_was_behind_for_the_next_start(house: Make) -> None:
     h = house(on_error='stop')
     h.give(1)
-    h.source.waiting.append(Message(b'bad', b'gid', 2, 0))
+    h.source.waiting.append(Message(b'bad', GID, 2, 0))
     h.give(3, 4)
     with pytest.raises(RouteError, match=r'be; stopped, as on_error says$'):
         h.steps()
@@ -70,7 +70,7 @@ def test_on_error_stop_waits_for_what_is_on_disk_before_it(house: Make) -> None:
     go_away(h)
     h.give(1, 2, 3)
     h.steps()
-    h.source.waiting.append(Message(b'bad', b'gid', 4, 0))
+    h.source.waiting.append(Message(b'bad', GID, 4, 0))
     h.steps()
     come_back(h)
     with pytest.raises(RouteError, match='stopped'):
@@ -116,7 +116,7 @@ def test_on_error_stop_lets_nothing_pass_through_a_failure_in_between(house: Mak
     h.sink.answering = False
     h.give(1)
     h.steps()
-    h.source.waiting.append(Message(b'bad', b'gid', 2, 0))
+    h.source.waiting.append(Message(b'bad', GID, 2, 0))
     h.give(3, 4)
     h.steps()
     h.fail_and_run_again()
@@ -131,7 +131,7 @@ def test_on_error_stop_holds_what_comes_to_disk_behind_it(house: Make) -> None:
     h = house(on_error='stop')
     h.sink.answering = False
     h.give(1)
-    h.source.waiting.append(Message(b'bad', b'gid', 2, 0))
+    h.source.waiting.append(Message(b'bad', GID, 2, 0))
     h.give(3, 4)
     h.steps()
     h.sink.away = 'Kafka is away'

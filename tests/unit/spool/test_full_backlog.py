@@ -4,7 +4,7 @@ import time
 from typing import Any
 
 import pytest
-from houses import Make, come_back, fill, fill_while_away, go_away, make_room
+from houses import GID, Make, come_back, fill, fill_while_away, go_away, make_room
 
 from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.threads.stop import Stop
@@ -228,7 +228,7 @@ def test_a_dead_letter_that_cannot_be_written_holds_up_nothing_that_a_full_disk_
 ) -> None:
     h = house()
     h.letters.limit_bytes = -1  # its topic cannot be written
-    h.source.waiting.append(Message(b'bad', b'gid', 100, 0))
+    h.source.waiting.append(Message(b'bad', GID, 100, 0))
     fill_while_away(h, 1, 2, 3)
     come_back(h)
     h.steps(10)

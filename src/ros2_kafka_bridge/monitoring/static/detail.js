@@ -87,6 +87,7 @@ export class Detail {
         ['in flight', count(route.in_flight)],
         ['on disk', about?.spool || route.spooled ? `${count(route.spooled)} (${bytes(route.spool_bytes)})` : null],
         ['published again', route.repeated ? count(route.repeated) : null],
+        ['sent though their number is there', route.unproved ? count(route.unproved) : null],
         ['lost before the bridge', route.lost_upstream ? count(route.lost_upstream) : null],
         ['bytes confirmed', bytes(route.bytes_confirmed)],
       ],

@@ -351,6 +351,7 @@ def _counted(told: RouteReport, change: Change) -> Iterator[tuple[str, str]]:
     yield 'queued', f'{measures.queued} of {measures.queue_limit}'
     yield 'lost upstream', str(now.lost_upstream)
     yield 'repeated', str(now.repeated)
+    yield 'unproved', str(now.unproved)
     yield 'errors', ', '.join(f'{kind}: {times}' for kind, times in measures.errors.items())
     if measures.troubles:
         yield 'last error', measures.troubles[-1].text

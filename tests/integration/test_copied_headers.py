@@ -1,0 +1,90 @@
+"""What others write proves nothing (guarantee 6b): headers that others copy or forge.
+
+The bridge, the processor and the stranger are real ones on a real Kafka. What takes longer is in
+tests/faults/test_forged_headers.py.
+"""
+
+from pathlib import Path
+
+from forgery import copied, forge, true_ones
+from harness import Bench, eventually, headers, lines, to_kafka, to_ros, totals, values
+from leave import Leave
+from letters import done
+from numbers_to_kafka import LATCHED, seqs
+from words import wait_for_commit
+
+
+def test_guarantee_6b_the_commands_of_a_processor_that_copies_headers_reach_the_robot(
+    bench: Bench, topic_name: str, tmp_path: Path
+) -> None:
+    commands, arrived = f'{topic_name}.commands', tmp_path / 'arrived'
+    for topic in (topic_name, commands):
+        bench.create_topic(topic)
+    routes = [to_kafka('/status', topic_name, 'status'), to_ros(commands, '/commands')]
+    with (
+        bench.bridge(bench.config(routes)) as bridge,
+        bench.subscriber('/commands', arrived),
+        bench.publisher('/status', '--count', '10'),
+    ):
+        for record in bench.records(topic_name, 10):
+            bench.produce(commands, [b'go ' + (record.value() or b'')], headers=copied(record))
+        eventually(lambda: len(lines(arrived)) >= 10, 60, bridge.output)
+        wait_for_commit(bench, commands, 10, bridge)
+        assert bridge.end() == 0
+    assert lines(arrived) == [f'go {number}' for number in range(10)]
+    assert totals(bridge)['confirmed'] == 10
+
+
+def test_guarantee_6b_a_retry_job_that_would_make_orders_go_round_loses_nothing(
+    bench: Bench, topic_name: str, tmp_path: Path
+) -> None:
+    """It copies what came back to where it came from, beside the file of the README."""
+    returned, arrived, count = f'{topic_name}.returned', tmp_path / 'arrived', 20
+    for topic in (topic_name, returned):
+        bench.create_topic(topic)
+    routes = [to_ros(topic_name, '/orders'), to_kafka('/orders', returned, 'orders_returned')]
+    config = bench.config(routes)
+    orders = [b'%d' % number for number in range(count)]
+    with bench.bridge(config) as bridge, bench.subscriber('/orders', arrived):
+        bench.produce(topic_name, orders)
+        for record in bench.records(returned, count):
+            bench.produce(topic_name, [record.value()], headers=copied(record))
+        wait_for_commit(bench, topic_name, 2 * count, bridge)
+        letters = bench.records(f'{topic_name}.dead-letters', count)
+        assert values(letters) == orders
+        assert all('LoopError: ' in headers(letter)['dead_letter.error'] for letter in letters)
+        assert 0 < bridge.output().count('dead_letter: ') < 5, 'not a line for each'
+        # Who means it sends them once more.
+        assert f'{count} letters replayed to {topic_name}\n' in done(
+            bench, 'replay', config, '--route', 'to_ros'
+        )
+        eventually(lambda: len(lines(arrived)) >= 2 * count, 60, bridge.output)
+        assert bridge.end() == 0
+    assert lines(arrived) == 2 * [order.decode() for order in orders]
+    assert totals(bridge)['dead-lettered'] == count
+
+
+def test_guarantee_6b_forged_numbers_before_a_restart_cost_a_latched_publisher_nothing(
+    bench: Bench, topic_name: str
+) -> None:
+    """The stranger copies every header of the bridge, and knows all but what is still to come."""
+    bench.create_topic(topic_name)
+    config = bench.config([to_kafka('/orders', topic_name)])
+    leave = Leave(bench.place)
+    options = (*LATCHED, *leave.options, '--count', '35')
+    with bench.publisher('/orders', *options) as publisher:
+        leave.up_to(5)
+        with bench.bridge(config) as bridge:
+            eventually(lambda: bench.reaches(topic_name, 5), 60, bridge.output)
+            assert bridge.end() == 0
+        last = bench.records(topic_name, 5)[-1]
+        forge(bench, topic_name, last, range(6, 41))
+        with bench.bridge(config) as bridge:
+            leave.up_to(35)
+            publisher.wait_for('published')
+            eventually(lambda: len(true_ones(bench, topic_name)) >= 35, 60, bridge.output)
+            assert bridge.end() == 0
+    assert seqs(true_ones(bench, topic_name)) == list(range(1, 36)), 'nor was any repeated'
+    assert totals(bridge, 'to_kafka')['skipped'] == 5
+    assert totals(bridge, 'to_kafka')['sent though their number is there'] == 30
+    assert 0 < bridge.output().count('proves nothing') < 5, 'not a line for each'
