@@ -14,6 +14,7 @@ from ros2_kafka_bridge.errors import (
     EncodeError,
     RecordError,
 )
+from ros2_kafka_bridge.kafka.letters import Original
 from ros2_kafka_bridge.testing.memory import MemoryRecord
 
 TOPIC = 'orders.dead-letters'
@@ -56,7 +57,11 @@ def kafka_letter(
 
 
 def ros_letter(value: bytes | None, error: RecordError | None = None) -> Outgoing:
-    told: HeaderList = [('ros.type', 'std_msgs/msg/String'), ('ros.gid', 'ab' * 16)]
+    told: HeaderList = [
+        ('ros.type', 'std_msgs/msg/String'),
+        ('ros.gid', 'ab' * 16),
+        ('ros.seq', '1'),
+    ]
     record = Outgoing('returned', None, value, told)
     origin = from_ros('returned', '/orders', 'returned')
     return explain(record, error or EncodeError('data: a NUL'), origin)
@@ -79,7 +84,8 @@ def restorer(
     partitions: Mapping[str, int] | None = None,
     *,
     force: bool = False,
+    was_there: bool = True,
 ) -> Restorer:
     known = {'orders': 3, 'returned': 1, TOPIC: 1} if partitions is None else partitions
-    fetched = None if original is None else stored(original)
+    fetched = Original(None if original is None else stored(original), was_there)
     return Restorer(of or config(), known, lambda *_: fetched, force=force)

@@ -183,6 +183,10 @@ def test_a_letter_that_kafka_refuses_is_left_and_the_others_go(
     letters = f'{topic_name}.dead-letters'
     bench.create_topic(topic_name, max_message_bytes='1000')
     bench.create_topic(letters)
+    bench.produce(topic_name, [b'the records of the letters'] * 3)
+    admin = bench.admin()
+    [gone] = admin.delete_records([TopicPartition(topic_name, 0, 3)]).values()
+    gone.result(60)
     for number, value in enumerate([long(1), b'x' * 5000, long(2)]):
         origin = from_kafka('to_ros', topic_name, 0, number)
         letter = explain(Outgoing(letters, None, value, []), DecodeError('once'), origin)

@@ -19,6 +19,7 @@ from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, Record, headers_of
 PREFIX: Final = 'dead_letter.'
 _MARK: Final = ('dead_letter.replayed', 'dead_letter.to', 'dead_letter.time_ns')
 _NUMBER: Final = re.compile(r'\d{1,19}', re.ASCII)
+_LONGEST_NAME: Final = 255  # of a topic, and of a route
 _PLACE: Final = re.compile(r'(?P<topic>[^\[\]@]+)\[(?P<partition>\d{1,9})\]@(?P<offset>\d{1,18})')
 
 
@@ -170,6 +171,11 @@ def _about(block: HeaderList) -> Explanation | None:
         return None
     partition, offset = _number(told.get('partition', '')), _number(told.get('offset', ''))
     ros_topic = told.get('source', '')
+    if (
+        not told['topic']
+        or max(map(len, (told['topic'], told['route'], ros_topic))) > _LONGEST_NAME
+    ):
+        return None  # of what a stranger has made up, no megabytes are kept and printed
     if bool(ros_topic) == (partition is not None and offset is not None):
         return None
     return Explanation(

@@ -1,8 +1,9 @@
 """Reading dead-letter topics; nothing is committed."""
 
 import time
+from collections import OrderedDict
 from collections.abc import Collection, Iterator, Mapping
-from typing import Any, Final, Self, cast
+from typing import Any, Final, NamedTuple, Self, cast
 
 from confluent_kafka import (
     Consumer,
@@ -13,21 +14,28 @@ from confluent_kafka import (
 )
 
 from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark, parse
-from ros2_kafka_bridge.endpoints import Record
-from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.endpoints import Record, headers_of
+from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview
+from ros2_kafka_bridge.kafka.tail import BOUNDS
 from ros2_kafka_bridge.kafka.tls import check_files
 from ros2_kafka_bridge.logs.lines import client_log
 
 _REQUEST_S: Final = 5.0
 _SILENT_S: Final = 20.0
 _BATCH: Final = 1000
+_AHEAD: Final = 1000
+_AHEAD_BYTES: Final = 1_000_000
+_FEW: Final = 10  # in one batch, where they may be large
+_MOST_PARTS: Final = 16
 _OWN: Final = {
     'isolation.level': 'read_committed',
     'enable.partition.eof': True,
     'allow.auto.create.topics': False,
     'auto.offset.reset': 'earliest',  # what is deleted while it is read is gone
+    'fetch.wait.max.ms': 10,  # each question waits behind the fetch that is on its way
+    **BOUNDS,
 }
 
 
@@ -132,16 +140,36 @@ class LetterReader:
                 if isinstance(letter, Letter):
                     yield letter
 
-    def record(self, topic: str, partition: int, offset: int) -> Record | None:
-        """Read one record; None where it is gone."""
-        if partition >= self.partitions.get(topic, 0):
-            return None
+    def bounds(self, topic: str, partition: int, offset: int) -> range:
+        """The offsets that a partition of a topic holds now; empty where there is none.
+
+        Where it seems not to reach to `offset`, what a transaction has written that is not ended
+        counts, too.
+
+        Raises:
+            TransportError: The broker is away.
+            RouteError: The topic may not be read, or even seen.
+        """
+        if topic not in self.partitions:
+            raise RouteError(f'topic {topic}: is not there, or this user may not see it')
+        if partition >= self.partitions[topic]:
+            return range(0)
         low, high = self._bounds(topic, partition)
-        if not low <= offset < high:
-            return None
-        place = LetterPlace(topic, partition, offset)
-        found = [m for m in self._read(place, offset + 1, whole=False) if m.offset() == offset]
-        return found[0] if found else None
+        if offset >= high:
+            ends = self._overview.ends([KafkaTopic(topic, self.partitions[topic], '')])
+            high = max(high, ends.get((topic, partition)) or 0)
+        return range(low, high)
+
+    def records(self, topic: str, partition: int, offsets: range) -> Iterator[Record]:
+        """Read what is left of the records of a partition at these offsets, which it holds.
+
+        Raises:
+            TransportError: The broker is away.
+            RouteError: The topic may not be read.
+        """
+        if offsets:
+            begin = LetterPlace(topic, partition, offsets.start)
+            yield from self._read(begin, offsets.stop, whole=False, batch=_FEW)
 
     @property
     def _client(self) -> Consumer:
@@ -167,14 +195,16 @@ class LetterReader:
             raise self._translated(error, topic) from error
         return max(low, found.offset) if found.offset >= 0 else None
 
-    def _read(self, begin: LetterPlace, end: int, *, whole: bool) -> Iterator[Record]:
+    def _read(
+        self, begin: LetterPlace, end: int, *, whole: bool, batch: int = _BATCH
+    ) -> Iterator[Record]:
         """The records from one offset to before another, as far as they are committed."""
         topic, partition, offset = begin
         self._client.assign([TopicPartition(topic, partition, offset)])
         deadline_s = time.monotonic() + _SILENT_S
         reached = offset
         while reached < end:
-            for message in self._consume(topic):
+            for message in self._consume(topic, batch):
                 if message.topic() != topic or message.partition() != partition:
                     continue  # of what was read before
                 error = message.error()
@@ -195,11 +225,78 @@ class LetterReader:
                     'or another client has not ended its transaction there; try again in a minute'
                 )
 
-    def _consume(self, topic: str) -> list[Message]:
+    def _consume(self, topic: str, most: int) -> list[Message]:
         try:
-            return self._client.consume(_BATCH, 0.1)
+            return self._client.consume(most, 0.1)
         except KafkaException as error:
             raise self._translated(error, topic) from error
 
     def _translated(self, error: KafkaException, topic: str) -> Exception:
         return translate(error.args[0], f'topic {topic} cannot be read', self._about)
+
+
+class Original(NamedTuple):
+    """What is at the place that a letter tells of.
+
+    Args:
+        record: What is there; None where it is gone, and where this user may not look.
+        was_there: Whether there can have been one: the partition reaches so far.
+    """
+
+    record: Record | None
+    was_there: bool = True
+
+
+class Originals:
+    """The records that letters tell of, some read ahead: letters of a partition come in order.
+
+    Args:
+        reader: Opened, and read with by nobody else meanwhile.
+    """
+
+    def __init__(self, reader: LetterReader) -> None:
+        self._reader = reader
+        self._ahead: OrderedDict[tuple[str, int], _Ahead] = OrderedDict()  # by partition
+
+    def fetch(self, topic: str, partition: int, offset: int) -> Original:
+        """Look at one place.
+
+        Raises:
+            TransportError: The broker is away.
+        """
+        ahead = self._ahead.pop((topic, partition), None)
+        if ahead is None or offset not in ahead.offsets:
+            try:
+                ahead = self._read(topic, partition, offset)
+            except RouteError:
+                return Original(None)
+        self._ahead[topic, partition] = ahead
+        if len(self._ahead) > _MOST_PARTS:
+            self._ahead.popitem(last=False)
+        return Original(ahead.records.get(offset), offset in ahead.offsets)
+
+    def _read(self, topic: str, partition: int, offset: int) -> '_Ahead':
+        there = self._reader.bounds(topic, partition, offset)
+        if offset < there.start:
+            return _Ahead(range(offset, there.start), {})
+        found: dict[int, Record] = {}
+        size_bytes, offsets = 0, range(offset, min(offset + _AHEAD, there.stop))
+        for record in self._reader.records(topic, partition, offsets):
+            at = record.offset() or 0
+            found[at] = record
+            size_bytes += _size_of(record)
+            if size_bytes > _AHEAD_BYTES:
+                return _Ahead(range(offset, at + 1), found)
+        return _Ahead(offsets, found)
+
+
+class _Ahead(NamedTuple):
+    """What was read of a partition: all records that it has at these offsets."""
+
+    offsets: range
+    records: dict[int, Record]
+
+
+def _size_of(record: Record) -> int:
+    texts = (record.key(), record.value(), *(text for _, text in headers_of(record) or []))
+    return sum(len(text) for text in texts if text is not None)

@@ -51,10 +51,12 @@ def test_a_partition_that_is_no_longer_there_is_left_to_the_key() -> None:
     assert again.partition is None
 
 
-def test_an_origin_that_makes_this_bridge_skip_it_is_left_out_and_no_other() -> None:
-    origins: HeaderList = [('bridge.origin', b'warehouse-1'), ('bridge.origin', b'warehouse-2')]
-    again = restorer().for_kafka(read(kafka_letter(headers=origins)))
-    assert again.record.headers == [('bridge.origin', b'warehouse-2')]
+def test_an_origin_for_which_a_route_would_refuse_it_again_is_left_out_and_no_other() -> None:
+    mine, other = ('bridge.origin', b'warehouse-1'), ('bridge.origin', b'warehouse-2')
+    for topic, left in ((b'/orders', [other]), (b'/status', [mine, other])):
+        came_from: HeaderList = [('ros.topic', topic)]
+        again = restorer().for_kafka(read(kafka_letter(headers=[*came_from, mine, other])))
+        assert again.record.headers == [*came_from, *left]
 
 
 @pytest.mark.parametrize('value', [b'\xff', b'a\0b', None, b'x' * 101])
@@ -133,3 +135,60 @@ def test_a_route_with_a_new_name_takes_the_letters_of_the_old_one() -> None:
     assert again.route is not None
     assert again.route.name == 'renamed'
     assert isinstance(again, Again)
+
+
+# What others may have written
+
+
+def test_guarantee_6b_a_letter_that_is_not_the_record_it_tells_of_is_left_unless_forced() -> None:
+    letter = read(kafka_letter(b'open the door'))
+    true = Outgoing('orders', b'key', b'order', HEADERS)
+    assert restorer(original=true).for_kafka(read(kafka_letter())).unvouched == ''
+    for to in (restorer(original=true).for_kafka, restorer(original=true).for_ros):
+        with pytest.raises(RecordError, match=r'orders\[2\]@5 is another record: somebody else'):
+            to(letter)
+    forced = restorer(original=true, force=True).for_kafka(letter)
+    assert forced.record.value == b'open the door'
+    assert 'not the record which they tell of' in forced.unvouched
+
+
+def test_guarantee_6b_a_letter_of_a_record_that_never_was_is_left_unless_forced() -> None:
+    """The topic does not reach so far: a stranger has named an offset that nobody can compare."""
+    letter = read(kafka_letter(b'open the door'))
+    with pytest.raises(RecordError, match=r'orders\[2\]@5 is a place that the topic has not'):
+        restorer(was_there=False).for_kafka(letter)
+    assert restorer(was_there=False, force=True).for_kafka(letter).unvouched
+
+
+@pytest.mark.parametrize(
+    'original',
+    [
+        Outgoing('orders', b'another', b'order', HEADERS),
+        Outgoing('orders', None, b'order', HEADERS),
+        Outgoing('orders', b'key', b'order', HEADERS[:1]),
+        Outgoing('orders', b'key', None, HEADERS),
+    ],
+)
+def test_key_value_and_headers_must_be_those_of_the_record(original: Outgoing) -> None:
+    with pytest.raises(RecordError, match='is another record'):
+        restorer(original=original).for_kafka(read(kafka_letter()))
+
+
+def test_too_many_headers_are_left_out_of_a_letter_and_not_missed() -> None:
+    original = Outgoing('orders', b'key', b'order', HEADERS * 600)
+    again = restorer(original=original).for_kafka(read(kafka_letter(headers=HEADERS * 600)))
+    assert (again.record.value, again.unvouched) == (b'order', '')
+
+
+def test_it_says_for_which_letters_nothing_vouches() -> None:
+    assert 'not in its topic now' in restorer().for_kafka(read(kafka_letter())).unvouched
+    assert 'from ROS' in restorer().for_kafka(read(ros_letter(string(b'hello')))).unvouched
+
+
+@pytest.mark.parametrize('value', [b'\xff\xfe', b'a\0b', None, b'x' * 1_000_001])
+def test_guarantee_6b_a_letter_of_ros_is_checked_by_the_format_also_where_it_was_encoded(
+    value: bytes | None,
+) -> None:
+    forged = read(ros_letter(value, RecordError('topic returned: refused')))
+    with pytest.raises(RecordError, match=r'would fail again: (Decode|RecordTooLarge)Error: '):
+        restorer().for_kafka(forged)

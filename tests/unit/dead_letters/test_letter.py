@@ -78,6 +78,12 @@ def test_a_letter_with_the_headers_of_a_mark_before_its_own_is_a_letter() -> Non
         [*kafka_letter().headers, ('dead_letter.source', b'/both')],
         [*kafka_letter().headers, ('dead_letter.topic', b'twice')],
         [(n, b'9' * 99 if n == 'dead_letter.offset' else v) for n, v in kafka_letter().headers],
+        *[
+            [(n, value if n == f'dead_letter.{name}' else v) for n, v in kafka_letter().headers]
+            for name in ('topic', 'route')
+            for value in ('x' * 256, 'x' * 500_000)
+        ],
+        [(n, '' if n == 'dead_letter.topic' else v) for n, v in kafka_letter().headers],
         mark(LetterPlace(TOPIC, 0, 9), 'of a letter that is still to come').headers,
     ],
 )

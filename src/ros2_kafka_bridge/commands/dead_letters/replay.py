@@ -23,7 +23,7 @@ from ros2_kafka_bridge.dead_letters.filter import Index, LetterFilter, limited, 
 from ros2_kafka_bridge.dead_letters.letter import Letter, mark
 from ros2_kafka_bridge.dead_letters.shown import escaped
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, RecordError
-from ros2_kafka_bridge.kafka.letters import LetterReader
+from ros2_kafka_bridge.kafka.letters import LetterReader, Originals
 from ros2_kafka_bridge.kafka.properties import producer_properties
 from ros2_kafka_bridge.kafka.transactions import Parcel, RefusedParcel, Send, Transactions
 from ros2_kafka_bridge.logs.text import count
@@ -69,9 +69,16 @@ class ReplayTally:
 
     def __init__(self) -> None:
         self.sent: Counter[str] = Counter()
+        self.unvouched: Counter[str] = Counter()
         self.left = 0
         self.before = 0
         self.foreign = 0
+
+    def send(self, again: Again, to: str) -> None:
+        """Count a letter that was sent, or would be."""
+        self.sent[to] += 1
+        if again.unvouched:
+            self.unvouched[again.unvouched] += 1
 
     def leave(self, letter: Letter, reason: str) -> None:
         """Say why a letter stays one."""
@@ -87,6 +94,15 @@ class ReplayTally:
         parts += [f'{self.before} replayed before (--again)'] * bool(self.before)
         parts += [f'{self.foreign} not dead letters of a bridge'] * bool(self.foreign)
         return '; '.join(parts)
+
+    @property
+    def vouching(self) -> str:
+        """Of which letters nothing else shows that a bridge has written them; empty if of all."""
+        kinds = ', '.join(f'{number} {kind}' for kind, number in self.unvouched.items())
+        return kinds and (
+            f'not vouched for: {kinds}: nothing but the letter tells of them, and whoever may '
+            'write to the dead-letter topic could have written it'
+        )
 
 
 def replay(query: LetterQuery, options: ReplayOptions) -> int:
@@ -118,6 +134,8 @@ def replay(query: LetterQuery, options: ReplayOptions) -> int:
             )
             text = f'{escaped(str(error))}; {tally.text(dry_run=False)}{rest}'
             print(text, file=sys.stderr)  # noqa: T201 (the words for the user)
+            if tally.vouching:
+                _say(tally.vouching)
             return 1
     return _end(query, options, tally, there, cut=run.cut)
 
@@ -148,11 +166,11 @@ def _end(
             raise ConfigError([text])
         _say(text)
         return 0
-    if cut:
-        _say(f'stopped: {tally.text(dry_run=options.dry_run)}; {_GO_ON}')
-        return 1
-    _say(tally.text(dry_run=options.dry_run))
-    return 1 if tally.left else 0
+    text = tally.text(dry_run=options.dry_run)
+    _say(f'stopped: {text}; {_GO_ON}' if cut else text)
+    if tally.vouching:
+        _say(tally.vouching)
+    return 1 if tally.left or cut else 0
 
 
 class _Run:
@@ -178,7 +196,7 @@ class _Run:
         self._reader = reader
         self._channels = cache(lambda: stack.enter_context(open_channels(query.config, stop)))
         self._restorer = Restorer(
-            query.config, reader.partitions, originals.record, force=options.force
+            query.config, reader.partitions, Originals(originals).fetch, force=options.force
         )
 
     def replay(self, topic: str) -> None:
@@ -236,7 +254,7 @@ class _Run:
     def _tell(self, letter: Letter) -> None:
         if again := self._restored(letter):
             to = self._target(again)
-            self._tally.sent[to] += 1
+            self._tally.send(again, to)
             _say(f'would replay: {letter.place} to {escaped(to)}')
 
     def _target(self, again: Again) -> str:
@@ -294,7 +312,7 @@ class _Run:
             if number in bad:
                 self._tally.leave(one.letter, escaped(str(bad[number])))
             else:
-                self._tally.sent[self._target(one.again)] += 1
+                self._tally.send(one.again, self._target(one.again))
 
     def _parcel(self, number: int, one: Ready) -> Parcel:
         place = one.letter.place

@@ -7,19 +7,31 @@ from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters.letter import Explanation, Letter
 from ros2_kafka_bridge.dead_letters.shown import escaped
-from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing, Record, headers_of
+from ros2_kafka_bridge.dedup import place_in
+from ros2_kafka_bridge.endpoints import (
+    HeaderList,
+    Message,
+    Outgoing,
+    Record,
+    headers_of,
+    source_time_ns,
+)
 from ros2_kafka_bridge.errors import ConfigError, RecordError
 from ros2_kafka_bridge.formats import Decode, Encode
+from ros2_kafka_bridge.kafka.letters import Original
 from ros2_kafka_bridge.message_types import load_layout
 from ros2_kafka_bridge.route.format import check_of, decode_of, encode_of
+from ros2_kafka_bridge.route.identity import make_loop_check
 from ros2_kafka_bridge.route.labels import MakeKey, make_key
 from ros2_kafka_bridge.route.type_hash import CheckHeaders
 
-_ORIGIN: Final = 'bridge.origin'
 _FORCE: Final = '--force sends it as it is'
+_NOT_THERE: Final = 'whose record is not in its topic now, or may not be read there'
+_OTHER: Final = 'that are not the record which they tell of'
+_OF_ROS: Final = 'that came from ROS'
 
-FetchOriginal = Callable[[str, int, int], Record | None]
-"""Topic, partition, offset -> the record there, None where it is gone."""
+FetchOriginal = Callable[[str, int, int], Original]
+"""Topic, partition, offset -> what is there."""
 
 SomeRoute = TypeVar('SomeRoute', KafkaToRosRoute, RosToKafkaRoute)
 
@@ -31,11 +43,14 @@ class Again(NamedTuple):
         record: As it was, or is now.
         partition: Of the topic; None leaves it to the key.
         route: What carries it on; None where the file has none.
+        unvouched: Why nothing but the letter shows that there was such a record or message; empty
+            where the record that it tells of is still in its topic.
     """
 
     record: Outgoing
     partition: int | None
     route: AnyRoute | None
+    unvouched: str
 
 
 class Restorer:
@@ -44,8 +59,9 @@ class Restorer:
     Args:
         config: With the routes as they are now.
         partitions: How many partitions each topic of the cluster has.
-        fetch_original: Reads a record whose value the letter does not hold.
-        force: Whether a record goes back to its topic though it would fail again.
+        fetch_original: Reads the record that a letter tells of.
+        force: Whether a record goes back to its topic though it would fail again, or though its
+            letter holds another one.
     """
 
     def __init__(
@@ -61,7 +77,7 @@ class Restorer:
         self._fetch_original = fetch_original
         self._force = force
         self._decodes: dict[str, tuple[CheckHeaders, Decode]] = {}
-        self._encodes: dict[tuple[str, str], tuple[CheckHeaders, Encode, MakeKey]] = {}
+        self._of_types: dict[tuple[str, str], _OfType] = {}
 
     def for_kafka(self, letter: Letter) -> Again:
         """Make the record that goes to the topic which the letter names.
@@ -93,25 +109,23 @@ class Restorer:
     # Kafka -> ROS: the record as it was
 
     def _checked(self, letter: Letter, about: Explanation) -> Again:
-        letter = self._whole(letter, about)
-        route = _chosen(
-            [
-                route
-                for route in self._config.routes
-                if isinstance(route, KafkaToRosRoute) and route.source.kafka == about.topic
-            ],
-            about,
-        )
+        readers = [
+            route
+            for route in self._config.routes
+            if isinstance(route, KafkaToRosRoute) and route.source.kafka == about.topic
+        ]
+        route = _chosen(readers, about)
         if route is None and not self._force:
             text = f'no route of the file reads {escaped(about.topic)}: nothing can check it'
             raise RecordError(f'{text}; {_FORCE}')
+        letter, unvouched = self._whole(letter, about)
         if route is not None:
             self._check(letter, route)
-        headers = [header for header in letter.headers if not self._would_be_skipped(header)]
+        headers = self._without_loop(letter.headers, readers)
         record = Outgoing(about.topic, letter.key, letter.value, headers)
         known = self._partitions.get(about.topic, 0)
         same = about.partition if about.partition is not None and about.partition < known else None
-        return Again(record, same, route)
+        return Again(record, same, route, unvouched)
 
     def _check(self, letter: Letter, route: KafkaToRosRoute) -> None:
         try:
@@ -129,21 +143,45 @@ class Restorer:
             self._decodes[route.name] = check_of(route, layout), decode
         return self._decodes[route.name]
 
-    def _would_be_skipped(self, header: tuple[str, str | bytes | None]) -> bool:
-        return header in {(_ORIGIN, self._config.name), (_ORIGIN, self._config.name.encode())}
+    def _without_loop(self, headers: HeaderList, readers: Sequence[KafkaToRosRoute]) -> HeaderList:
+        """Leave the origin out where a route would refuse the record for it once more."""
+        name = self._config.name
+        if not any(make_loop_check(name, route.sink.ros)(headers) for route in readers):
+            return headers
+        return [header for header in headers if header != ('bridge.origin', name.encode())]
 
-    def _whole(self, letter: Letter, about: Explanation) -> Letter:
-        """The letter with its value, from its first topic where it was left out."""
-        if about.value_bytes is None:
-            return letter
-        missing = f'its value ({about.value_bytes} bytes) was left out'
-        original = None
-        if about.partition is not None and about.offset is not None:
-            original = self._fetch_original(about.topic, about.partition, about.offset)
+    def _whole(self, letter: Letter, about: Explanation) -> tuple[Letter, str]:
+        """The letter with its value, from its first topic where it was left out.
+
+        Returns:
+            The letter, and why nothing vouches for it; empty where the same record is there.
+
+        Raises:
+            RecordError: That topic holds no such record, or another one.
+        """
+        assert about.partition is not None, 'it is of Kafka'
+        assert about.offset is not None, 'it is of Kafka'
+        original, was_there = self._fetch_original(about.topic, about.partition, about.offset)
         headers = [] if original is None else headers_of(original) or []
-        if original is None or not _is_of(letter, about, original, headers):
-            raise RecordError(f'{missing}, and {escaped(about.source)} is no longer there')
-        return letter._replace(key=original.key(), value=original.value(), headers=headers)
+        if about.value_bytes is not None:
+            if original is None or not _is_left_out(letter, about, original, headers):
+                raise RecordError(
+                    f'its value ({about.value_bytes} bytes) was left out, and '
+                    f'{escaped(about.source)} is no longer there'
+                )
+            whole = letter._replace(key=original.key(), value=original.value(), headers=headers)
+            return whole, ''
+        if original is None and was_there:
+            return letter, _NOT_THERE
+        if original is not None and _is_same(letter, original, headers):
+            return letter, ''
+        if not self._force:
+            found = 'another record' if original is not None else 'a place that the topic has not'
+            raise RecordError(
+                f'{escaped(about.source)} is {found}: somebody else has written this letter, or '
+                f'the topic was made anew; {_FORCE}'
+            )
+        return letter, _OTHER
 
     # ROS -> Kafka: encoded once more
 
@@ -165,41 +203,45 @@ class Restorer:
         if route is None:
             ends = f'{escaped(about.ros_topic)} to {escaped(about.topic)}'
             raise RecordError(f'no route of the file goes from {ends}: nothing can encode it')
-        key, value = letter.key, letter.value
-        if about.reason.startswith('EncodeError:'):
-            key, value = self._encoded(letter, route)
-        record = Outgoing(about.topic, key, value, letter.headers)
-        return Again(record, None, route)
-
-    def _encoded(
-        self, letter: Letter, route: RosToKafkaRoute
-    ) -> tuple[bytes | None, bytes | None]:
-        """Key and value of a message that could not be encoded before."""
-        message = _message(letter)
-        kind = _header(letter, 'ros.type').decode(errors='replace')
-        name = route.source.type or kind
-        if kind and name != kind:
-            raise RecordError(f'it is of type {escaped(kind)}, the route carries {name} now')
         try:
-            check_headers, encode, make_message_key = self._encode_of(route, name)
-            check_headers(letter.headers)
-            value = encode(message.cdr)
-            return make_message_key(message), value
+            key, value = self._encoded(letter, about, route)
         except (RecordError, ConfigError) as error:
             text = f'{type(error).__name__}: {escaped(str(error))}'
             raise RecordError(f'would fail again: {text}') from error
+        return Again(Outgoing(about.topic, key, value, letter.headers), None, route, _OF_ROS)
 
-    def _encode_of(
-        self, route: RosToKafkaRoute, name: str
-    ) -> tuple[CheckHeaders, Encode, MakeKey]:
-        if (route.name, name) not in self._encodes:
+    def _encoded(
+        self, letter: Letter, about: Explanation, route: RosToKafkaRoute
+    ) -> tuple[bytes | None, bytes | None]:
+        """Key and value of a message, encoded now where that was not possible before."""
+        of_type = self._of_type(route, _kind(letter, route))
+        of_type.check_headers(letter.headers)
+        if not about.reason.startswith('EncodeError:'):  # it was encoded, and refused by Kafka
+            of_type.decode(letter.value)
+            return letter.key, letter.value
+        message = _message(letter)
+        value = of_type.encode(message.cdr)
+        return of_type.make_key(message), value
+
+    def _of_type(self, route: RosToKafkaRoute, name: str) -> '_OfType':
+        if (route.name, name) not in self._of_types:
             layout = load_layout(name, self._config.ros.message_path)
-            self._encodes[route.name, name] = (
+            self._of_types[route.name, name] = _OfType(
                 check_of(route, layout),
                 encode_of(route, self._config, layout),
+                decode_of(route, self._config, layout),
                 make_key(route.sink.key, route.source.ros, layout),
             )
-        return self._encodes[route.name, name]
+        return self._of_types[route.name, name]
+
+
+class _OfType(NamedTuple):
+    """What a route from ROS does with the messages of a type."""
+
+    check_headers: CheckHeaders
+    encode: Encode
+    decode: Decode
+    make_key: MakeKey
 
 
 def _about(letter: Letter) -> Explanation:
@@ -208,13 +250,22 @@ def _about(letter: Letter) -> Explanation:
     return letter.about
 
 
-def _is_of(letter: Letter, about: Explanation, original: Record, headers: HeaderList) -> bool:
-    """Whether a record is the one of the letter: a topic made anew has others there."""
+def _is_left_out(
+    letter: Letter, about: Explanation, original: Record, headers: HeaderList
+) -> bool:
+    """Whether a record is the one of a letter without value, and none of a topic made anew."""
     if len(original.value() or b'') != about.value_bytes:
         return False
     # One that was too large without its value, too, has left key and headers out.
     bare = letter.key is None and not letter.headers
     return bare or (letter.key, letter.headers) == (original.key(), headers)
+
+
+def _is_same(letter: Letter, original: Record, headers: HeaderList) -> bool:
+    """Whether a letter holds the record that it tells of; too many headers were left out."""
+    if (letter.key, letter.value) != (original.key(), original.value()):
+        return False
+    return not letter.headers or letter.headers == headers
 
 
 def _chosen(routes: Sequence[SomeRoute], about: Explanation) -> SomeRoute | None:
@@ -227,15 +278,19 @@ def _chosen(routes: Sequence[SomeRoute], about: Explanation) -> SomeRoute | None
 
 def _message(letter: Letter) -> Message:
     """The message of ROS that a letter holds, as far as its headers tell."""
-    try:
-        gid = bytes.fromhex(_header(letter, 'ros.gid').decode())
-        seq = int(_header(letter, 'ros.seq') or 0)
-        source_time_ns = int(_header(letter, 'ros.source_time_ns') or 0)
-    except ValueError:
-        gid, seq, source_time_ns = b'', 0, 0
-    return Message(letter.value or b'', gid, seq, source_time_ns)
+    gid, seq = place_in(letter.headers) or (b'', 0)
+    return Message(letter.value or b'', gid, seq, source_time_ns(letter.headers))
 
 
-def _header(letter: Letter, name: str) -> bytes:
-    value = dict(letter.headers).get(name)
-    return value.encode() if isinstance(value, str) else value or b''
+def _kind(letter: Letter, route: RosToKafkaRoute) -> str:
+    """The message type of a letter.
+
+    Raises:
+        RecordError: The route carries another one.
+    """
+    told = dict(letter.headers).get('ros.type') or b''
+    kind = told if isinstance(told, str) else told.decode(errors='replace')
+    name = route.source.type or kind
+    if kind and name != kind:
+        raise RecordError(f'it is of type {escaped(kind)}, the route carries {name} now')
+    return name
