@@ -205,8 +205,8 @@ def guard_loops(
         if goes_round(headers):
             raise LoopError(
                 f'it came from {ros_topic} by this bridge (bridge.origin: {bridge}) and would be '
-                'published there again: whoever writes new messages leaves that header out; '
-                'skip_own: true on the route skips such records'
+                'published there again; let a program that writes new records leave bridge.origin '
+                'out, or skip what a mirror brings back by skip_own: true on the route'
             )
         check(headers)
 

@@ -40,7 +40,7 @@ def make_hash_check(name: str, type_hash: str | None, *, any_type: bool = False)
         if written not in {'', name}:
             return DecodeError(
                 f'{told}: it holds that type, or a program has copied the header from another '
-                'record: let it leave ros.type_hash out, or set check_type_hash: false, and the '
+                'record; let that leave ros.type_hash out, or set check_type_hash: false, and the '
                 'format alone decides'
             )
         return DecodeError(
