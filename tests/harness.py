@@ -148,7 +148,9 @@ class Bench:
         """Start the bridge by the command line."""
         return _started(self._programs.bridge(self._name(), config, *options, **environ))
 
-    def command(self, *arguments: str, timeout_s: float = 120.0) -> tuple[int, str, str]:
+    def command(
+        self, *arguments: str, timeout_s: float = 120.0, **environ: str
+    ) -> tuple[int, str, str]:
         """Run the command line to its end; returns status, standard output, standard error."""
         done = subprocess.run(
             [sys.executable, '-m', 'ros2_kafka_bridge', *arguments],
@@ -157,7 +159,7 @@ class Bench:
             timeout=patient(timeout_s),
             stdin=subprocess.DEVNULL,
             check=False,
-            env=self.environ,
+            env=self.environ | environ,
         )
         return done.returncode, done.stdout, done.stderr
 

@@ -93,13 +93,26 @@ def build_package(package: Path, prefix: Path, needs: Sequence[str] = ()) -> dic
     install_package(package, prefix, needs)
     code = prefix / 'code'
     site = prefix / 'lib/site-packages'
-    _generate(package, prefix, code / package.name, site / package.name, needs)
+    _generate(package, prefix, code / package.name, needs)
     sources = [*code.rglob('*.c'), *code.rglob('*.cpp'), *site.rglob('*.c')]
     objects = [_compile(source, code, package.name) for source in sources]
     suffix = sysconfig.get_config_var('EXT_SUFFIX')
     library = site / package.name / f'{package.name}_s__rosidl_typesupport_c{suffix}'
     _link(objects, library, needs)
     return {'AMENT_PREFIX_PATH': str(prefix), 'PYTHONPATH': str(site)}
+
+
+def generate_python(package: Path, prefix: Path, needs: Sequence[str] = ()) -> Path:
+    """Generate the Python part of a package that is installed; returns the folder to import from.
+
+    Without the library that it loads.
+    """
+    site = prefix / 'lib/site-packages'
+    python = site / package.name
+    arguments = _arguments('rosidl_generator_py', package, prefix, python, needs)
+    rosidl_generator_py.generate_py(arguments, ['rosidl_typesupport_c'])
+    (python / '__init__.py').touch()
+    return site
 
 
 def _files(package: Path) -> list[Path]:
@@ -131,7 +144,7 @@ def _arguments(
     return str(file)
 
 
-def _generate(package: Path, prefix: Path, code: Path, python: Path, needs: Sequence[str]) -> None:
+def _generate(package: Path, prefix: Path, code: Path, needs: Sequence[str]) -> None:
     def arguments(generator: str, output: Path) -> str:
         return _arguments(generator, package, prefix, output, needs)
 
@@ -139,9 +152,7 @@ def _generate(package: Path, prefix: Path, code: Path, python: Path, needs: Sequ
     rosidl_typesupport_fastrtps_c.generate_typesupport_fastrtps_c(arguments(_SUPPORT, code))
     # With one support there is nothing to choose from at run time, and no library to load.
     rosidl_typesupport_c.generate_c(arguments('rosidl_typesupport_c', code), [_SUPPORT])
-    to_python = arguments('rosidl_generator_py', python)
-    rosidl_generator_py.generate_py(to_python, ['rosidl_typesupport_c'])
-    (python / '__init__.py').touch()
+    generate_python(package, prefix, needs)
     for generator in ('rosidl_generator_c', _SUPPORT):
         template = _WHEELS / f'share/{generator}/resource/{generator}__visibility_control.h.in'
         text = template.read_text(encoding='utf-8').replace('@PROJECT_NAME@', package.name)

@@ -95,11 +95,20 @@ def settings(port: int, **more: Any) -> dict[str, Any]:
     return {'listen': f'127.0.0.1:{port}', 'token': TOKEN, 'node': False, **more}
 
 
-def watched(bench: Bench, routes: list[dict[str, Any]], **more: Any) -> Watched:
+def watched(
+    bench: Bench,
+    routes: list[dict[str, Any]],
+    *,
+    pythonpath: str | None = None,
+    node: bool = False,
+    **more: Any,
+) -> Watched:
     """Start a bridge that is watched."""
     port = free_port()
-    config = bench.config(routes, monitoring=settings(port), **more)
-    return Watched(bench.bridge(config), port, config)
+    config = bench.config(routes, monitoring=settings(port, node=node), **more)
+    if pythonpath is None:
+        return Watched(bench.bridge(config), port, config)
+    return Watched(bench.bridge(config, PYTHONPATH=pythonpath), port, config)
 
 
 ROUTES: Final = ('to_ros', 'to_kafka')

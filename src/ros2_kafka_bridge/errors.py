@@ -14,8 +14,15 @@ BridgeError
 A bug (AssertionError, TypeError, ...) is none of these and ends the process, with one exception:
 where one record is decoded, or one message encoded, it is a RecordError that tells of it
 (`error_of_bug`). The same record would end the process again after each start.
+
+What code of others raises, a message package for one, is no bug of the bridge, whatever it is:
+`blamed` says whose it is.
 """
 
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 if TYPE_CHECKING:
@@ -23,6 +30,7 @@ if TYPE_CHECKING:
 
 
 _LONGEST: Final = 500
+_OWN: Final = f'{os.path.dirname(__file__)}{os.sep}'  # noqa: PTH120 (no more is needed of it)
 
 
 class About(NamedTuple):
@@ -148,3 +156,52 @@ class SpoolInUseError(RouteError):
 
 class TransportError(BridgeError):
     """The other side is away or busy for now."""
+
+
+@contextmanager
+def blamed(what: str) -> Iterator[None]:
+    """Make a RouteError of whatever code of others raises, also where it is to end the process.
+
+    Tried again, it may be mended by then: a package is built anew while the bridge runs.
+
+    Args:
+        what: What they fail at, and whose it is, before a colon.
+    """
+    try:
+        yield
+    except BridgeError:
+        raise
+    except BaseException as error:
+        in_main = threading.current_thread() is threading.main_thread()
+        if isinstance(error, KeyboardInterrupt) and in_main:
+            raise  # it is the user's
+        raise RouteError(f'{what}: {fault_of(error)}') from error
+
+
+def fault_of(error: BaseException) -> str:
+    """What code of others has raised, and where, on one line."""
+    if isinstance(error, ImportError):
+        return _words_of(error)  # they say what it is
+    told = ': '.join(filter(None, (type(error).__name__, _words_of(error))))
+    place = _place(error)
+    if place.startswith(_OWN):
+        return f'{told} ({place}): perhaps a bug of the bridge, report it'
+    return f'{told} ({place})' if place else told
+
+
+def _words_of(error: BaseException) -> str:
+    try:
+        text = str(error.msg if isinstance(error, SyntaxError) else error)
+    except BaseException:  # noqa: BLE001 (of a class of others)
+        return ''
+    return ' '.join(text.split())[:_LONGEST]
+
+
+def _place(error: BaseException) -> str:
+    """The file and line of whoever has raised it."""
+    if type(error) in {SyntaxError, IndentationError, TabError}:
+        return f'{error.filename}:{error.lineno}'  # type: ignore[attr-defined]
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return '' if trace is None else f'{trace.tb_frame.f_code.co_filename}:{trace.tb_lineno}'

@@ -28,7 +28,7 @@ from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.subscription import RosSource, wait_for_type
 from ros2_kafka_bridge.ros.successor import RosSuccessor
-from ros2_kafka_bridge.ros.types import load_type
+from ros2_kafka_bridge.ros.types import MessageType, TypeLoader, load_type
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.route.format import asks_registry, check_of, decode_of, encode_of
 from ros2_kafka_bridge.route.identity import Author, make_identify
@@ -89,9 +89,10 @@ class Wiring:
         self._abilities = abilities
         self._histories = histories
         self._tracing = tracing
+        self._types = TypeLoader()
 
     def make(self, route: AnyRoute, log: Log, stop: Stop, stack: ExitStack) -> Direction | None:
-        """Make what runs a route; None when a stop came while its type was waited for.
+        """Make what runs a route; None where a stop came while its type was waited for.
 
         Its ROS endpoint is open until the stack closes: a route that fails on the Kafka side
         keeps it, so that DDS holds the publishers back meanwhile.
@@ -101,7 +102,7 @@ class Wiring:
         """
         with ExitStack() as made:
             if isinstance(route, KafkaToRosRoute):
-                direction: Direction | None = self._kafka_to_ros(route, log, made)
+                direction: Direction | None = self._kafka_to_ros(route, log, stop, made)
             else:
                 direction = self._ros_to_kafka(route, log, stop, made)
             stack.push(made.pop_all())
@@ -152,7 +153,12 @@ class Wiring:
             self._tracing.messages(route, route.source.type or ''),
         )
 
-    def _kafka_to_ros(self, route: KafkaToRosRoute, log: Log, stack: ExitStack) -> KafkaToRos:
+    def _kafka_to_ros(
+        self, route: KafkaToRosRoute, log: Log, stop: Stop, stack: ExitStack
+    ) -> KafkaToRos | None:
+        message_type = self._types.load(route.sink.type, stop)
+        if message_type is None:
+            return None
         source = KafkaSource(
             self._consumer_properties(route.group(self._config.name)),
             route.source.kafka,
@@ -160,7 +166,7 @@ class Wiring:
             log,
             self._config.membership,
         )
-        direction = self.to_ros(route, source, log, stack)
+        direction = self._to_ros(route, message_type, source, log, stack)
         if route.max_rate is None:
             log.info(
                 'a subscriber of %s that is KEEP_LAST can overwrite its own queue unseen: '
@@ -170,7 +176,11 @@ class Wiring:
         return direction
 
     def to_ros(
-        self, route: KafkaToRosRoute, source: RecordSource, log: Log, stack: ExitStack
+        self,
+        route: KafkaToRosRoute,
+        source: RecordSource,
+        log: Log,
+        stack: ExitStack,
     ) -> KafkaToRos:
         """Make what carries the records of any source to the ROS topic of a route.
 
@@ -179,7 +189,16 @@ class Wiring:
         Raises:
             RouteError: The route cannot run now.
         """
-        message_type = load_type(route.sink.type)
+        return self._to_ros(route, load_type(route.sink.type), source, log, stack)
+
+    def _to_ros(
+        self,
+        route: KafkaToRosRoute,
+        message_type: MessageType,
+        source: RecordSource,
+        log: Log,
+        stack: ExitStack,
+    ) -> KafkaToRos:
         room = self._histories.writers[route.sink.ros] if self._abilities.bounded else None
         sink = RosSink(self._node, route.sink.ros, message_type, route.sink.qos, room, log)
         decode = decode_of(route, self._config, message_type.layout)
@@ -204,20 +223,22 @@ class Wiring:
         stack: ExitStack,
     ) -> RosToKafka | None:
         if route.source.type is not None:
-            return self._of_type(route.source.type, route, log, stack)
+            return self._of_type(route.source.type, route, log, stop, stack)
         name = wait_for_type(self._node, route.source.ros, stop.wait)
         if name is None:
             return None
         try:
-            return self._of_type(name, route, log, stack)
+            return self._of_type(name, route, log, stop, stack)
         except ConfigError as error:
             # What others publish may be mended there, and is no mistake of the configuration.
             raise RouteError(str(error)) from error
 
     def _of_type(
-        self, name: str, route: RosToKafkaRoute, log: Log, stack: ExitStack
-    ) -> RosToKafka:
-        message_type = load_type(name)
+        self, name: str, route: RosToKafkaRoute, log: Log, stop: Stop, stack: ExitStack
+    ) -> RosToKafka | None:
+        message_type = self._types.load(name, stop)
+        if message_type is None:
+            return None
         produced = self._produced(route, log)
         source = RosSource(
             self._node,

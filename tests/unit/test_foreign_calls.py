@@ -34,7 +34,7 @@ from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import Abilities
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.subscription import RosSource
-from ros2_kafka_bridge.ros.types import MessageType
+from ros2_kafka_bridge.ros.types import MessageType, TypeLoader
 from ros2_kafka_bridge.threads import unattended
 from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.wiring import Wiring
@@ -342,7 +342,7 @@ def test_guarantee_4_a_route_that_cannot_be_made_leaves_no_reader_behind(
     failing = source.open if fails == 'its opening' else sink
     failing.side_effect = RouteError('no')
     monkeypatch.setattr(wiring_module, 'RosSource', lambda *_, **__: source)
-    monkeypatch.setattr(wiring_module, 'load_type', lambda _: TYPE)
+    monkeypatch.setattr(TypeLoader, 'load', lambda *_: TYPE)
     monkeypatch.setattr(wiring_module, 'KafkaSink', sink)
     config = validated(
         Config,

@@ -7,6 +7,7 @@ type and the settings alone; from outside only a Schema Registry is asked.
 
 from collections.abc import Callable
 from importlib import import_module
+from types import ModuleType
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 from ros2_kafka_bridge.errors import (
@@ -14,6 +15,7 @@ from ros2_kafka_bridge.errors import (
     DecodeError,
     EncodeError,
     RecordTooLargeError,
+    blamed,
     error_of_bug,
 )
 from ros2_kafka_bridge.formats import cdr, text
@@ -64,26 +66,36 @@ class Format(NamedTuple):
     message_types: frozenset[str] | None
 
 
-def _late(name: str) -> Format:
-    """A format of any type, loaded when the first route of it starts: others do without."""
+def _format(name: str, module: ModuleType | None, message_types: frozenset[str] | None) -> Format:
+    """A format; without a module, it is loaded when the first route of it starts.
 
-    def module() -> Any:
-        return import_module(f'{__name__}.{name}')
+    What a package describes oddly, and what the library of a format does not take, is theirs.
+    """
+
+    def loaded() -> Any:
+        return module or import_module(f'{__name__}.{name}')
 
     def make_decode(layout: Layout, scope: Scope, /) -> Decode:
-        made: Decode = module().make_decode(layout, scope)
+        with blamed(f'{name} cannot carry {layout.type_name}'):
+            made: Decode = loaded().make_decode(layout, scope)
         return made
 
     def make_encode(layout: Layout, scope: Scope, /) -> Encode:
-        made: Encode = module().make_encode(layout, scope)
+        with blamed(f'{name} cannot carry {layout.type_name}'):
+            made: Encode = loaded().make_encode(layout, scope)
         return made
 
-    return Format(make_decode, make_encode, None)
+    return Format(make_decode, make_encode, message_types)
+
+
+def _late(name: str) -> Format:
+    """A format of any type, which routes of others do without."""
+    return _format(name, None, None)
 
 
 FORMATS: dict[str, Format] = {
-    'text': Format(text.make_decode, text.make_encode, frozenset({'std_msgs/msg/String'})),
-    'cdr': Format(cdr.make_decode, cdr.make_encode, None),
+    'text': _format('text', text, frozenset({'std_msgs/msg/String'})),
+    'cdr': _format('cdr', cdr, None),
     'json': _late('json'),
     'avro': _late('avro'),
     'protobuf': _late('protobuf'),

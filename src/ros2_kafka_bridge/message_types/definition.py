@@ -8,7 +8,7 @@ from bisect import bisect_left
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.errors import ConfigError, RouteError, blamed
 from ros2_kafka_bridge.message_types.description import (
     EMPTY_MEMBER,
     FieldDescription,
@@ -99,11 +99,11 @@ def _text(file: Path) -> str:
 
 def _parser() -> Any:
     try:
-        from rosidl_adapter import parser  # noqa: PLC0415 -- comes with ROS
-    except ImportError as error:
-        problem = f'.msg files are read with rosidl_adapter, and it cannot be loaded: {error}'
+        with blamed('.msg files are read with rosidl_adapter, and it cannot be loaded'):
+            from rosidl_adapter import parser  # noqa: PLC0415 -- comes with ROS
+    except RouteError as error:
         hint = 'source a ROS 2, or install the extra [ros]'
-        raise ConfigError([f'{problem} ({hint})']) from error
+        raise ConfigError([f'{error} ({hint})']) from error
     return parser
 
 

@@ -3,9 +3,11 @@
 import ast
 import hashlib
 import json
+import re
+import struct
 from collections.abc import Mapping
 from enum import IntEnum
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
@@ -96,6 +98,11 @@ EMPTY_MEMBER: Final = 'structure_needs_at_least_one_member'
 """The uint8 that ROS 2 puts into a type without fields, and shows nobody."""
 
 _LISTS: Final = 48
+_NAME: Final = re.compile(r'[A-Za-z]\w*', re.ASCII)
+_NESTED_NAME: Final = re.compile(r'\w+/msg/\w+', re.ASCII)
+_LONGEST: Final = 2**32 - 1  # a length is a uint32 in the bytes
+_DEEPEST: Final = 100
+_MOST_FIELDS: Final = 10_000
 _PRIMITIVES: Final = {one.value: one.name.lower() for one in Ids if one.name.lower() in PRIMITIVES}
 
 
@@ -131,7 +138,24 @@ def make_layout(name: str, described: DescribedTypes) -> Layout:
         ConfigError: The bridge cannot carry such a type, or it holds itself.
     """
     made: dict[str, Layout] = {}
-    return _layout((name,), described, made)
+    layout = _layout((name,), described, made)
+    if _all_fields(layout, {}) > _MOST_FIELDS:
+        raise ConfigError(
+            [f'{name} has more than {_MOST_FIELDS:,} fields, those of its parts too']
+        )
+    return layout
+
+
+def _all_fields(kind: Kind, counted: dict[str, int]) -> int:
+    """How many fields a type has with those of its parts, each as often as it is there."""
+    if isinstance(kind, Array | Sequence):
+        return _all_fields(kind.item, counted)
+    if not isinstance(kind, Layout):
+        return 0
+    if kind.type_name not in counted:
+        parts = sum(_all_fields(field.kind, counted) for field in kind.fields)
+        counted[kind.type_name] = len(kind.fields) + parts
+    return counted[kind.type_name]
 
 
 def _held(name: str, types: Mapping[str, TypeDescription]) -> set[str]:
@@ -158,10 +182,15 @@ def _layout(path: tuple[str, ...], described: DescribedTypes, made: dict[str, La
     *outer, name = path
     if name in outer:
         raise ConfigError([f'{name} holds itself: {" > ".join(path[outer.index(name) :])}'])
+    if len(path) > _DEEPEST:
+        raise ConfigError([f'{path[0]} is nested too deeply: more than {_DEEPEST} types'])
     if name not in made:
         description = described.types[name]
         fields = tuple(_field(field, path, described, made) for field in description.fields)
-        if [field.name for field in fields] == [EMPTY_MEMBER]:
+        names = [field.name for field in fields]
+        if len({*names}) < len(names):
+            raise ConfigError([f'{name} has two fields of one name'])
+        if names == [EMPTY_MEMBER]:
             fields = ()
         made[name] = Layout(name, fields, type_hash=described.hashes.get(name))
     return made[name]
@@ -173,6 +202,8 @@ def _field(
     described: DescribedTypes,
     made: dict[str, Layout],
 ) -> Field:
+    if not _NAME.fullmatch(field.name):
+        raise ConfigError([f'{path[-1]}: {field.name!r:.60} is no name of a field'])
     try:
         kind = _kind(field.type, path, described, made)
         return Field(field.name, kind, _default(field.default_value, kind))
@@ -187,6 +218,9 @@ def _kind(
     made: dict[str, Layout],
 ) -> Kind:
     repeated, base = divmod(field_type.type_id, _LISTS)
+    for length in (field_type.capacity, field_type.string_capacity):
+        if not 0 <= length <= _LONGEST:
+            raise ValueError(f'the length {length} is below 0 or above {_LONGEST}')
     item = _item(base, field_type, path, described, made)
     match repeated * _LISTS:
         case Lists.NONE:
@@ -211,6 +245,8 @@ def _item(
     if base in _PRIMITIVES:
         return Primitive(_PRIMITIVES[base])
     match base:
+        case Ids.NESTED if not _NESTED_NAME.fullmatch(field_type.nested_type_name):
+            raise ValueError(f'{field_type.nested_type_name!r:.60} is no name of a type')
         case Ids.NESTED:
             return _layout((*path, field_type.nested_type_name), described, made)
         case Ids.STRING | Ids.BOUNDED_STRING:
@@ -233,7 +269,7 @@ def _default(text: str, kind: Kind) -> Scalar | tuple[Scalar, ...] | None:
             # No literal of Python is NaN or infinite.
             return tuple(_float(one) for one in text.strip('()[] ,').split(',') if one.strip())
         case Primitive() | Array() | Sequence():
-            return _literal(text)
+            return _fitting(_literal(text), kind)
         case Layout():
             raise ValueError(f'a message has no default, as {text!r}')
 
@@ -245,9 +281,35 @@ def _float(text: str) -> float:
         raise ValueError(f'the default {text!r:.60} is no number') from None
 
 
-def _literal(text: str) -> Scalar | tuple[Scalar, ...]:
+def _literal(text: str) -> Any:
     try:
-        value: Scalar | tuple[Scalar, ...] = ast.literal_eval(text)
-    except (ValueError, SyntaxError, TypeError):
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
         raise ValueError(f'the default {text!r:.60} is no literal of Python') from None
-    return value
+
+
+def _fitting(value: Any, kind: Kind) -> Scalar | tuple[Scalar, ...]:
+    """A default as its kind has it."""
+    match kind, value:
+        case Array(item, length), tuple() | list() if len(value) == length:
+            return tuple(_fitting_scalar(one, item) for one in value)
+        case Sequence(item, bound), tuple() | list() if bound is None or len(value) <= bound:
+            return tuple(_fitting_scalar(one, item) for one in value)
+    return _fitting_scalar(value, kind)
+
+
+def _fitting_scalar(value: Any, kind: Kind) -> Scalar:
+    match kind, value:
+        case String(), str(text):
+            return text
+        case Primitive('bool'), bool() | 0 | 1:
+            return bool(value)
+        case Primitive(name), int(number) if name != 'bool' and _is_within(number, name):
+            return number
+    raise ValueError(f'the default {value!r:.60} does not fit')
+
+
+def _is_within(value: int, name: str) -> bool:
+    size = struct.calcsize(PRIMITIVES[name])
+    lowest = -(1 << 8 * size - 1) if name.startswith('int') else 0
+    return lowest <= value < lowest + (1 << 8 * size)

@@ -1,6 +1,7 @@
 """Folders of .msg files: of types that are not built, or not built here."""
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
@@ -74,6 +75,9 @@ def _package_name(package: Path) -> str:
         return package.name
     try:
         name = ET.parse(manifest).findtext('name', '')  # noqa: S314 -- the user's own
-    except (OSError, ET.ParseError) as error:
+    except (OSError, LookupError, ValueError, ET.ParseError) as error:
         raise ConfigError([f'{manifest}: {error}']) from error
-    return name.strip() or package.name
+    name = name.strip() or package.name
+    if not re.fullmatch(r'\w+', name, re.ASCII):
+        raise ConfigError([f'{manifest}: {name!r:.60} is no name of a package'])
+    return name

@@ -1,6 +1,7 @@
 """Message types of installed packages: of a sourced ROS 2, of wheels, of a built workspace."""
 
 import os
+import re
 import sys
 import sysconfig
 from pathlib import Path
@@ -33,21 +34,32 @@ class _File(msgspec.Struct):
     type_hashes: tuple[_Hash, ...]
 
 
+_MESSAGE: Final = re.compile(r'(msg/\w{1,200})\.\w+', re.ASCII)
 # Made once, here: msgspec looks at a struct when the first decoder of it is made, and two threads
 # that do so at the same time end the process (SIGSEGV). Each route loads its type in its thread.
 _FILE: Final = msgspec.json.Decoder(_File)
 
 
 def installed_names() -> set[str]:
-    """All message types of the installed packages, without those of services and actions."""
+    """All message types of the installed packages, without those of services and actions.
+
+    A package whose list cannot be read, as one that is half removed, has none.
+    """
     index = 'share/ament_index/resource_index/rosidl_interfaces'
-    packages = [file for prefix in _prefixes() for file in (prefix / index).glob('*')]
+    packages = [file for prefix in _prefixes() for file in (prefix / index).glob('[!.]*')]
     return {
-        f'{package.name}/{line.rpartition(".")[0]}'
+        f'{package.name}/{found[1]}'
         for package in packages
-        for line in package.read_text(encoding='utf-8').split()
-        if line.startswith('msg/') and '.' in line
+        for line in _read(package).split()
+        if (found := _MESSAGE.fullmatch(line))
     }
+
+
+def _read(package: Path) -> str:
+    try:
+        return package.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError):
+        return ''
 
 
 def read_installed(name: str) -> DescribedTypes:
@@ -62,7 +74,7 @@ def read_installed(name: str) -> DescribedTypes:
         raise ConfigError([f'{problem}: build its package with ROS 2 Iron or a newer one'])
     try:
         read = _FILE.decode(file.read_bytes())
-    except (OSError, msgspec.DecodeError) as error:
+    except (OSError, RecursionError, msgspec.DecodeError) as error:
         raise ConfigError([f'{file}: no description of a message type: {error}']) from error
     message = read.type_description_msg
     every = (message.type_description, *message.referenced_type_descriptions)
@@ -87,4 +99,4 @@ def _prefixes() -> list[Path]:
 
 def _find(name: str, suffix: str) -> Path | None:
     files = (prefix / 'share' / f'{name}{suffix}' for prefix in _prefixes())
-    return next((file for file in files if file.is_file()), None)
+    return next((file for file in files if os.access(file, os.R_OK) and file.is_file()), None)

@@ -103,7 +103,7 @@ def _of_routes(report: Report, names: Sequence[str]) -> Iterator[Check]:
         route = told.get(name)
         if route is None:
             yield Check(f'route/{name}', good=False, text='nothing is known of it yet')
-        elif route.worker and route.worker not in running:
+        elif route.worker and route.worker not in running and not route.snapshot.final:
             reason = problems.get(route.worker) or 'it does not run'
             text = f'worker {route.worker} is away: {reason}'
             yield Check(f'route/{name}', good=False, text=text)

@@ -14,6 +14,7 @@ from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.qos import profile
+from ros2_kafka_bridge.ros.types import load_type
 
 SAMPLES = 4
 """Length of the probe's history and of its reader's cache, for the profile."""
@@ -51,12 +52,11 @@ def probe(node: RosNode, topic: str) -> Abilities:
     Raises:
         ConfigError: rclpy does not have the calls that the bridge takes messages with.
     """
-    from builtin_interfaces.msg import Time  # noqa: PLC0415 (heavy)
-
+    time_class = load_type('builtin_interfaces/msg/Time').python_class
     with translated('ROS'):
-        publisher = node.handle.create_publisher(Time, topic, profile(QoS()))
+        publisher = node.handle.create_publisher(time_class, topic, profile(QoS()))
         subscription = node.handle.create_subscription(
-            Time, topic, lambda _: None, profile(QoS()), raw=True
+            time_class, topic, lambda _: None, profile(QoS()), raw=True
         )
     try:
         with translated('ROS'):

@@ -4,7 +4,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.errors import BridgeError, blamed
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.types import load_type
 
@@ -49,7 +49,7 @@ def _subscribe(node: RosNode, topic: str, type_name: str) -> Any:
 
     try:
         message_type = load_type(type_name)
-        with translated(topic):
+        with blamed(topic), translated(topic):
             return node.handle.create_subscription(
                 message_type.python_class,
                 topic,

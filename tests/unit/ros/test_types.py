@@ -11,7 +11,7 @@ import pytest
 from ros_package import install_package, write_package
 from rosidl_parser import definition as idl
 
-from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.message_types import type_names
 from ros2_kafka_bridge.message_types.layout import Array, Kind, Layout, Primitive, Sequence, String
 from ros2_kafka_bridge.ros.types import load_type
@@ -81,7 +81,7 @@ def test_a_package_whose_python_part_is_missing_is_told(
     package = write_package(tmp_path / 'src', 'acme_msgs', {'Crane': 'float64 height\n'})
     install_package(package, tmp_path)
     monkeypatch.setenv('AMENT_PREFIX_PATH', f'{tmp_path}:/does/not/exist')
-    with pytest.raises(ConfigError, match='acme_msgs/msg/Crane cannot be loaded: No module'):
+    with pytest.raises(RouteError, match='acme_msgs/msg/Crane cannot be loaded: No module'):
         load_type('acme_msgs/msg/Crane')
 
 

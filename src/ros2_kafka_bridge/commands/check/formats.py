@@ -38,7 +38,7 @@ def format_findings(route: AnyRoute, config: Config, message_type: str | None) -
         layout = with_docs(route, config, load_layout(message_type))
         make = chosen.make_encode if isinstance(route, RosToKafkaRoute) else chosen.make_decode
         make(layout, fixed)
-    except ConfigError as error:
+    except BridgeError as error:
         return [Finding('bad', 'format', str(error))]
     return [Finding('ok', 'format', f'{route.format} carries {message_type}')]
 

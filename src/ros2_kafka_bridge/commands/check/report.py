@@ -26,6 +26,7 @@ from ros2_kafka_bridge.config.settings import (
     masked,
     warnings,
 )
+from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.kafka_to_ros import BATCH as TO_ROS_BATCH
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
 from ros2_kafka_bridge.logs.text import count
@@ -91,9 +92,7 @@ def _report_connected(console: Console, config: Config) -> int:
     with open_node(f'{config.name}_check', config.ros.domain_id, histories) as node:
         _show(console, 'ROS', check_ros.graph_findings(node, topic, config))
         wait_for_discovery()
-        found = {
-            route.name: _route_findings(route, config, node, kafka) for route in config.routes
-        }
+        found = {route.name: _findings(route, config, node, kafka) for route in config.routes}
     for route in config.routes:
         _show(console, _way(route), found[route.name])
     if kafka.problem:
@@ -136,6 +135,15 @@ def _way(route: AnyRoute) -> str:
     return f'{route.name}: {ends}, {route.format}'
 
 
+def _findings(
+    route: AnyRoute, config: Config, node: RosNode, kafka: check_kafka.CheckedCluster
+) -> list[Finding]:
+    try:
+        return _route_findings(route, config, node, kafka)
+    except BridgeError as error:  # of the ROS graph, of what others tell there
+        return [Finding('bad', 'graph', str(error))]
+
+
 def _route_findings(
     route: AnyRoute, config: Config, node: RosNode, kafka: check_kafka.CheckedCluster
 ) -> list[Finding]:
@@ -144,6 +152,7 @@ def _route_findings(
     if isinstance(route, KafkaToRosRoute):
         found = [
             *(check_kafka.source_findings(route, config, kafka) if asks else ()),
+            *check_ros.type_findings(route.sink.type),
             *check_format.format_findings(route, config, route.sink.type),
             *check_format.registry_findings(route, config, route.sink.type),
             *check_ros.reader_findings(route, config, node),
@@ -154,6 +163,7 @@ def _route_findings(
         message_type = type_of(route, publishers)
         found = [
             *check_ros.publisher_findings(route, publishers, message_type),
+            *check_ros.type_findings(message_type),
             *check_ros.key_findings(route, message_type),
             *check_ros.size_findings(route, message_type, node),
             *check_format.format_findings(route, config, message_type),

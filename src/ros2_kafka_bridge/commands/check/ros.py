@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from ros2_kafka_bridge.commands.screen import Finding
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
-from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.message_types.layout import is_bulk
 from ros2_kafka_bridge.ros.matching import (
@@ -78,9 +78,7 @@ def publisher_findings(
             yield Finding('bad', 'publishers', f'{peer.node} {problem.text}', problem.cure)
         else:
             yield _offer_finding(peer, topic)
-    if message_type is not None:
-        yield _type_finding(message_type)
-    elif types:
+    if message_type is None and types:
         text = f'{topic} has types {" and ".join(types)}'
         yield Finding('bad', 'type', text, 'set from.type')
 
@@ -99,12 +97,23 @@ def _offer_finding(peer: Peer, topic: str) -> Finding:
     return Finding('ok', 'publishers', text)
 
 
-def _type_finding(message_type: str) -> Finding:
+def type_findings(message_type: str | None) -> Iterator[Finding]:
+    """Whether the package of a type is here, and can be imported as the route does it."""
     from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415 (reads files)
+    from ros2_kafka_bridge.ros.types import load_type  # noqa: PLC0415 (imports packages)
 
+    if message_type is None:
+        return
     if problem := unknown_type(message_type):
-        return Finding('bad', 'type', problem, 'install its package beside the bridge')
-    return Finding('ok', 'type', f'{message_type} is installed here')
+        yield Finding('bad', 'type', problem, 'install its package beside the bridge')
+        return
+    try:
+        load_type(message_type)
+    except BridgeError as error:
+        cure = 'mend its package, or build it anew for this Python and this ROS'
+        yield Finding('bad', 'type', str(error), cure)
+    else:
+        yield Finding('ok', 'type', f'{message_type} is installed here')
 
 
 def size_findings(
@@ -117,7 +126,11 @@ def size_findings(
     if room_bytes is None or message_type is None or unknown_type(message_type):
         return
     is_said = route.max_message_bytes != type(route).max_message_bytes
-    if route.max_message_bytes > room_bytes and (is_said or is_bulk(load_layout(message_type))):
+    try:
+        is_large = is_said or is_bulk(load_layout(message_type))
+    except ConfigError:
+        return  # told of its type
+    if route.max_message_bytes > room_bytes and is_large:
         text = (
             f'messages may have {route.max_message_bytes:,} bytes (max_message_bytes), and a UDP '
             f'socket of DDS holds {room_bytes:,} here: of larger ones that come without shared '
@@ -129,14 +142,13 @@ def size_findings(
 
 def key_findings(route: RosToKafkaRoute, message_type: str | None) -> Iterator[Finding]:
     """Whether the messages have what the key of their records is made of."""
-    from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415
-    from ros2_kafka_bridge.ros.types import load_type  # noqa: PLC0415
+    from ros2_kafka_bridge.message_types import load_layout, unknown_type  # noqa: PLC0415
     from ros2_kafka_bridge.route.labels import make_key  # noqa: PLC0415 (with the types of ROS)
 
     if route.sink.key is None or message_type is None or unknown_type(message_type):
         return
     try:
-        make_key(route.sink.key, route.source.ros, load_type(message_type).layout)
+        make_key(route.sink.key, route.source.ros, load_layout(message_type))
     except ConfigError as error:
         yield Finding('bad', 'key', str(error), 'mend to.key')
     else:

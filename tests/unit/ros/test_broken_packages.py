@@ -1,0 +1,196 @@
+"""A message package is code of others: what is wrong with it is said, and ends its route alone.
+
+Guarantee 6b. `tests/integration/test_broken_packages.py` shows it in a running bridge.
+"""
+
+import importlib
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from ros_package import generate_python, install_package, write_package
+
+from ros2_kafka_bridge.errors import RouteError, blamed
+from ros2_kafka_bridge.ros.types import TypeLoader, load_type
+from ros2_kafka_bridge.threads.stop import Stop
+
+CRANE = 'acme_msgs/msg/Crane'
+Package = Callable[[str], Path]
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Package]:
+    """Install a package whose modules have this text."""
+
+    def make(text: str) -> Path:
+        source = write_package(tmp_path / 'src', 'acme_msgs', {'Crane': 'float64 height\n'})
+        install_package(source, tmp_path)
+        module = tmp_path / 'site' / 'acme_msgs' / 'msg' / '__init__.py'
+        module.parent.mkdir(parents=True)
+        (module.parent.parent / '__init__.py').touch()
+        module.write_text(text, encoding='utf-8')
+        importlib.invalidate_caches()
+        return module
+
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    monkeypatch.syspath_prepend(tmp_path / 'site')
+    yield make
+    for name in [name for name in sys.modules if name.partition('.')[0] == 'acme_msgs']:
+        del sys.modules[name]
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('def f(from): pass', 'SyntaxError: invalid syntax (PLACE:1)'),
+        ('1 + "a"', "TypeError: unsupported operand type(s) for +: 'int' and 'str' (PLACE:1)"),
+        ('assert False', 'AssertionError (PLACE:1)'),
+        ('import sys\nsys.exit(3)', 'SystemExit: 3 (PLACE:2)'),
+        ('raise RuntimeError("wrong\\nABI")', 'RuntimeError: wrong ABI (PLACE:1)'),
+        ('import nowhere', "No module named 'nowhere'"),
+        ('raise MemoryError', 'MemoryError (PLACE:1)'),
+        ('def f(): f()\nf()', 'RecursionError: maximum recursion depth exceeded (PLACE:1)'),
+        ('open("/nowhere")', 'FileNotFoundError: [Errno 2] No such file or directory: '),
+        ('class Crane: pass', "AttributeError: type object 'Crane' has no attribute"),
+        ('', "AttributeError: module 'acme_msgs.msg' has no attribute 'Crane' (PLACE"),
+        ('class E(Exception):\n def __str__(self): return 1/0\nraise E', 'E (PLACE:3)'),
+        ('class E(BaseException):\n def __str__(self): raise SystemExit\nraise E', 'E (PLACE:3)'),
+        ('class E(SyntaxError):\n msg = filename = property(lambda _: 1/0)\nraise E', 'E (PLACE'),
+    ],
+)
+def test_guarantee_6b_what_a_package_raises_is_said_with_its_place(
+    package: Package, text: str, said: str
+) -> None:
+    module = package(text)
+    with pytest.raises(RouteError) as raised:
+        load_type(CRANE)
+    problem = str(raised.value)
+    assert problem.startswith(f'message type {CRANE} cannot be loaded: ')
+    expected = said.replace('PLACE', str(module))
+    assert expected in problem or expected.replace(str(module), '') in problem, problem
+
+
+def test_a_field_with_the_name_of_a_keyword_is_a_package_that_cannot_be_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the generator of ROS 2 makes it: no type of that package can be imported."""
+    messages = {'Crane': 'float64 height\n', 'Move': 'float64 from\n'}
+    source = write_package(tmp_path / 'src', 'acme_moves', messages)
+    install_package(source, tmp_path)
+    generate_python(source, tmp_path)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    monkeypatch.syspath_prepend(tmp_path / 'lib/site-packages')
+    with pytest.raises(RouteError, match=r'Crane cannot be loaded: SyntaxError: .*_move\.py:'):
+        load_type('acme_moves/msg/Crane')
+
+
+FIELDS = 'get_fields_and_field_types = classmethod(lambda _: {"height": "double"})'
+
+
+def test_a_library_for_another_python_is_named(package: Package) -> None:
+    library = 'acme_msgs_s__rosidl_typesupport_c.cpython-38-x86_64-linux-gnu.so'
+    module = package(
+        'class Crane:\n'
+        f'    {FIELDS}\n'
+        '    _TYPE_SUPPORT = None\n'
+        '    def __import_type_support__():\n'
+        '        from rosidl_generator_py import import_type_support\n'
+        '        import_type_support("acme_msgs")\n'
+    )
+    (module.parents[1] / library).touch()
+    with pytest.raises(RouteError) as raised:
+        load_type(CRANE)
+    python = '.'.join(map(str, sys.version_info[:2]))
+    assert str(raised.value) == (
+        f'message type {CRANE}: the library of its package cannot be loaded: No module named '
+        f"'acme_msgs.acme_msgs_s__rosidl_typesupport_c': there is {library}, and this is Python "
+        f'{python}: build the package for it'
+    )
+
+
+@pytest.mark.parametrize('support', ['pass', 'raise ValueError("bad handle")'])
+def test_a_library_that_gives_no_support_is_said(package: Package, support: str) -> None:
+    package(
+        f'class Crane:\n    {FIELDS}\n    _TYPE_SUPPORT = None\n'
+        f'    def __import_type_support__(): {support}\n'
+    )
+    with pytest.raises(RouteError, match='the library of its package cannot be loaded: '):
+        load_type(CRANE)
+
+
+@pytest.mark.parametrize(
+    'members', ['_TYPE_SUPPORT = 42', '_TYPE_SUPPORT = property(lambda _: 1 / 0)', 'x = 1']
+)
+def test_a_class_that_rclpy_would_refuse_is_said(package: Package, members: str) -> None:
+    package(
+        f'class Meta(type):\n    {members}\n    _CREATE_ROS_MESSAGE = None\n'
+        f'class Crane(metaclass=Meta):\n    {FIELDS}\n'
+    )
+    with pytest.raises(RouteError, match='the library of its package cannot be loaded: '):
+        load_type(CRANE)
+
+
+def test_an_import_that_takes_long_is_said_and_waited_for(package: Package) -> None:
+    module = package('import time\nwhile not GO: time.sleep(0.01)\nimport nowhere')
+    go = module.parent / '__init__.py'
+    go.write_text(go.read_text().replace('GO', 'getattr(sys, "acme_go", False)'))
+    go.write_text('import sys\n' + go.read_text())
+    loader = TypeLoader(patience_s=0.05)
+    for _ in range(3):
+        with pytest.raises(RouteError, match=r'Crane: the import of its package has not ended'):
+            loader.load(CRANE)
+    assert len([it for it in threading.enumerate() if it.name == f'load {CRANE}']) == 1
+    other = loader.load('std_msgs/msg/String')
+    assert other is not None
+    assert other.name == 'std_msgs/msg/String'
+    stop = Stop()
+    stop.ask()
+    assert loader.load(CRANE, stop) is None
+    try:
+        sys.acme_go = True  # type: ignore[attr-defined]
+        with pytest.raises(RouteError, match='nowhere'):
+            _until_loaded(loader)
+    finally:
+        del sys.acme_go  # type: ignore[attr-defined]
+
+
+def _until_loaded(loader: TypeLoader) -> None:
+    deadline_s = time.monotonic() + 20
+    while time.monotonic() < deadline_s:
+        try:
+            loader.load(CRANE)
+        except RouteError as error:
+            if 'not ended' not in str(error):
+                raise
+
+
+def test_what_could_not_be_loaded_is_tried_again(package: Package) -> None:
+    module = package('import nowhere')
+    loader = TypeLoader()
+    with pytest.raises(RouteError, match='nowhere'):
+        loader.load(CRANE)
+    module.write_text('import elsewhere', encoding='utf-8')
+    importlib.invalidate_caches()
+    with pytest.raises(RouteError, match='elsewhere'):
+        loader.load(CRANE)
+
+
+def test_only_the_users_own_interrupt_passes() -> None:
+    with pytest.raises(KeyboardInterrupt), blamed('x'):
+        raise KeyboardInterrupt
+    raised: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            with blamed('x'):
+                raise KeyboardInterrupt
+        except RouteError as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert [str(error).partition(' (')[0] for error in raised] == ['x: KeyboardInterrupt']
