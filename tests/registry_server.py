@@ -202,6 +202,8 @@ class RegistryServer:
         match request.method, parts:
             case 'GET', ['subjects']:
                 answer = self.subjects()
+            case 'GET', ['config']:
+                answer = {'compatibilityLevel': self._levels['']}
             case 'GET', ['schemas', 'types']:
                 answer = ['AVRO', 'JSON', 'PROTOBUF']
             case 'GET', ['schemas', 'ids', number]:

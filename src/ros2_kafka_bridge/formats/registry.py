@@ -5,7 +5,9 @@ stands in `Registry.registering` or `Registry.reading`, which make errors of the
 that the client can raise.
 """
 
+import math
 import re
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -20,6 +22,7 @@ from ros2_kafka_bridge.message_types.definition import has_parser
 if TYPE_CHECKING:
     from confluent_kafka.schema_registry import Schema, SchemaRegistryClient
 
+    from ros2_kafka_bridge.formats.answers import Bounds
     from ros2_kafka_bridge.formats.scope import Scope
 
 # A route that fails is tried again with backoff: the client need not be patient itself.
@@ -36,12 +39,20 @@ _NO_REGISTRY: Final = (
 )
 _MAGIC: Final = 0
 _LONGEST_ANSWER: Final = 2000
+_LARGEST_ID: Final = 2**31 - 1  # an int of Java: no registry gives a larger one, or finds it
+_MISSING_S: Final = 5.0
+_MOST_MISSING: Final = 1000
 
 FRAME: Final = 5
 """The bytes before a value: a zero byte, and the id of its schema."""
 NO_SCHEMA: Final = 40403
 _NOT_FOUND: Final = frozenset({40401, 40402, NO_SCHEMA})  # subject, version, schema
+_NOT_FOUND_BY_HTTP: Final = 404
 _READ_ONLY: Final = 42205
+
+
+class UnusableSchemaError(Exception):
+    """Why nothing that was written with a schema can be read, as said of it: `has ...`."""
 
 
 def strategy(scope: 'Scope') -> str:
@@ -62,7 +73,7 @@ def framed_id(value: bytes) -> int:
     """The id of a value's schema: a zero byte stands before it, the value behind it.
 
     Raises:
-        DecodeError: The value does not begin so.
+        DecodeError: The value does not begin so, or with what is the id of no schema.
     """
     if len(value) < FRAME:
         raise DecodeError(
@@ -74,7 +85,13 @@ def framed_id(value: bytes) -> int:
             f'begins with {value[0]:#04x}, and the id of a schema has a zero byte before it; '
             'was it written without a Schema Registry? (schema: {registry: false})'
         )
-    return int.from_bytes(value[1:FRAME], 'big')
+    schema_id = int.from_bytes(value[1:FRAME], 'big')
+    if schema_id > _LARGEST_ID:
+        raise DecodeError(
+            f'begins as with the id {schema_id} of a schema, and none is above {_LARGEST_ID}; '
+            'was it written without a Schema Registry? (schema: {registry: false})'
+        )
+    return schema_id
 
 
 def open_registry(scope: 'Scope') -> 'Registry':
@@ -87,7 +104,10 @@ def open_registry(scope: 'Scope') -> 'Registry':
         raise ConfigError([_NO_REGISTRY])
     mask = _mask(scope.registry)
     url = _without_password(str(scope.registry.get('url', '')))
-    return Registry(_client(_DEFAULTS | dict(scope.registry), mask), url, mask)
+    client = _client(_DEFAULTS | dict(scope.registry), mask)
+    from ros2_kafka_bridge.formats.answers import Bounds  # noqa: PLC0415 (as heavy as the client)
+
+    return Registry(client, url, mask, Bounds(client))
 
 
 def text_of(schema: 'Schema') -> str:
@@ -97,9 +117,21 @@ def text_of(schema: 'Schema') -> str:
         TypeError: The answer had none, which `Registry.reading` makes a RouteError of: a proxy,
             or a registry under maintenance, answers so, and says nothing about the schema.
     """
-    if not schema.schema_str:
+    if not isinstance(schema.schema_str, str) or not schema.schema_str:
         raise TypeError('an answer without a schema')
     return schema.schema_str
+
+
+def kind_of(schema: 'Schema') -> str:
+    """Which kind of schema one is that was read: `AVRO`, `PROTOBUF`, `JSON`.
+
+    Raises:
+        TypeError: As `text_of`.
+    """
+    kind: object = schema.schema_type or 'AVRO'
+    if not isinstance(kind, str):
+        raise TypeError('an answer with a schema of no kind')
+    return kind
 
 
 def _client(properties: dict[str, PropertyValue], mask: re.Pattern[str]) -> 'SchemaRegistryClient':
@@ -142,19 +174,22 @@ def _without_password(urls: str) -> str:
     return ','.join(urlunsplit(url) for url in shown)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Registry:
-    """A client of the Schema Registry.
+    """A client of the Schema Registry, for one thread.
 
     Args:
         client: confluent-kafka's own.
         url: As the user wrote it, without a password.
         mask: Finds what must never be shown.
+        bounds: Of what it may answer.
     """
 
     client: 'SchemaRegistryClient'
     url: str
     mask: re.Pattern[str] = field(repr=False)
+    bounds: 'Bounds'
+    _missing: dict[int, float] = field(default_factory=dict)
 
     def close_with(self, owner: object) -> None:
         """Close the connection when `owner`, whoever asks the registry, is gone."""
@@ -194,34 +229,53 @@ class Registry:
     def reading(self, schema_id: int) -> Iterator[None]:
         """Make errors of the bridge of what the client raises while a schema is read by its id.
 
-        The client forgets what it was answered: who reads keeps what is good.
+        The client forgets what it was answered: who reads keeps what is good. That there is no
+        such schema is remembered here, for seconds: it may be registered at any time.
 
         Raises:
             DecodeError: The registry has no such schema.
             RouteError: The registry does not answer, or not to this user.
         """
         missing = DecodeError(f'{self.url} has no schema with the id {schema_id}')
+        if time.monotonic() < self._missing.get(schema_id, -math.inf) + _MISSING_S:
+            raise missing
         try:
-            with self._asking(f'schema {schema_id}', missing):
+            with self._asking(f'schema {schema_id}', missing, schema_id):
                 yield
+        except DecodeError:
+            self._remember_missing(schema_id)
+            raise
         finally:
             # It keeps an answer without a schema as well as any other.
             self.client.clear_caches()  # type: ignore[no-untyped-call]  # of the library
 
+    def _remember_missing(self, schema_id: int) -> None:
+        if len(self._missing) >= _MOST_MISSING:
+            self._missing.clear()
+        self._missing[schema_id] = time.monotonic()
+
     @contextmanager
-    def _asking(self, about: str, missing: BridgeError | None) -> Iterator[None]:
+    def _asking(
+        self, about: str, missing: BridgeError | None, schema_id: int | None = None
+    ) -> Iterator[None]:
         """`missing` is what an answer of "not found" means, where it means something."""
         from confluent_kafka.schema_registry.common._httpx_compat import httpx  # noqa: PLC0415
         from confluent_kafka.schema_registry.error import (  # noqa: PLC0415 -- heavy, as above
             OAuthTokenError,
             SchemaRegistryError,
         )
-        from confluent_kafka.serialization import SerializationError  # noqa: PLC0415 -- the same
+
+        from ros2_kafka_bridge.formats.answers import UnboundedError  # noqa: PLC0415 -- the same
 
         try:
-            yield
+            with self.bounds.kept():
+                yield
+        except UnboundedError as error:
+            raise RouteError(
+                f'Schema Registry {self.url}: {error}: does url name a Schema Registry?'
+            ) from None
         except SchemaRegistryError as error:
-            raise self._refused(error, about, missing) from None
+            raise self._refused(error, about, missing, schema_id) from None
         except (httpx.UnsupportedProtocol, httpx.InvalidURL) as error:
             raise ConfigError([f'schema_registry: url: {self._shown(error)}']) from None
         except httpx.HTTPError as error:
@@ -231,30 +285,31 @@ class Registry:
                 f'Schema Registry {self.url}: no token from bearer.auth.issuer.endpoint.url: '
                 f'{self._shown(error.message)}'
             ) from None
-        except ValueError as error:
-            # What is no JSON comes through the client as it is.
-            if type(error).__name__ != 'JSONDecodeError':
-                raise
-            raise RouteError(
-                f'Schema Registry {self.url}: answers with something else than JSON: '
-                'does url name a Schema Registry?'
-            ) from None
-        except (AttributeError, KeyError, TypeError, SerializationError) as error:
+        except (BridgeError, UnusableSchemaError):
+            raise
+        except Exception as error:
+            if type(error).__name__ == 'JSONDecodeError':  # the client has it of several libraries
+                raise RouteError(
+                    f'Schema Registry {self.url}: answers with something else than JSON: '
+                    'does url name a Schema Registry?'
+                ) from None
             # JSON of another shape goes wrong wherever the client looks at it first.
             raise RouteError(
                 f'Schema Registry {self.url}: answers with something else than a registry does '
-                f'({self._shown(error)}): does url name a Schema Registry?'
+                f'({self._shown(error) or type(error).__name__}): does url name a Schema Registry?'
             ) from error
 
     def _shown(self, error: object) -> str:
         return self.mask.sub('***', str(error))[:_LONGEST_ANSWER]
 
-    def _refused(self, error: Any, about: str, missing: BridgeError | None) -> BridgeError:
+    def _refused(
+        self, error: Any, about: str, missing: BridgeError | None, schema_id: int | None
+    ) -> BridgeError:
         """What an answer of the registry means, by its status and its own code."""
         status, code = error.http_status_code, error.error_code
         said = self._shown(error.error_message or f'status {status}')
         where = f'Schema Registry {self.url}, {about}'
-        if missing and status == 404 and code in _NOT_FOUND:
+        if missing and status == 404 and self._is_missing(code, schema_id):
             return missing
         if status == 409:
             return ConfigError([f'{where}: {_INCOMPATIBLE}: {said}'])
@@ -269,6 +324,42 @@ class Registry:
         if not cure and status < 500:
             cure = '; does url name a Schema Registry?'
         return RouteError(f'{where}: {said} (status {status}){cure}')
+
+    def _is_missing(self, code: object, schema_id: int | None) -> bool:
+        """Whether an answer of 404 is that of a registry which has no such thing.
+
+        Some say so without a code of their own. So does something else at the address, perhaps for
+        a moment: then nothing is known of the schema.
+        """
+        if isinstance(code, int) and code in _NOT_FOUND:
+            return True
+        if code != _NOT_FOUND_BY_HTTP or schema_id is None:
+            return False
+        return self._answers_as_one() and self._lacks(schema_id)
+
+    def _answers_as_one(self) -> bool:
+        """Whether what is there answers another question as a registry does."""
+        try:
+            with self._asking('config', None):
+                return bool(self.client.get_config().compatibility_level)
+        except BridgeError:
+            return False
+
+    def _lacks(self, schema_id: int) -> bool:
+        """Whether it says so once more, of the schema itself."""
+        from confluent_kafka.schema_registry.error import (  # noqa: PLC0415 -- heavy, as above
+            SchemaRegistryError,
+        )
+
+        try:
+            with self._asking(f'schema {schema_id}', None):
+                try:
+                    self.client.get_schema(schema_id)
+                except SchemaRegistryError as error:
+                    return bool(error.http_status_code == 404)
+        except BridgeError:
+            pass
+        return False
 
     def _away(self, error: Exception) -> str:
         """Why there is no answer."""

@@ -17,6 +17,8 @@ import msgspec
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
 from ros2_kafka_bridge.formats.avro.schema import avro_schema, full_name
 from ros2_kafka_bridge.formats.avro.versions import (
+    END,
+    END_BYTES,
     FAULTS,
     WRAPPED,
     Version,
@@ -215,7 +217,7 @@ def read_by_id(layout: Layout, registry: Registry) -> Callable[[bytes], Any]:
             version = versions[schema_id] = version_of(registry, schema_id, schema)
         if version.problem:
             raise DecodeError(f'schema {schema_id} {version.problem}')
-        stream = io.BytesIO(value)
+        stream = _stream_of(value, version)
         stream.seek(FRAME)
         try:
             found: Any = schemaless_reader(stream, version.writer, version.reader)
@@ -228,10 +230,35 @@ def read_by_id(layout: Layout, registry: Registry) -> Callable[[bytes], Any]:
         except FAULTS as error:
             raise DecodeError(f'not a value of schema {schema_id}: {_why(error)}') from None
         _check_end(stream, f'schema {schema_id}')
+        if found.get(END, 1) != 1:
+            raise DecodeError(f'not a value of schema {schema_id}: {_why(EOFError())}')
         return found[WRAPPED]
 
     registry.close_with(from_avro)
     return from_avro
+
+
+def _stream_of(value: bytes, version: Version) -> io.BytesIO:
+    """The value to be read, so that its end is seen also in what fastavro skips.
+
+    There it asks for bytes and does not look at what it gets: what is missing is taken from what
+    stands behind, and in a list it goes on for as many items as the value says, while no other
+    thread runs.
+    """
+    if version.reader is None:
+        return io.BytesIO(value)
+    whole = value + END_BYTES
+    return _StrictBytes(whole) if version.skips_lists else io.BytesIO(whole)
+
+
+class _StrictBytes(io.BytesIO):
+    """Bytes that end where they end, at twice the price of others."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        found = super().read(size)
+        if size is not None and len(found) < size:
+            raise EOFError
+        return found
 
 
 def _check_end(stream: io.BytesIO, what: str) -> None:

@@ -54,10 +54,12 @@ class Resolution:
     Args:
         writers: The types of the writer.
         readers: Those of the message type.
+        skipped: Types of fields that only the writer has, once `reader_for` is made.
     """
 
     writers: Types
     readers: Types
+    skipped: list[Any] = field(default_factory=list)
     _faults: dict[tuple[str, str], _Fault | None] = field(default_factory=dict)
     _names: dict[tuple[str, str], str] = field(default_factory=dict)
 
@@ -103,13 +105,18 @@ class Resolution:
         return {'type': _kind(wanted), 'name': name, 'aliases': [written['name']], **more()}
 
     def _fields_for(self, written: Any, wanted: Any) -> dict[str, Any]:
-        theirs = _types_of_fields(written)
+        theirs, ours = _types_of_fields(written), _types_of_fields(wanted)
+        self.skipped.extend(kind for name, kind in theirs.items() if name not in ours)
         fields = (
             {'name': name, 'type': self.reader_for(theirs[name], kind)}
-            for name, kind in _types_of_fields(wanted).items()
+            for name, kind in ours.items()
             if name in theirs
         )
         return {'fields': list(fields)}
+
+    def skips_lists(self) -> bool:
+        """Whether a field that is skipped may hold a list of any length."""
+        return any(_holds_list(kind, self.writers, set()) for kind in self.skipped)
 
     def _fault(self, writer: Any, reader: Any, *, is_root: bool = False) -> _Fault | None:
         written, wanted = _resolved(writer, self.writers), _resolved(reader, self.readers)
@@ -207,3 +214,16 @@ def _shown(schema: Any) -> str:
     if kind == 'fixed':
         return f'fixed {schema["name"]} ({_sizes(schema)})'
     return f'{kind} {schema["name"]}' if kind in _NAMED else kind
+
+
+def _holds_list(schema: Any, types: Types, seen: set[str]) -> bool:
+    found = _resolved(schema, types)
+    if isinstance(found, list):
+        return any(_holds_list(one, types, seen) for one in found)
+    kind = _kind(found)
+    if kind != 'record':
+        return kind in {'array', 'map'}
+    if found['name'] in seen:
+        return False
+    seen.add(found['name'])
+    return any(_holds_list(one, types, seen) for one in _types_of_fields(found).values())

@@ -5,12 +5,17 @@ before the first value is read.
 """
 
 import json
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from ros2_kafka_bridge.formats.avro.resolution import Resolution
 from ros2_kafka_bridge.formats.avro.safety import UnsafeError, check_safe, only_read
-from ros2_kafka_bridge.formats.registry import NO_SCHEMA, text_of
+from ros2_kafka_bridge.formats.references import referenced
+from ros2_kafka_bridge.formats.registry import (
+    NO_SCHEMA,
+    UnusableSchemaError,
+    kind_of,
+    text_of,
+)
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.formats.registry import Registry
@@ -26,6 +31,12 @@ FAULTS: Final = (
 )
 """What fastavro raises for a value that is not of its schema."""
 
+END: Final = 'end'
+"""What stands behind a value of which something may be skipped."""
+END_BYTES: Final = b'\x02'
+
+_MOST_VERSIONS: Final = 1000
+
 WRAPPED: Final = 'value'
 """The field in which fastavro gives the value."""
 
@@ -36,12 +47,15 @@ class Version(NamedTuple):
     Args:
         problem: Why nothing that was written with it can be read; None where it can.
         writer: The schema as fastavro reads with it, as a record with the one field `WRAPPED`.
-        reader: What it reads it as, such a record, too; None where that is the same.
+        reader: What it reads it as, such a record, too; None where that is the same. Both end with
+            the field `END` then.
+        skips_lists: Whether the writer has a list of any length that is not read.
     """
 
     problem: str | None
     writer: Any = None
     reader: Any = None
+    skips_lists: bool = False
 
 
 def text_in(registry: 'Registry', subject: str, ours: dict[str, Any]) -> str | None:
@@ -65,7 +79,7 @@ def text_in(registry: 'Registry', subject: str, ours: dict[str, Any]) -> str | N
             raise
     else:
         return text
-    versions = reversed(client.get_versions(subject))
+    versions = sorted(client.get_versions(subject))[: -_MOST_VERSIONS - 1 : -1]
     texts = (client.get_version(subject, version).schema.schema_str for version in versions)
     return next((one for one in texts if one and _is_json_of(ours, one)), None)
 
@@ -92,29 +106,19 @@ def version_of(registry: 'Registry', schema_id: int, ours: dict[str, Any]) -> Ve
     try:
         with registry.reading(schema_id):
             schema = registry.client.get_schema(schema_id)
-            text = text_of(schema)
-            kind = schema.schema_type or 'AVRO'
-            if kind != 'AVRO':
-                return Version(f'is a schema of {kind}, and the route reads avro')
+            text, kind = text_of(schema), kind_of(schema)
             rule = _rule_for_readers(schema.rule_set)
-            if rule:
-                return Version(f'has the rule {rule} for its readers: none is followed')
-            texts = dict.fromkeys([*_referenced(registry.client, schema, set()), text])
+            others = referenced(registry.client, schema)
+        if kind != 'AVRO':
+            return Version(f'is a schema of {kind}, and the route reads avro')
+        if rule:
+            return Version(f'has the rule {rule} for its readers: none is followed')
+        texts = dict.fromkeys([*(other.text for other in others), text])
         return _looked_at(list(texts), ours)
+    except UnusableSchemaError as problem:
+        return Version(str(problem))
     except RecursionError:
         return Version('is nested too deeply')
-
-
-def _referenced(client: Any, schema: Any, seen: set[tuple[str, int]]) -> Iterator[str]:
-    """The texts of the schemas that a schema refers to, each behind those that it needs."""
-    for reference in schema.references or ():
-        place = (reference.subject, reference.version)
-        if place in seen:
-            continue
-        seen.add(place)
-        registered = client.get_version(*place, deleted=True)
-        yield from _referenced(client, registered.schema, seen)
-        yield text_of(registered.schema)
 
 
 def _rule_for_readers(rules: Any) -> str | None:
@@ -149,6 +153,7 @@ def _compared(documents: list[Any], ours: dict[str, Any]) -> Version:
     *others, document = map(only_read, documents)
     for other in others:
         parse_schema(other, types)
+    known = dict(types)
     writer: Any = parse_schema(_wrapped(document), types)
     if writer == parse_schema(_wrapped(only_read(ours))):
         return Version(None, writer)
@@ -161,10 +166,15 @@ def _compared(documents: list[Any], ours: dict[str, Any]) -> Version:
     if mismatch:
         return Version(mismatch)
     reader = resolution.reader_for(written['type'], wanted)
-    return Version(None, writer, parse_schema(_wrapped(reader)))
+    return Version(
+        None,
+        parse_schema(_wrapped(document, ends=True), known),
+        parse_schema(_wrapped(reader, ends=True)),
+        resolution.skips_lists(),
+    )
 
 
-def _wrapped(schema: Any) -> dict[str, Any]:
+def _wrapped(schema: Any, *, ends: bool = False) -> dict[str, Any]:
     """A record of one value takes no more bytes than that.
 
     fastavro forgets the types of other schemas where a schema is only a name of one, or a choice
@@ -174,5 +184,8 @@ def _wrapped(schema: Any) -> dict[str, Any]:
         'type': 'record',
         # Without a package: the types in it would be of that.
         'name': 'Ros2Wrapped',
-        'fields': [{'name': WRAPPED, 'type': schema}],
+        'fields': [
+            {'name': WRAPPED, 'type': schema},
+            *([{'name': END, 'type': 'int'}] if ends else []),
+        ],
     }

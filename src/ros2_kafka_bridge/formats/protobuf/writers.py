@@ -10,8 +10,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
 from confluent_kafka.schema_registry import (
-    Schema,
-    SchemaRegistryClient,
     prefix_schema_id_deserializer,
     protobuf,  # noqa: F401 -- loads what schemas import without a reference
 )
@@ -23,7 +21,14 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto
 from google.protobuf.message import DecodeError as MalformedError
 
 from ros2_kafka_bridge.errors import DecodeError
-from ros2_kafka_bridge.formats.registry import Registry, framed_id, text_of
+from ros2_kafka_bridge.formats.references import referenced
+from ros2_kafka_bridge.formats.registry import (
+    Registry,
+    UnusableSchemaError,
+    framed_id,
+    kind_of,
+    text_of,
+)
 
 
 class Writer(NamedTuple):
@@ -103,7 +108,7 @@ class Writers:
         if schema_id not in self._schemas:
             try:
                 self._schemas[schema_id] = self._read(schema_id)
-            except _UnusableError as error:
+            except UnusableSchemaError as error:
                 self._schemas[schema_id] = str(error)
             except RecursionError:
                 self._schemas[schema_id] = 'is nested too deeply'
@@ -113,29 +118,17 @@ class Writers:
         client = self._registry.client
         with self._registry.reading(schema_id):
             schema = client.get_schema(schema_id, fmt='serialized')
-            text = text_of(schema)
-            if schema.schema_type != 'PROTOBUF':
-                raise _UnusableError(f'is {schema.schema_type}, not PROTOBUF')
-            if schema.rule_set is not None:
-                raise _UnusableError('has rules, and the bridge does not apply a data contract')
-            pool = descriptor_pool.DescriptorPool()
-            self._add_references(client, schema, pool, set())
+            text, kind = text_of(schema), kind_of(schema)
+            others = referenced(client, schema, fmt='serialized')
+        if kind != 'PROTOBUF':
+            raise UnusableSchemaError(f'is {kind}, not PROTOBUF')
+        if schema.rule_set is not None:
+            raise UnusableSchemaError('has rules, and the bridge does not apply a data contract')
+        pool = descriptor_pool.DescriptorPool()
+        for name, other in others:
+            if not _has(pool, name):
+                _added(self._file(name, other), pool)
         return _added(self._file(f'{schema_id}.proto', text), pool)
-
-    def _add_references(
-        self, client: SchemaRegistryClient, of: Schema, pool: Any, added: set[str]
-    ) -> None:
-        for reference in of.references or []:
-            name, where, version = reference.name, reference.subject, reference.version
-            if name is None or where is None or version is None or name in added:
-                continue
-            added.add(name)
-            if _has(pool, name):
-                continue
-            schema = client.get_version(where, version, deleted=True, fmt='serialized').schema
-            text = text_of(schema)
-            self._add_references(client, schema, pool, added)
-            _added(self._file(name, text), pool)
 
     def _file(self, name: str, text: str) -> FileDescriptorProto:
         file = FileDescriptorProto()
@@ -144,17 +137,13 @@ class Writers:
             content = known.SerializeToString() if known else base64.b64decode(text, validate=True)
             file.ParseFromString(content)
         except (ValueError, MalformedError):
-            raise _UnusableError(
+            raise UnusableSchemaError(
                 f'{name} is no descriptor, and not what `ros2-kafka-bridge schema` prints: the '
                 'registry does not serve ?format=serialized; register the descriptor, as the '
                 'serializers of Python do'
             ) from None
         file.name = name
         return file
-
-
-class _UnusableError(Exception):
-    pass
 
 
 # A zero byte, 4 bytes of the id, and a zero byte for the first message of the schema.
@@ -182,7 +171,7 @@ def _added(file: FileDescriptorProto, pool: Any) -> FileDescriptor:
         pool.Add(file)
         found: FileDescriptor = pool.FindFileByName(file.name)
     except (TypeError, KeyError) as error:
-        raise _UnusableError(f'{file.name} cannot be used: {error}') from None
+        raise UnusableSchemaError(f'{file.name} cannot be used: {error}') from None
     return found
 
 
