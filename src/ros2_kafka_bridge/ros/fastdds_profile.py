@@ -22,6 +22,12 @@ _BLOCKING_NS = 1_000_000
 _HEARTBEAT_NS = 10_000_000
 _TYPES = 'fastdds.type_propagation'
 
+MARK_S = 864_197
+"""A lifespan that nobody has by chance."""
+
+_ALONE = frozenset({'profiles', 'types', 'log', 'library_settings'})
+"""What Fast DDS also takes for the whole of a file."""
+
 
 class Dialect(NamedTuple):
     """What differs between the versions of Fast DDS.
@@ -63,9 +69,18 @@ def user_profile(environ: Mapping[str, str] | None = None) -> Path | None:
 
 
 def make_profile(
-    histories: Histories, user_file: Path | None = None, dialect: Dialect = FASTDDS_3
+    histories: Histories,
+    user_file: Path | None = None,
+    dialect: Dialect = FASTDDS_3,
+    check_topic: str | None = None,
 ) -> str:
     """Write the XML of the profile.
+
+    Args:
+        histories: Of the endpoints.
+        user_file: The user's own profile.
+        dialect: Of the Fast DDS that reads it.
+        check_topic: Its writer shows whether the profile counts, by a lifespan of `MARK_S`.
 
     Raises:
         ConfigError: The user's own file cannot be read.
@@ -78,6 +93,9 @@ def make_profile(
         _writer(_entry(profiles, 'data_writer', topic), samples, dialect)
     for topic, samples in sorted(histories.readers.items()):
         _limit(_entry(profiles, 'data_reader', topic), samples)
+    if check_topic is not None:
+        marked = _entry(profiles, 'data_writer', check_topic)
+        _duration(_down(marked, 'qos', 'lifespan', 'duration'), MARK_S, 0)
     if dialect.asks_for_types:
         _ask_for_no_types(_participant(profiles))
     if histories.lease_s is not None:
@@ -90,17 +108,25 @@ def make_profile(
 
 def _read(path: Path) -> ET.Element:
     try:
-        root = ET.fromstring(path.read_text())  # noqa: S314 (the user's own file)
-    except (OSError, UnicodeDecodeError, ET.ParseError) as error:
+        root = ET.fromstring(path.read_bytes())  # noqa: S314 (the user's own file)
+    except (OSError, LookupError, ValueError, ET.ParseError) as error:
         raise ConfigError([f'{path}: the DDS profile cannot be read: {error}']) from error
     for element in root.iter():
-        if not element.tag.startswith('{'):
-            element.tag = f'{_NS}{element.tag}'
-    if root.tag == f'{_NS}profiles':
-        outer = ET.Element(f'{_NS}dds')
-        outer.append(root)
-        return outer
-    return root
+        # Fast DDS looks at no namespace: whichever is written, it is the one of ours.
+        element.tag = f'{_NS}{_local(element)}'
+    if root.tag == f'{_NS}dds':
+        return root
+    if _local(root) not in _ALONE:
+        raise ConfigError(
+            [f'{path}: the DDS profile begins with <{_local(root)}>, and should with <dds>']
+        )
+    outer = ET.Element(f'{_NS}dds')
+    outer.append(root)
+    return outer
+
+
+def _local(element: ET.Element) -> str:
+    return element.tag.rpartition('}')[2]
 
 
 def _child(parent: ET.Element, name: str, *, first: bool = False) -> ET.Element:

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.errors import BridgeError, ConfigError, RouteError, blamed
 from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.fastdds_profile import (
@@ -21,8 +21,11 @@ from ros2_kafka_bridge.ros.fastdds_profile import (
     make_profile,
     user_profile,
 )
+from ros2_kafka_bridge.ros.profile_check import check_profile, check_topic
 
+_FASTDDS = 'rmw_fastrtps'
 _FIRST_WITH_FASTDDS_3 = 8
+_LONGEST = 200
 _PREFIX = 'kafka_bridge_'
 _VERSION = re.compile(r'rclpy-(\d+)\.')
 _STARTING = threading.Lock()  # two starts in one process would mix their environments
@@ -104,12 +107,12 @@ class RosNode:
 
     def publishers(self, topic: str) -> list[Peer]:
         """Who publishes on a topic, as far as discovery knows."""
-        with translated(f'publishers of {topic}'):
+        with told_by_others(f'publishers of {topic}'):
             return [_peer(info) for info in self.handle.get_publishers_info_by_topic(topic)]
 
     def subscribers(self, topic: str) -> list[Peer]:
         """Who subscribes to a topic, as far as discovery knows."""
-        with translated(f'subscribers of {topic}'):
+        with told_by_others(f'subscribers of {topic}'):
             return [_peer(info) for info in self.handle.get_subscriptions_info_by_topic(topic)]
 
     @property
@@ -118,17 +121,46 @@ class RosNode:
         return int(self.handle.context.get_domain_id())
 
     def topics(self) -> list[Topic]:
-        """All topics of others, as far as discovery knows, sorted; those of ROS itself, too."""
-        with translated('the topics of the ROS graph'):
+        """All topics of others, as far as discovery knows, sorted; those of ROS itself, too.
+
+        One that rclpy cannot tell of is left out: its name is none of ROS, or somebody there tells
+        what cannot be read.
+        """
+        with told_by_others('the topics of the ROS graph'):
             own = self.handle.get_fully_qualified_name()
             names = sorted(name for name, _ in self.handle.get_topic_names_and_types())
         found = []
         for name in names:
-            publishers = [peer for peer in self.publishers(name) if peer.node != own]
-            subscribers = [peer for peer in self.subscribers(name) if peer.node != own]
+            try:
+                publishers = [peer for peer in self.publishers(name) if peer.node != own]
+                subscribers = [peer for peer in self.subscribers(name) if peer.node != own]
+            except BridgeError:
+                continue
             if types := sorted({peer.message_type for peer in publishers + subscribers}):
                 found.append(Topic(printable(name), types, publishers, subscribers))
         return found
+
+
+@contextmanager
+def told_by_others(where: str) -> Iterator[None]:
+    """Look at what others tell of themselves, which rclpy may not even be able to hand over.
+
+    A name that is not UTF-8 comes out of it as a UnicodeDecodeError, and a duration below zero as
+    an OverflowError.
+    """
+    with translated(where):
+        try:
+            yield
+        except (ValueError, OverflowError) as error:
+            raise RouteError(
+                f'{where}: somebody in the ROS graph tells what cannot be read '
+                f'({str(error)[:_LONGEST]})'
+            ) from error
+
+
+def is_of_a_stranger(error: BridgeError) -> bool:
+    """Whether a look at the graph has failed for what somebody else tells there."""
+    return isinstance(error.__cause__, ValueError | OverflowError)
 
 
 def domain_in_words(domain_id: int | None) -> str:
@@ -206,32 +238,49 @@ def open_made(
         ConfigError: rclpy is missing, or refuses the name or the environment.
     """
     rclpy = _import_rclpy()
+    with ExitStack() as stack:
+        with _STARTING:
+            # Under the lock, too: another start names a file of its own for a moment.
+            users = user_profile()
+            place = 'ROS' if users is None else f'ROS, with the DDS profile {users}'
+            with _profile(histories, users), translated(place):
+                node = _joined(rclpy, make, domain_id, stack)
+                if middleware().startswith(_FASTDDS):
+                    check_profile(node, users)
+        yield node
+
+
+def _joined(
+    rclpy: Any, make: Callable[[Any], Any], domain_id: int | None, stack: ExitStack
+) -> RosNode:
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415 (heavy)
 
-    with ExitStack() as stack:
-        with _STARTING, _profile(histories), translated('ROS'):
-            context = rclpy.Context()
-            rclpy.init(
-                args=[],
-                context=context,
-                domain_id=domain_id,
-                signal_handler_options=SignalHandlerOptions.NO,
-            )
-            stack.callback(context.try_shutdown)
-            node = make(context)
-            stack.callback(node.destroy_node)
-        yield RosNode(node, context)
+    context = rclpy.Context()
+    rclpy.init(
+        args=[],
+        context=context,
+        domain_id=domain_id,
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    stack.callback(context.try_shutdown)
+    node = make(context)
+    stack.callback(node.destroy_node)
+    return RosNode(node, context)
 
 
 def _import_rclpy() -> Any:
     try:
-        import rclpy  # noqa: PLC0415 (heavy, and perhaps not there)
-        import rclpy.parameter  # noqa: PLC0415
-    except ImportError as error:
+        with blamed('rclpy cannot be loaded'):
+            import rclpy  # noqa: PLC0415 (heavy, and perhaps not there)
+            import rclpy.parameter  # noqa: PLC0415
+    except RouteError as error:
+        cause = error.__cause__
+        if not isinstance(cause, ImportError):
+            raise
         raise ConfigError(
             [
                 (
-                    f'ROS 2 is not here ({error}): source your ROS 2 installation, or install '
+                    f'ROS 2 is not here ({cause}): source your ROS 2 installation, or install '
                     'the wheels with: pip install "ros2-kafka-bridge[ros]"'
                 )
             ]
@@ -241,10 +290,10 @@ def _import_rclpy() -> Any:
 
 
 @contextmanager
-def _profile(histories: Histories) -> Iterator[None]:
+def _profile(histories: Histories, users: Path | None) -> Iterator[None]:
     """Show Fast DDS our profile while it starts; it reads the file once."""
     dialect = _dialect()
-    text = make_profile(histories, user_profile(), dialect)
+    text = make_profile(histories, users, dialect, check_topic())
     variables = (FASTDDS_2.variable, FASTDDS_3.variable)
     before = {variable: os.environ.pop(variable, None) for variable in variables}
     with tempfile.TemporaryDirectory(prefix='ros2-kafka-bridge-') as directory:

@@ -72,8 +72,20 @@ def test_without_a_file_it_holds_the_bridges_endpoints() -> None:
         f'<dds><profiles>{PARTICIPANT}</profiles></dds>',
         f'<profiles xmlns="{NAMESPACE}">{PARTICIPANT}</profiles>',
         f'<profiles>{PARTICIPANT}</profiles>',
+        # As in most files that are to be found: Fast DDS looks at no namespace.
+        f'<profiles xmlns="{NAMESPACE}/XMLSchemas/fastRTPS_Profiles">{PARTICIPANT}</profiles>',
+        f'<dds xmlns="{NAMESPACE}/fastRTPS_Profiles"><profiles>{PARTICIPANT}</profiles></dds>',
+        f'<d:dds xmlns:d="urn:any"><profiles xmlns="">{PARTICIPANT}</profiles></d:dds>',
     ],
-    ids=['dds', 'dds without namespace', 'profiles', 'profiles without namespace'],
+    ids=[
+        'dds',
+        'dds without namespace',
+        'profiles',
+        'profiles without namespace',
+        'profiles of another namespace',
+        'dds of another namespace',
+        'dds of several namespaces',
+    ],
 )
 def test_the_users_participant_stays_whatever_the_root(content: str, tmp_path: Path) -> None:
     root = profile(ORDERS, write(tmp_path, f'<?xml version="1.0" encoding="UTF-8"?>{content}'))
@@ -181,7 +193,14 @@ def test_fast_dds_2_asks_for_no_types_and_knows_no_such_property() -> None:
 
 @pytest.mark.parametrize(
     ('content', 'reason'),
-    [(None, 'No such file'), (b'<dds>', 'no element found'), (b'\xff\xfe\xfd', "can't decode")],
+    [
+        (None, 'No such file'),
+        (b'', 'no element found'),
+        (b'<dds>', 'no element found'),
+        (b'\xff\xfe\xfd', 'unclosed token'),
+        (b'<dds>\xe9</dds>', 'not well-formed'),
+        (b'<?xml version="1.0" encoding="klingon"?><dds/>', 'unknown encoding'),
+    ],
 )
 def test_a_file_that_cannot_be_read_is_a_mistake_of_the_configuration(
     content: bytes | None, reason: str, tmp_path: Path
@@ -193,6 +212,28 @@ def test_a_file_that_cannot_be_read_is_a_mistake_of_the_configuration(
         make_profile(ORDERS, file)
     [problem] = caught.value.problems
     assert problem.startswith(f'{file}: the DDS profile cannot be read: ')
+
+
+def test_a_file_may_be_in_any_encoding_that_it_names(tmp_path: Path) -> None:
+    file = tmp_path / 'profile.xml'
+    xml = '<?xml version="1.0" encoding="UTF-16"?><profiles>{}</profiles>'
+    file.write_bytes(xml.format(PARTICIPANT.replace('robot 7', 'Roboter fünf')).encode('utf-16'))
+    assert text(profile(ORDERS, file), 'profiles/participant/rtps/name') == 'Roboter fünf'
+
+
+def test_a_file_that_is_no_profile_is_a_mistake_of_the_configuration(tmp_path: Path) -> None:
+    file = write(tmp_path, '<CycloneDDS xmlns="https://cdds.io/config"/>')
+    with pytest.raises(
+        ConfigError, match=r'profile\.xml: .* begins with <CycloneDDS>, and should'
+    ):
+        make_profile(ORDERS, file)
+
+
+@pytest.mark.parametrize('kind', ['types', 'log', 'library_settings'])
+def test_a_file_of_one_kind_of_setting_is_kept(kind: str, tmp_path: Path) -> None:
+    root = profile(ORDERS, write(tmp_path, f'<{kind}/>'))
+    assert root.find(f'd:{kind}', NAMES) is not None
+    assert entries(root, 'data_writer') == ['/orders']
 
 
 def test_the_users_file_is_what_either_variable_names() -> None:
