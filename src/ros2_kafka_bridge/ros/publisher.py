@@ -1,13 +1,12 @@
 """Publishing to ROS, and knowing what has arrived."""
 
-import contextlib
 import logging
 import time
 from typing import Any
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.endpoints import Load, Matches, Readers
-from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.errors import BridgeError, blamed
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.ros.errors import left_behind, translate, translated
 from ros2_kafka_bridge.ros.node import Peer, RosNode
@@ -72,6 +71,7 @@ class RosSink:
         self._gone = 0
         self._come_before = 0  # to publishers that this one has replaced
         self._come = 0
+        self._come_known = 0  # by the last look at the graph
         self._look_at_s = 0.0
 
     def open(self) -> None:
@@ -86,7 +86,7 @@ class RosSink:
         from ros2_kafka_bridge.ros.take import MatchEvents  # noqa: PLC0415
 
         self._publisher_qos = profile(self._qos)
-        with translated(self._where):
+        with blamed(f'{self._where} as {self._message_type.name}'), translated(self._where):
             self._publisher = self._node.handle.create_publisher(
                 self._message_type.python_class,
                 self._topic,
@@ -151,8 +151,7 @@ class RosSink:
         now_s = time.monotonic()
         if now_s >= self._graph_at_s or (come, gone) != (self._come, self._gone):
             self._graph_at_s = now_s + _GRAPH_S
-            with contextlib.suppress(BridgeError):  # said only, and looked at again
-                self._look_at_graph()
+            self._look(come)
         self._come, self._matched = come, matched
         if gone != self._gone:
             self._gone = gone
@@ -161,7 +160,7 @@ class RosSink:
         if now_s >= self._look_at_s:
             self._look_at_s = now_s + _AGE_S
             self._confirmed = self._acknowledged
-            self._acknowledged = self._look()
+            self._acknowledged = self._count_acknowledged()
         return Readers(matched, come, lost=False, confirmed=self._confirmed, misread=self._misread)
 
     def close(self) -> None:
@@ -185,13 +184,25 @@ class RosSink:
         self.open()
         self._is_broken = False
 
-    def _look(self) -> int:
+    def _count_acknowledged(self) -> int:
         """Tell how many messages are acknowledged."""
         if not self._waits or self._publisher.wait_for_all_acked(self._zero):
             return self._published
         if self._room is None:
             return self._acknowledged
         return max(self._acknowledged, self._published - self._room)
+
+    def _look(self, come: int) -> None:
+        """Look at who they are, which is said, and tells who would misread."""
+        try:
+            self._look_at_graph()
+        except BridgeError as error:
+            # Of those who have come since the last look that could be, nothing is known.
+            if come != self._come_known and self._message_type.type_hash:
+                self._misread = f'perhaps a subscriber would misread: {error}'
+            self._occasional.warning(f'{error}')
+        else:
+            self._come_known = come
 
     def _look_at_graph(self) -> None:
         peers = self._node.subscribers(self._topic)

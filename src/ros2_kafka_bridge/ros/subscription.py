@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.endpoints import Matches, Message, Offer
-from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
+from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError, blamed
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.ros.errors import left_behind, translated
-from ros2_kafka_bridge.ros.node import Peer, RosNode
+from ros2_kafka_bridge.ros.node import Peer, RosNode, is_of_a_stranger
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 from ros2_kafka_bridge.ros.sequences import Sequences
 from ros2_kafka_bridge.ros.types import MessageType
@@ -67,6 +67,7 @@ class RosSource:
         self._sequences = Sequences(log, topic, self._offers)
         self._subscriptions: dict[Offer, Any] = {}
         self._hashes: dict[bytes, str] = {}
+        self._known: dict[bytes, Offer] = {}  # as the graph has told it last
         self._closing: set[Offer] = set()  # subscriptions that nobody offers to any more
         self._emptied: set[Offer] = set()  # those that the last take left empty
         self._postponed: dict[Offer, float] = {}  # since when
@@ -146,7 +147,14 @@ class RosSource:
         """Look at the graph and subscribe to what is offered."""
         now_s = time.monotonic()
         self._graph_at_s = now_s + _GRAPH_S
-        offers = self._offers()
+        try:
+            offers = self._known = self._offers()
+        except BridgeError as error:
+            if not is_of_a_stranger(error):
+                raise
+            # Who was there is taken from all the same.
+            self._occasional.error(f'{error}: new publishers of {self._topic} are not followed')
+            offers = self._known
         self._sequences.offers(offers)
         wanted = self._wanted(set(offers.values()))
         # The new one opens before the old one closes: nothing falls between them, but where Kafka
@@ -220,7 +228,8 @@ class RosSource:
             self._postponed[offer] = time.monotonic()
             self._log.warning('%s, so %s (%s, %s) is read later', error, self._topic, *offer)
             return
-        with translated(f'subscription of {self._topic}'):
+        where = f'subscription of {self._topic}'
+        with blamed(f'{where} as {self._message_type.name}'), translated(where):
             self._subscriptions[offer] = self._node.handle.create_subscription(
                 self._message_type.python_class,
                 self._topic,

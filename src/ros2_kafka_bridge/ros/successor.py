@@ -39,7 +39,7 @@ class RosSuccessor:
         with contextlib.suppress(BridgeError):
             peers = self._node.publishers(self._topic)
             return any(peer.durability == 'volatile' for peer in peers)
-        return False
+        return True  # nobody can tell
 
     def has_come(self) -> bool:
         """Whether a bridge of this name reads that was not known then."""

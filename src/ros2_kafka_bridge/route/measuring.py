@@ -132,7 +132,7 @@ class Meter:
         self.bytes_confirmed += sum([entry.taken_bytes for entry in confirmed])
         self.in_bridge.add_since([entry.taken_s for entry in confirmed], now_s)
         self.round_trip.add_since([entry.produced_s for entry in confirmed], now_s)
-        made_s = [_S_PER_NS * entry.made_ns for entry in confirmed if entry.made_ns]
+        made_s = [_S_PER_NS * entry.made_ns for entry in confirmed if entry.made_ns > 0]
         self.end_to_end.add_since(made_s, time.time())
 
     def measures(

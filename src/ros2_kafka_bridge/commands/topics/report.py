@@ -75,7 +75,7 @@ def report(sides: SideSettings, *, seconds: float | None, as_json: bool) -> int:
         as_json: For programs instead of people.
 
     Returns:
-        0 when both sides were seen, 1 when Kafka was not.
+        0 when both sides were seen, 1 when one was not.
     """
     keep_clients_quiet()
     view = look(sides, seconds)
@@ -83,7 +83,7 @@ def report(sides: SideSettings, *, seconds: float | None, as_json: bool) -> int:
         sys.stdout.write(json.dumps(dataclasses.asdict(view), indent=2) + '\n')
     else:
         show(screen(), view)
-    return 1 if view.kafka_problem else 0
+    return 1 if view.kafka_problem or view.ros_problem else 0
 
 
 def look(sides: SideSettings, seconds: float | None) -> TopicsView:
@@ -96,8 +96,7 @@ def look(sides: SideSettings, seconds: float | None) -> TopicsView:
     topics, problem = _kafka_topics(overview)
     with open_node('topics', sides.ros.domain_id, Histories({}, {}, sides.ros.lease_s)) as node:
         wait_for_discovery()
-        graph = node.topics()
-        graph += _missing_in_ros(graph, sides.routes)
+        graph, ros_problem = _ros_topics(node, sides.routes)
         before, started_s = overview.ends(topics), time.monotonic()
         ros_rates = {} if seconds is None else _ros_rates(node, graph, seconds)
         after = before if seconds is None else overview.ends(topics)
@@ -112,6 +111,7 @@ def look(sides: SideSettings, seconds: float | None) -> TopicsView:
     return TopicsView(
         brokers=str(sides.kafka.get('bootstrap.servers', '')),
         kafka_problem=problem,
+        ros_problem=ros_problem,
         ros_middleware=middleware(),
         ros_domain=domain_in_words(sides.ros.domain_id),
         seconds=seconds,
@@ -178,6 +178,14 @@ def kafka_end(route: AnyRoute) -> str:
 
 
 # ROS
+
+
+def _ros_topics(node: RosNode, routes: Sequence[AnyRoute]) -> tuple[list[Topic], str]:
+    try:
+        graph = node.topics()
+    except BridgeError as error:
+        return [], str(error)
+    return graph + _missing_in_ros(graph, routes), ''
 
 
 def _missing_in_ros(graph: Iterable[Topic], routes: Sequence[AnyRoute]) -> list[Topic]:

@@ -23,6 +23,8 @@ def show(console: Console, view: TopicsView) -> None:
     title = f'ROS: {view.ros_domain}, {view.ros_middleware}'
     if view.ros:
         _show_ros(console, title, view)
+    elif view.ros_problem:
+        show_line(console, f'{title}: {view.ros_problem}', 'bold red')
     else:
         console.print(f'{title}: no topics: is it the domain of the nodes, do they run?')
     _show_matches(console, view.ros)

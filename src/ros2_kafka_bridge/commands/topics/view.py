@@ -96,11 +96,13 @@ class TopicsView:
         brokers: The bootstrap servers.
         ros_domain: In words.
         kafka_problem: Why Kafka was not seen; empty if it was.
+        ros_problem: Why the ROS graph was not.
         seconds: How long rates were measured; None where they were not asked for.
     """
 
     brokers: str
     kafka_problem: str
+    ros_problem: str
     ros_middleware: str
     ros_domain: str
     seconds: float | None

@@ -12,12 +12,13 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config
-from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.errors import BridgeError, blamed
 from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.protocol.monitor import Answer, Configured, Do, Report
 from ros2_kafka_bridge.ros.arguments import ROS_ARGUMENTS
@@ -29,12 +30,14 @@ from ros2_kafka_bridge.ros.control.diagnostics import (
 )
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
-from ros2_kafka_bridge.ros.node import RosNode, node_name, open_made
+from ros2_kafka_bridge.ros.node import RosNode, node_name, open_made, told_by_others
+from ros2_kafka_bridge.ros.types import TypeLoader
 from ros2_kafka_bridge.threads.stop import Stop
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.ros.control.lifecycle import ManagedNode
 
+_TYPES: Final = ('diagnostic_msgs/msg/DiagnosticArray', 'lifecycle_msgs/msg/State')
 _PERIOD_S: Final = 1.0
 _LOOK_S: Final = 0.2
 _AGAIN_S: Final = 30.0
@@ -88,24 +91,38 @@ def run_control(watch: WatchedBridge, stop: Stop) -> None:
         watch: The bridge.
         stop: Asks for the end.
     """
-    log = logs.route_log()
+    log, types = logs.route_log(), TypeLoader()
     said = ''
     while not stop.asked:
-        problem = _until_problem(watch, stop, log)
+        problem = _until_problem(watch, stop, types, log)
         if problem and problem != said:
             log.error('the ROS node of the bridge cannot run, the routes go on: %s', problem)
         said = problem
         stop.wait(_AGAIN_S if problem else 0.0)
 
 
-def _until_problem(watch: WatchedBridge, stop: Stop, log: _Log) -> str:
+def _until_problem(watch: WatchedBridge, stop: Stop, types: TypeLoader, log: _Log) -> str:
     try:
-        _be_in_graph(watch, stop, log)
+        if _import_packages(types, stop):
+            _be_in_graph(watch, stop, log)
     except BridgeError as error:
-        return str(error)
-    except ImportError as error:
-        return f'{error}: build or install this ROS package, and source it'
+        hint = ': build or install this ROS package, and source it'
+        return f'{error}{hint if isinstance(error.__cause__, ImportError) else ""}'
     return ''
+
+
+def _import_packages(types: TypeLoader, stop: Stop) -> bool:
+    """Import the packages of others that the node needs; False at a stop.
+
+    Raises:
+        BridgeError: One cannot be imported, or its import has not ended.
+    """
+    if any(types.load(name, stop) is None for name in _TYPES):
+        return False
+    with blamed('its ROS packages cannot be loaded'):
+        import_module('ros2_kafka_bridge.ros.control.lifecycle')
+        import_module('ros2_kafka_bridge.ros.control.services')
+    return True
 
 
 def _be_in_graph(watch: WatchedBridge, stop: Stop, log: _Log) -> None:
@@ -307,7 +324,11 @@ class Namesakes:
             return
         self._next_s = time.monotonic() + _NAMES_S
         own = self._node.get_name(), self._node.get_namespace()
-        there = self._node.get_node_names_and_namespaces().count(own)
+        try:
+            with told_by_others('the nodes of the ROS graph'):
+                there = self._node.get_node_names_and_namespaces().count(own)
+        except BridgeError:
+            return  # somebody has a name that cannot be read, or none
         if there > 1 and not self._said:
             self._log.warning(
                 'another node is called %s, too: a service of that name may reach either bridge; '
