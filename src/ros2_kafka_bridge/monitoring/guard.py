@@ -163,7 +163,7 @@ class Guard:
     def _refusal(self, method: str, path: str, headers: Headers) -> Refusal | None:
         reads = method in _READS
         if reads and path in OPEN_PATHS:
-            return None
+            return _other_sites_page(headers)
         host = headers.get('host', '').lower()
         names = self._names()
         if host not in names.hosts:
@@ -172,6 +172,18 @@ class Guard:
         if reads:
             return _read_from_elsewhere(path, headers)
         return _cross_site(headers, host, names)
+
+
+def _other_sites_page(headers: Headers) -> Refusal | None:
+    """Why a page of another site gets nothing there, though every program does.
+
+    Who follows a link is a person: the page of Prometheus has one to each of its targets.
+    """
+    if headers.get('sec-fetch-site', 'none') in _OWN_SITES:
+        return None
+    if headers.get('sec-fetch-mode') == 'navigate' and headers.get('sec-fetch-dest') == 'document':
+        return None
+    return Refusal(HTTPStatus.FORBIDDEN, 'a page of another site may ask for nothing here')
 
 
 def _read_from_elsewhere(path: str, headers: Headers) -> Refusal | None:

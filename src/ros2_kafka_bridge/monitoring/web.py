@@ -26,6 +26,7 @@ from ros2_kafka_bridge.monitoring import view
 from ros2_kafka_bridge.monitoring.actions import Orders
 from ros2_kafka_bridge.monitoring.board import Board
 from ros2_kafka_bridge.monitoring.events import Events
+from ros2_kafka_bridge.monitoring.failures import Failures
 from ros2_kafka_bridge.monitoring.guard import Guard, Names
 from ros2_kafka_bridge.monitoring.health import Health, liveness, readiness
 from ros2_kafka_bridge.monitoring.history import BUCKET_S, SPAN_S
@@ -76,11 +77,11 @@ def make_app(page: Page) -> Starlette:
         *orders.routes,
         Mount('/static', GZipMiddleware(StaticFiles(directory=STATIC), minimum_size=500)),
     ]
-    guard = Middleware(Guard, names=page.names)
+    around = [Middleware(Failures, log=page.log), Middleware(Guard, names=page.names)]
     missing = {HTTPStatus.NOT_FOUND: _missing, HTTPStatus.METHOD_NOT_ALLOWED: _missing}
     return Starlette(
         routes=routes,
-        middleware=[guard],
+        middleware=around,
         lifespan=desk.lifespan,
         exception_handlers={int(status): handler for status, handler in missing.items()},
     )
@@ -149,7 +150,7 @@ class _Desk:
         return await run_in_threadpool(self._metrics, request)
 
     def _metrics(self, request: Request) -> Response:
-        encode, kind = choose_encoder(request.headers.get('accept', ''))
+        encode, kind = _encoder(request.headers.get('accept', ''))
         names = request.query_params.getlist('name[]')
         registry: Any = self._registry.restricted_registry(names) if names else self._registry
         data, headers = encode(registry), {'vary': 'Accept, Accept-Encoding'}
@@ -178,6 +179,14 @@ class _Desk:
 
     async def graph(self, _request: Request) -> Response:
         return _json(await run_in_threadpool(self._sides.graph))
+
+
+def _encoder(accept: str) -> tuple[Callable[[Any], bytes], str]:
+    """In which of its formats Prometheus is answered: in the plain one whoever asks oddly."""
+    try:
+        return choose_encoder(accept)
+    except Exception:  # noqa: BLE001 (of the library, about what somebody has sent)
+        return choose_encoder('')
 
 
 def _json(content: Any) -> Response:

@@ -83,6 +83,31 @@ class Site:
 
         return asyncio.run(once())
 
+    async def leave(self, path: str) -> list[Any]:
+        """Begin a request that orders something, and go before its body is there.
+
+        Returns:
+            What was sent all the same.
+        """
+        sent: list[Any] = []
+        coming = [{'type': 'http.request', 'body': b'{', 'more_body': True}]
+
+        async def receive() -> Any:
+            return coming.pop(0) if coming else {'type': 'http.disconnect'}
+
+        async def send(message: Any) -> None:
+            sent.append(message)
+
+        headers = [(name.encode(), value.encode()) for name, value in ORDERING.items()]
+        scope = {
+            'type': 'http', 'asgi': {'version': '3.0'}, 'http_version': '1.1', 'scheme': 'http',
+            'method': 'POST', 'path': f'/{path}', 'raw_path': f'/{path}'.encode(),
+            'query_string': b'', 'root_path': '', 'client': (self.client, 1),
+            'server': ('127.0.0.1', 9464), 'headers': [(b'host', HOST.encode()), *headers],
+        }  # fmt: skip
+        await self.app(scope, receive, send)
+        return sent
+
     def get(self, path: str, **headers: str) -> httpx.Response:
         return self.ask('GET', path, headers)
 

@@ -1,18 +1,21 @@
 """What may be asked for, and what comes back."""
 
+import asyncio
 import json
-from typing import Any
+from typing import Any, Final
 
 import pytest
 from monitors import TOKEN, report, snapshot
 
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.monitoring import letters
+from ros2_kafka_bridge.monitoring import letters, view, web
 from ros2_kafka_bridge.protocol.monitor import Answer
 from ros2_kafka_bridge.route.counters import Measures, Trouble
 
 from .conftest import CONFIG, Told, configured
 from .sites import ORDERING, Site
+
+SAID: Final = 'a bug of the bridge: its log says more'
 
 
 @pytest.fixture
@@ -168,6 +171,62 @@ def test_metrics_can_be_chosen_by_name(site: Site) -> None:
     text = site.get('metrics?name[]=ros2_kafka_bridge_worker_up').text
     assert 'ros2_kafka_bridge_worker_up' in text
     assert 'messages_taken' not in text
+
+
+@pytest.mark.parametrize(
+    'accept',
+    [
+        'application/openmetrics-text; version=zzz',
+        'application/openmetrics-text;version=1.0.0=2',
+        'application/openmetrics-text; version=',
+        'text/plain; version=1.0.0; escaping=zzz',
+        'a/b' * 2000,
+        ';;=,=;"',
+    ],
+)
+def test_metrics_are_answered_however_oddly_they_are_asked_for(
+    site: Site, caplog: pytest.LogCaptureFixture, accept: str
+) -> None:
+    answer = site.get('metrics', accept=accept)
+    assert answer.status_code == 200
+    assert 'ros2_kafka_bridge_' in answer.text
+    assert not caplog.records
+
+
+@pytest.mark.parametrize(
+    'bug',
+    [
+        AssertionError(), TypeError('a\nb'), RuntimeError(), MemoryError(), RecursionError(),
+        OSError(5, 'no'), ImportError('x'), SyntaxError('x'),
+    ],
+)  # fmt: skip
+def test_a_bug_behind_a_request_is_one_line_however_often(
+    site: Site, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, bug: Exception
+) -> None:
+    def fail(*_: Any) -> None:
+        raise bug
+
+    monkeypatch.setattr(view, 'sections', fail)
+    monkeypatch.setattr(web, '_encoder', fail)
+    for path in ['api/state', 'metrics'] * 20:
+        answer = site.get(path)
+        assert (answer.status_code, answer.json()) == (500, {'error': SAID})
+    assert site.get('livez').status_code in {200, 503}
+    [line] = caplog.records
+    what = 'x' if isinstance(bug, ImportError) else type(bug).__name__
+    assert line.getMessage().startswith(f'the page could not answer GET /api/state: {what}')
+    assert 'by way of ' in line.getMessage()
+    assert 'web.py:' in line.getMessage()
+    assert '\n' not in line.getMessage()
+    assert line.exc_info is None
+
+
+def test_who_leaves_in_the_middle_of_a_request_is_no_bug(
+    site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    sent = asyncio.run(site.leave('api/reload'))
+    assert sent == []
+    assert not caplog.records
 
 
 def test_all_files_of_the_page_are_its_own(site: Site) -> None:

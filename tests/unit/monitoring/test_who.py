@@ -131,6 +131,22 @@ def test_what_another_site_makes_a_browser_read_is_not_even_looked_up(
     assert site.ask('GET', '', headers).status_code == 200  # a link to the page
 
 
+@pytest.mark.parametrize('where', ['cross-site', 'same-site'])
+@pytest.mark.parametrize('path', ['metrics', 'livez', 'readyz'])
+def test_what_programs_ask_for_is_nothing_for_a_page_of_another_site(
+    site: Site, path: str, where: str
+) -> None:
+    for mode, kind in (('no-cors', 'image'), ('cors', 'empty'), ('navigate', 'iframe')):
+        headers = {'sec-fetch-site': where, 'sec-fetch-mode': mode, 'sec-fetch-dest': kind}
+        assert site.ask('GET', path, headers).status_code == 403
+        assert site.ask('HEAD', path, headers).status_code == 403
+    assert site.ask('GET', path, {'sec-fetch-site': where}).status_code == 403
+    # Prometheus shows a link to each of its targets.
+    link = {'sec-fetch-site': where, 'sec-fetch-mode': 'navigate', 'sec-fetch-dest': 'document'}
+    assert site.ask('GET', path, link).status_code != 403
+    assert site.ask('GET', path, {'host': 'prometheus.example'}).status_code != 403
+
+
 @pytest.mark.parametrize('where', ['same-origin', 'none'])
 def test_the_page_itself_and_an_address_typed_in_are_answered(site: Site, where: str) -> None:
     assert site.ask('GET', 'api/state', {'sec-fetch-site': where}).status_code == 200
