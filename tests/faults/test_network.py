@@ -154,6 +154,7 @@ def test_guarantees_1_2_3_a_bridge_cut_off_from_all_loses_nothing_and_repeats_wh
         committed = site.committed(site.group, f'{topic_name}.down')
         hosts.edge.plug_in()
         crossing.wait_for_the_last()
+        crossing.wait_for(COUNT)  # what goes up is lost with its publisher after a stop
     found = numbers(crossing.down)
     again = in_order_but_for_repeats(found)
     # What the bridge had asked before the cut may come behind what it asks when it is back: Kafka
