@@ -9,8 +9,9 @@ import socket
 import struct
 import threading
 import time
-from types import TracebackType
-from typing import Final, Self
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
 
 _VENDOR: Final = b'\x01\x0f'
 _PARTICIPANT: Final = bytes.fromhex('000001c1')
@@ -27,8 +28,14 @@ def negative_lifespan() -> bytes:
     return parameter(0x2B, struct.pack('<iI', -(2**31), 2**32 - 1))
 
 
-class Stranger:
-    """Announces a reliable, volatile publisher of a topic while it is open.
+@contextmanager
+def stranger(
+    domain: int,
+    topic: bytes,
+    type_name: bytes = b'std_msgs::msg::dds_::String_',
+    qos: bytes = b'',
+) -> Iterator[None]:
+    """Announce a reliable, volatile publisher of a topic.
 
     Args:
         domain: The ROS domain.
@@ -36,42 +43,36 @@ class Stranger:
         type_name: As DDS has it.
         qos: Further parameters of its publisher.
     """
+    closed = threading.Event()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(('127.0.0.1', 0))
+        announcing = _Announcing(one, domain, topic, type_name, qos)
+        thread = threading.Thread(target=announcing.run, args=(closed,), daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            closed.set()
+            thread.join()
+
+
+class _Announcing:
+    """What is said again and again."""
 
     def __init__(
-        self,
-        domain: int,
-        topic: bytes,
-        type_name: bytes = b'std_msgs::msg::dds_::String_',
-        qos: bytes = b'',
+        self, one: socket.socket, domain: int, topic: bytes, type_name: bytes, qos: bytes
     ) -> None:
         self._prefix = _VENDOR + os.urandom(10)
         self._ports = [7400 + 250 * domain + 10 + 2 * number for number in range(_PARTICIPANTS)]
+        self._socket = one
         self._domain = domain
         self._topic = topic
         self._type_name = type_name
         self._qos = qos
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._announce, daemon=True)
 
-    def __enter__(self) -> Self:
-        self._socket.bind(('127.0.0.1', 0))
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._closed.set()
-        self._thread.join()
-        self._socket.close()
-
-    def _announce(self) -> None:
+    def run(self, closed: threading.Event) -> None:
         count = 0
-        while not self._closed.wait(0.2):
+        while not closed.wait(0.2):
             count += 1
             self._send(_data(*_SPDP, self._of_participant()))
             self._send(_data(*_SEDP, self._of_publisher()) + _heartbeat(*_SEDP, count))

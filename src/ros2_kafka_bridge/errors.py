@@ -19,7 +19,6 @@ What code of others raises, a message package for one, is no bug of the bridge, 
 `blamed` says whose it is.
 """
 
-import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 
 
 _LONGEST: Final = 500
-_OWN: Final = f'{os.path.dirname(__file__)}{os.sep}'  # noqa: PTH120 (no more is needed of it)
+_OWN: Final = __file__.removesuffix('errors.py')
 
 
 class About(NamedTuple):
@@ -175,7 +174,9 @@ def blamed(what: str) -> Iterator[None]:
         in_main = threading.current_thread() is threading.main_thread()
         if isinstance(error, KeyboardInterrupt) and in_main:
             raise  # it is the user's
-        raise RouteError(f'{what}: {fault_of(error)}') from error
+        ours = _place(error).startswith(_OWN)
+        hint = ': perhaps a bug of the bridge, report it' if ours else ''
+        raise RouteError(f'{what}: {fault_of(error)}{hint}') from error
 
 
 def fault_of(error: BaseException) -> str:
@@ -184,8 +185,6 @@ def fault_of(error: BaseException) -> str:
         return _words_of(error)  # they say what it is
     told = ': '.join(filter(None, (type(error).__name__, _words_of(error))))
     place = _place(error)
-    if place.startswith(_OWN):
-        return f'{told} ({place}): perhaps a bug of the bridge, report it'
     return f'{told} ({place})' if place else told
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from dds_stranger import Stranger, negative_lifespan
+from dds_stranger import negative_lifespan, stranger
 from from_ros import publish, route, text
 from harness import Bench, eventually, values
 from scrapes import watched
@@ -36,8 +36,8 @@ def test_guarantee_6b_a_stranger_in_the_graph_ends_nothing(
     with bridge.process as process, publish(bench, '/orders', many, '--period', '0.05') as before:
         eventually(lambda: bench.reaches(orders, 20), 60, process.output)
         with (
-            Stranger(bench.domain, b'rt/orders', **strange),
-            Stranger(bench.domain, b'rt/learned', **strange),
+            stranger(bench.domain, b'rt/orders', **strange),
+            stranger(bench.domain, b'rt/learned', **strange),
         ):
             process.wait_for('somebody in the ROS graph tells what cannot be read')
             process.wait_for('new publishers of /orders are not followed')

@@ -66,7 +66,9 @@ class Format(NamedTuple):
     message_types: frozenset[str] | None
 
 
-def _format(name: str, module: ModuleType | None, message_types: frozenset[str] | None) -> Format:
+def _format(
+    name: str, module: ModuleType | None = None, message_types: frozenset[str] | None = None
+) -> Format:
     """A format; without a module, it is loaded when the first route of it starts.
 
     What a package describes oddly, and what the library of a format does not take, is theirs.
@@ -88,17 +90,12 @@ def _format(name: str, module: ModuleType | None, message_types: frozenset[str] 
     return Format(make_decode, make_encode, message_types)
 
 
-def _late(name: str) -> Format:
-    """A format of any type, which routes of others do without."""
-    return _format(name, None, None)
-
-
 FORMATS: dict[str, Format] = {
     'text': _format('text', text, frozenset({'std_msgs/msg/String'})),
-    'cdr': _format('cdr', cdr, None),
-    'json': _late('json'),
-    'avro': _late('avro'),
-    'protobuf': _late('protobuf'),
+    'cdr': _format('cdr', cdr),
+    'json': _format('json'),
+    'avro': _format('avro'),
+    'protobuf': _format('protobuf'),
 }
 
 

@@ -9,7 +9,7 @@ import math
 import re
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit, urlunsplit
@@ -351,14 +351,11 @@ class Registry:
             SchemaRegistryError,
         )
 
-        try:
-            with self._asking(f'schema {schema_id}', None):
-                try:
-                    self.client.get_schema(schema_id)
-                except SchemaRegistryError as error:
-                    return bool(error.http_status_code == 404)
-        except BridgeError:
-            pass
+        with suppress(BridgeError), self._asking(f'schema {schema_id}', None):
+            try:
+                self.client.get_schema(schema_id)
+            except SchemaRegistryError as error:
+                return bool(error.http_status_code == 404)
         return False
 
     def _away(self, error: Exception) -> str:

@@ -78,6 +78,6 @@ def _package_name(package: Path) -> str:
     except (OSError, LookupError, ValueError, ET.ParseError) as error:
         raise ConfigError([f'{manifest}: {error}']) from error
     name = name.strip() or package.name
-    if not re.fullmatch(r'\w+', name, re.ASCII):
+    if not re.fullmatch(r'[\w-]+', name, re.ASCII):
         raise ConfigError([f'{manifest}: {name!r:.60} is no name of a package'])
     return name

@@ -42,7 +42,7 @@ class Failures:
             await self._app(scope, receive, send_noting)
         except ClientDisconnect:
             return  # nobody waits for an answer
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             if scope['type'] != 'http':
                 raise
             what = printable(f'{scope["method"]} {scope["path"]}'[:_LONGEST_PATH])
@@ -57,7 +57,7 @@ class Failures:
                 await response(scope, receive, send)
 
 
-def _way(error: Exception) -> str:
+def _way(error: BaseException) -> str:
     """The last calls on the way to an error: a traceback on one line."""
     frames = traceback.extract_tb(error.__traceback__)[-_FRAMES:]
     return ' > '.join(f'{Path(frame.filename).name}:{frame.lineno}' for frame in frames)

@@ -42,6 +42,7 @@ _LOOPBACK: Final = frozenset({'127.0.0.1', 'localhost', '::1'})
 _PASSED_ON: Final = ('forwarded', 'x-forwarded-for', 'x-real-ip')  # by a proxy, for another
 _SCHEMES: Final = ('http', 'https')
 _OWN_SITES: Final = frozenset({'same-origin', 'none'})  # none: typed in, or from a bookmark
+_LINK: Final = ('navigate', 'document')
 _ANY: Final = frozenset({'0.0.0.0', '::'})  # noqa: S104 (only compared)
 
 
@@ -163,7 +164,7 @@ class Guard:
     def _refusal(self, method: str, path: str, headers: Headers) -> Refusal | None:
         reads = method in _READS
         if reads and path in OPEN_PATHS:
-            return _other_sites_page(headers)
+            return _read_from_elsewhere(path, headers)
         host = headers.get('host', '').lower()
         names = self._names()
         if host not in names.hosts:
@@ -174,26 +175,20 @@ class Guard:
         return _cross_site(headers, host, names)
 
 
-def _other_sites_page(headers: Headers) -> Refusal | None:
-    """Why a page of another site gets nothing there, though every program does.
-
-    Who follows a link is a person: the page of Prometheus has one to each of its targets.
-    """
-    if headers.get('sec-fetch-site', 'none') in _OWN_SITES:
-        return None
-    if headers.get('sec-fetch-mode') == 'navigate' and headers.get('sec-fetch-dest') == 'document':
-        return None
-    return Refusal(HTTPStatus.FORBIDDEN, 'a page of another site may ask for nothing here')
-
-
 def _read_from_elsewhere(path: str, headers: Headers) -> Refusal | None:
     """Why what a page of another site makes a browser ask for is not even looked up.
 
-    It could not read the answer; but each would cost Kafka a look at its dead letters.
+    It could not read the answer; but each would cost Kafka a look at its dead letters. Who follows
+    a link is a person: the page of Prometheus has one to each of its targets.
     """
-    if not path.startswith('/api/') or headers.get('sec-fetch-site', 'none') in _OWN_SITES:
+    is_asked = path.startswith('/api/') or (path in OPEN_PATHS and not _is_link(headers))
+    if not is_asked or headers.get('sec-fetch-site', 'none') in _OWN_SITES:
         return None
     return Refusal(HTTPStatus.FORBIDDEN, 'a page of another site may ask for nothing here')
+
+
+def _is_link(headers: Headers) -> bool:
+    return (headers.get('sec-fetch-mode'), headers.get('sec-fetch-dest')) == _LINK
 
 
 def _cross_site(headers: Headers, host: str, names: Names) -> Refusal | None:

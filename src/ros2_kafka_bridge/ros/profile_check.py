@@ -1,4 +1,4 @@
-"""Whether Fast DDS heeds the profile that it was shown: it takes a file as a whole, or not at all.
+"""Whether Fast DDS uses the profile that it was shown: it takes a file as a whole, or not at all.
 
 It says so in lines of its own only, and goes on with its defaults: without a bound for a history,
 and without what the user has set. So a topic of no other use has a setting in that file, which is

@@ -183,6 +183,17 @@ def test_the_name_of_a_package_is_the_one_in_its_manifest(harbour: Path) -> None
     assert 'package.xml: no element found' in (unknown_type('acme_msgs/msg/Hook', [harbour]) or '')
 
 
+def test_a_manifest_that_names_no_package_is_said_and_one_with_a_dash_hides_no_other(
+    harbour: Path,
+) -> None:
+    manifest = write_package(harbour, 'other', {'Hook': HOOK}) / 'package.xml'
+    for odd in ('<?xml version="1.0" encoding="bogus"?><package/>', '<p><name>a/b</name></p>'):
+        manifest.write_text(odd)
+        assert f'{manifest}: ' in (unknown_type('acme_msgs/msg/Hook', [harbour]) or '')
+    manifest.write_text('<package><name>not-of-ros</name></package>')
+    assert unknown_type('acme_msgs/msg/Hook', [harbour]) is None
+
+
 def test_what_a_build_of_the_workspace_left_is_passed_by(harbour: Path) -> None:
     left = write_package(harbour / 'install/acme_msgs/share', 'acme_msgs', {'Hook': 'int8 old\n'})
     write_package(harbour / '.git', 'acme_msgs', {'Hook': 'int8 old\n'})

@@ -196,12 +196,15 @@ def test_metrics_are_answered_however_oddly_they_are_asked_for(
 @pytest.mark.parametrize(
     'bug',
     [
-        AssertionError(), TypeError('a\nb'), RuntimeError(), MemoryError(), RecursionError(),
-        OSError(5, 'no'), ImportError('x'), SyntaxError('x'),
+        SystemExit(1), AssertionError(), TypeError('a\nb'), RuntimeError(), MemoryError(),
+        RecursionError(), OSError(5, 'no'), ImportError('x'), SyntaxError('x'),
     ],
 )  # fmt: skip
 def test_a_bug_behind_a_request_is_one_line_however_often(
-    site: Site, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, bug: Exception
+    site: Site,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    bug: BaseException,
 ) -> None:
     def fail(*_: Any) -> None:
         raise bug

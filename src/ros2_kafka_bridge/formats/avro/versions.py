@@ -79,7 +79,7 @@ def text_in(registry: 'Registry', subject: str, ours: dict[str, Any]) -> str | N
             raise
     else:
         return text
-    versions = sorted(client.get_versions(subject))[: -_MOST_VERSIONS - 1 : -1]
+    versions = sorted(client.get_versions(subject), reverse=True)[:_MOST_VERSIONS]
     texts = (client.get_version(subject, version).schema.schema_str for version in versions)
     return next((one for one in texts if one and _is_json_of(ours, one)), None)
 
