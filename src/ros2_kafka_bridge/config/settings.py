@@ -39,6 +39,7 @@ from ros2_kafka_bridge.config.values import (
     PositiveCount,
     Properties,
 )
+from ros2_kafka_bridge.kafka.addresses import servers_problem
 from ros2_kafka_bridge.kafka.properties import Membership, canonical, is_secret
 
 __all__ = [
@@ -141,8 +142,18 @@ class Config(Settings):
             if not any(canonical(name) == 'bootstrap.servers' and kafka[name] for name in kafka):
                 text = 'is missing: the brokers, such as localhost:9092'
                 yield Mistake(('kafka', 'bootstrap.servers'), text)
+            yield from _server_mistakes(kafka)
             if check := context.get('check_kafka'):
                 yield from _kafka_mistakes(check, kafka, routes)
+
+
+def _server_mistakes(kafka: Mapping[Any, Any]) -> Iterator[Mistake]:
+    """Lists of brokers in which there is none, or another than was meant."""
+    protocol = kafka.get('security.protocol') or 'plaintext'
+    for name, servers in kafka.items():
+        is_list = canonical(name) == 'bootstrap.servers' and servers
+        if is_list and (problem := servers_problem(str(servers), str(protocol))):
+            yield Mistake(('kafka', name), problem)
 
 
 def _extra_mistakes(given: Mapping[str, Any], context: Mapping[str, Any]) -> Iterator[Mistake]:

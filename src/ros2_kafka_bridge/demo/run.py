@@ -16,6 +16,7 @@ from ros2_kafka_bridge.demo.table import Look, say, summary, view
 from ros2_kafka_bridge.demo.topics import Topics
 from ros2_kafka_bridge.demo.trip import SendPlan, Trip
 from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.kafka.addresses import servers_problem
 from ros2_kafka_bridge.testing.embedded_broker import QUICK_FETCH, EmbeddedBroker
 from ros2_kafka_bridge.threads.stop import Stop, signals_to_heed
 
@@ -103,11 +104,9 @@ def _plan(options: DemoOptions) -> SendPlan:
         problems.append(
             f'--seconds {options.seconds:g}: expected a number of seconds, more than 0'
         )
-    if options.bootstrap_servers is not None and not options.bootstrap_servers.strip():
-        problems.append(
-            '--bootstrap-servers: expected the brokers of a cluster, host:port with commas; '
-            'leave it out for an embedded broker'
-        )
+    servers = options.bootstrap_servers
+    if servers is not None and (problem := servers_problem(servers)):
+        problems.append(f'--bootstrap-servers: {problem}; leave it out for an embedded broker')
     if options.domain is not None and not 0 <= options.domain <= HIGHEST_DOMAIN:
         problems.append(f'--domain {options.domain}: expected 0 to {HIGHEST_DOMAIN}')
     if problems:

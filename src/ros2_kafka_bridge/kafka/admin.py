@@ -34,7 +34,7 @@ class Admin:
 
     def __init__(self, properties: Mapping[str, Any], name: str) -> None:
         check_files(properties, 'the Kafka client')
-        self._client = Client(properties=properties)
+        self._client = Client(properties=properties, is_reached=True)  # not known: nobody blamed
         # The client must not hold this object, which holds the client: such a circle ends in the
         # garbage collector, which takes the callback away from a client that still calls it.
         self._cause = _Cause(self._client)

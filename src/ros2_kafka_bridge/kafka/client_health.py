@@ -25,6 +25,9 @@ class ClientHealth:
         where: What to call the client in errors.
         log: Where to say that Kafka is away.
         client: What an error does not tell of it.
+        reads: Whether it reads: then an error of one broker counts once the next report shows
+            none at all, for the partitions of the others are read on. What is sent may wait for
+            the one.
     """
 
     def __init__(
@@ -32,12 +35,16 @@ class ClientHealth:
         where: str,
         log: logging.LoggerAdapter[logging.Logger],
         client: Client,
+        *,
+        reads: bool = False,
     ) -> None:
         self._where = where
+        self._reads = reads
         self._log = log
         self._client = client
         self._failure: KafkaError | None = None
         self._cause: Problem | None = None  # of being away
+        self._suspect: Problem | None = None  # of one broker, until it is known of all
         self._away_since_s = 0.0
         self._told: dict[str, float] = {}
         self._said = ''  # of being away, since the last contact
@@ -45,6 +52,7 @@ class ClientHealth:
         self.has_lost_brokers = False
         self.is_connected = False  # to a broker, at the last report
         self.reached = False  # any broker, by any of its clients
+        self.is_heard = False  # of a broker, by this client
         self.away = ''
 
     @property
@@ -60,8 +68,8 @@ class ClientHealth:
 
     def on_new_client(self) -> None:
         """Note that another client has taken the place of one that was of no use any more."""
-        self._without_since_s = None
-        self.has_lost_brokers = self.is_connected = False
+        self._without_since_s = self._suspect = None
+        self.has_lost_brokers = self.is_connected = self.is_heard = False
 
     def on_statistics(self, statistics: Statistics) -> None:
         """Take a report of the client (librdkafka's statistics callback).
@@ -74,27 +82,44 @@ class ClientHealth:
         now_s = time.monotonic()
         self.is_connected = statistics.is_connected
         self.reached = self.reached or statistics.is_connected
+        self.is_heard = self.is_heard or statistics.is_connected
         if statistics.knows_brokers:
             self._without_since_s = None
         elif self._without_since_s is None:
             self._without_since_s = now_s
         since_s = self._without_since_s
         self.has_lost_brokers = since_s is not None and now_s - since_s >= _WITHOUT_S
+        suspect, self._suspect = self._suspect, None
+        if suspect is not None:
+            self._judge(suspect)
 
     def on_error(self, error: KafkaError) -> None:
         """Take an error of the client (librdkafka's error callback)."""
-        problem = explain(error, self._client)
+        problem = explain(error, self._client._replace(is_reached=self.reached))
         if issubclass(problem.kind, RouteError):
             self._failure = self._failure or error
         elif issubclass(problem.kind, TransportError) and self._is_news(problem):
-            if not self.away:
-                self._away_since_s = time.monotonic()
-            self._cause = problem
-            self.away = f'Kafka is away: {problem.sentence}'
+            if self._reads and self.is_connected and problem.is_of_one:
+                self._suspect = problem  # another may be there: the next report tells
+            else:
+                self._note_away(problem)
+
+    def _note_away(self, problem: Problem) -> None:
+        if not self.away:
+            self._away_since_s = time.monotonic()
+        self._cause = problem
+        self.away = f'Kafka is away: {problem.sentence}'
+
+    def _judge(self, suspect: Problem) -> None:
+        """Tell whether an error of one broker means that Kafka is away: not where one is there."""
+        if not self.is_connected and self._is_news(suspect):
+            self._note_away(suspect)
+        elif self.is_connected and self._is_due(suspect.sentence):
+            self._log.warning('a broker of the cluster does not answer: %s', suspect.sentence)
 
     def on_contact(self) -> None:
         """Note that the broker has answered."""
-        self.reached = True
+        self.reached = self.is_heard = True
         if self.away:
             self.away = ''
             if self._said:
@@ -102,13 +127,18 @@ class ClientHealth:
             self._said = ''
 
     def ask(self, client: Consumer, topic: str, within_s: float) -> bool:
-        """Ask whether the broker is there: where nothing is read or sent, nothing else tells."""
+        """Ask whether the broker is there: where nothing is read or sent, nothing else tells.
+
+        Not every answer says so: one from bootstrap.servers may name brokers that do not answer.
+        Whether one does is known as of the last report, up to two seconds ago.
+        """
         try:
             client.list_topics(topic, timeout=within_s)
         except KafkaException:
             return False
-        self.on_contact()
-        return True
+        if self.is_connected:
+            self.on_contact()
+        return self.is_connected
 
     def forget_failure(self) -> None:
         """Forget what had made the client useless: it is of use again."""
@@ -137,10 +167,14 @@ class ClientHealth:
 
         While an old token holds, records go on between two requests for a new one that fail.
         """
-        now_s = time.monotonic()
         if self._cause is None or not self._cause.names_cause:
-            return now_s - self._away_since_s >= blip_s
-        due = now_s - self._told.get(self.away, -_TOLD_AGAIN_S) >= _TOLD_AGAIN_S
+            return time.monotonic() - self._away_since_s >= blip_s
+        return self._is_due(self.away)
+
+    def _is_due(self, text: str) -> bool:
+        """Whether it was not said in the last minute."""
+        now_s = time.monotonic()
+        due = now_s - self._told.get(text, -_TOLD_AGAIN_S) >= _TOLD_AGAIN_S
         if due:
-            self._told[self.away] = now_s
+            self._told[text] = now_s
         return due

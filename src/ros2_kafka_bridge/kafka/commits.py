@@ -3,7 +3,7 @@
 import contextlib
 import logging
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
 from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 _AGAIN_S: Final = 0.5
 _LAST_LOOK_S: Final = 1.0
 _DRAIN_S: Final = 2.0
+# Offsets of a group by KIP-848 age from their own commit: that of a quiet partition would be gone
+# as soon as its last member has left (offsets.retention.minutes, 7 days).
+_RENEW_S: Final = 3600.0
 
 
 class Commits:
@@ -49,15 +52,19 @@ class Commits:
         self._health = health
         self._log = log
         self._is_at_work = False  # not heard of yet
+        self._renew_at_s = time.monotonic() + _RENEW_S
         self._late: list[threading.Thread] = []
 
     def soon(self) -> None:
-        """Commit without waiting for it."""
-        news = self._news()
-        if not news or self._is_at_work or self._health.away:
+        """Commit without waiting for it; now and then also what the group has got."""
+        is_due = time.monotonic() >= self._renew_at_s
+        offsets = self._partitions.positions if is_due else self._news()
+        if not offsets or self._is_at_work or self._health.away:
             return
         try:
-            self.begin(news)
+            self.begin(offsets)
+            if is_due:
+                self._renew_at_s = time.monotonic() + _RENEW_S
         except KafkaException as error:
             self._log.warning('cannot commit now: %s', error.args[0].str())
 
@@ -156,6 +163,19 @@ class Commits:
 def topic_partitions(topic: str, offsets: Mapping[int, int]) -> list[TopicPartition]:
     """Offsets of a topic's partitions, as the client wants them."""
     return [TopicPartition(topic, number, offset) for number, offset in offsets.items()]
+
+
+def offsets_of(answers: Iterable[TopicPartition]) -> dict[int, int]:
+    """The committed offsets that a group has, by partition; those without one are left out.
+
+    Raises:
+        KafkaException: It was not told of one of them, which is not to have none.
+    """
+    told = list(answers)
+    for answer in told:
+        if answer.error is not None:
+            raise KafkaException(answer.error)
+    return {answer.partition: answer.offset for answer in told if answer.offset >= 0}
 
 
 def _failure(code: int, text: str) -> KafkaException:

@@ -21,6 +21,14 @@ class Cure(NamedTuple):
     kind: type[BridgeError] | None = None
 
 
+OWN_GROUP: Final = 'give this route a group of its own (group in from), or leave group out'
+"""What to do about a group that is another application's."""
+
+_FOREIGN_GROUP: Final = (
+    'the group is that of another application, whose members share partitions in another way: '
+    f'{OWN_GROUP}'
+)
+
 # The first that fits. librdkafka gives some errors of TLS and SASL a code that says `wait`, and
 # some that mend themselves one that does not.
 CURES: Final = (
@@ -94,7 +102,8 @@ CURES: Final = (
     Cure(
         '_ALL_BROKERS_DOWN',
         '',
-        'does it run, are bootstrap.servers and security.protocol right?',
+        'does it run, are bootstrap.servers and security.protocol right (and advertised.listeners '
+        'of the brokers, if one answers there)?',
     ),
     Cure('_RESOLVE', '', 'check bootstrap.servers'),
     # Nothing behind it in its partition can be read: said as a failure, or nobody would know.
@@ -118,11 +127,13 @@ CURES: Final = (
         'give this user {right} on the topic (ACL), and before Kafka 2.8 IDEMPOTENT_WRITE on the '
         'cluster',
     ),
+    Cure('INCONSISTENT_GROUP_PROTOCOL', '', _FOREIGN_GROUP),
+    Cure('_FATAL GROUP_ID_NOT_FOUND', 'group id does not exist', _FOREIGN_GROUP),
     # Each life of a bridge has a name of its own in the group, so that nobody else can have it.
     Cure(
         '_FATAL FENCED_INSTANCE_ID',
         r'Static consumer fenced',
         'an earlier request of this bridge has come late: it joins once more',
     ),
-    Cure('UNKNOWN_TOPIC_OR_PART _UNKNOWN_TOPIC _UNKNOWN_PARTITION', '', 'create the topic'),
+    Cure('UNKNOWN_TOPIC_OR_PART _UNKNOWN_TOPIC', '', 'create the topic'),
 )

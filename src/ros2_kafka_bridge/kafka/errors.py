@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 from confluent_kafka import KafkaError
 
 from ros2_kafka_bridge.errors import BridgeError, RecordError, RouteError, TransportError
+from ros2_kafka_bridge.kafka.addresses import NamedBroker, broker_in, listed
 from ros2_kafka_bridge.kafka.cures import CURES, Cure
 from ros2_kafka_bridge.kafka.tls import address_in, distrust
 
@@ -82,9 +83,14 @@ ERROR_CLASSES: Final[Mapping[int, type[BridgeError]]] = MappingProxyType(
 
 
 _NOBODY: Final = '_ALL_BROKERS_DOWN'
+_UNREACHED: Final = frozenset({'_RESOLVE', '_TRANSPORT'})
+_ADVERTISED: Final = (
+    'Kafka answered at bootstrap.servers ({servers}) and named {address} as the address of a '
+    'broker: if that runs, mend its advertised.listeners, or make that address known here'
+)
 _NO_CURE: Final = Cure('', '', '')
 _DISTRUST: Final = 'certificate verify failed'
-_STATE = re.compile(r' \(after \d+ms in state \w+\)')
+_STATE = re.compile(r' \(after \d+ms in state \w+(?:, \d+ identical error\(s\) suppressed)?\)')
 _REPEATED = re.compile(r'(\{.*?\})\1+')
 
 
@@ -96,12 +102,14 @@ class Problem(NamedTuple):
         cure: What to do about it; empty where nobody knows.
         kind: What the bridge does about it.
         names_cause: Whether it says why, and not only that nobody answers.
+        is_of_one: Whether it is about the way to one broker: others may be there.
     """
 
     text: str
     cure: str
     kind: type[BridgeError]
     names_cause: bool
+    is_of_one: bool = False
 
     @property
     def sentence(self) -> str:
@@ -115,10 +123,13 @@ class Client(NamedTuple):
     Args:
         right: The operation on the topic that it needs.
         properties: Its librdkafka properties.
+        is_reached: Whether it has been connected to a broker of the cluster: then the addresses
+            that this gives are right.
     """
 
     right: str = 'READ and WRITE'
     properties: Mapping[str, Any] = MappingProxyType({})
+    is_reached: bool = False
 
 
 UNKNOWN_CLIENT: Final = Client()
@@ -140,16 +151,30 @@ def explain(error: KafkaError, client: Client = UNKNOWN_CLIENT, reason: str = ''
     name = _NAMES.get(error.code(), error.name())
     text = _words(error.str(), name, client, reason)
     found = next((cure for cure in CURES if _fits(cure, name, text)), _NO_CURE)
-    cure = found.text.format(right=client.right)
+    broker = broker_in(error.str()) if name in _UNREACHED else None
+    cure = _of_wrong_address(broker, client) or found.text.format(right=client.right)
     names_cause = bool(cure) and name != _NOBODY
     if error.fatal():
         return Problem(f'the Kafka client gave up: {text}', cure, RouteError, names_cause)
     kind = found.kind or ERROR_CLASSES.get(error.code(), RouteError)
-    return Problem(text, cure, kind, names_cause)
+    return Problem(text, cure, kind, names_cause, broker is not None)
 
 
 def _fits(cure: Cure, name: str, text: str) -> bool:
     return name in cure.codes.split() and re.search(cure.words, text) is not None
+
+
+def _of_wrong_address(broker: NamedBroker | None, client: Client) -> str:
+    """What to do where a broker is not at the address that the cluster gives for it.
+
+    Empty where that is an address of bootstrap.servers, or one that was right before.
+    """
+    servers = str(client.properties.get('bootstrap.servers', ''))
+    if broker is None or not broker.is_learned or client.is_reached:
+        return ''
+    if not servers or broker.address in listed(servers):
+        return ''
+    return _ADVERTISED.format(servers=servers, address=broker.address)
 
 
 def _words(text: str, name: str, client: Client, reason: str) -> str:

@@ -202,9 +202,7 @@ class GroupLock:
         now_s = time.monotonic()
         if self.away and self._consumer is not None and now_s >= self._look_at_s:
             self._look_at_s = now_s + _LOOK_EVERY_S
-            with contextlib.suppress(KafkaException):
-                self._consumer.list_topics(self.topic, timeout=_LOOK_S)
-                self._health.on_contact()
+            self._health.ask(self._consumer, self.topic, _LOOK_S)
 
     def is_wanted(self) -> bool:
         """Whether another bridge stands by; False, with a warning, where Kafka does not tell."""
@@ -293,10 +291,13 @@ class GroupLock:
             if found.error is None or time.monotonic() > deadline_s:
                 break
             problem = translate(found.error, f'topic {self.topic}', self._about)
-            if not isinstance(problem, TransportError) and 'UNKNOWN' not in found.error.name():
+            is_missing = found.error.code() == KafkaError.UNKNOWN_TOPIC_OR_PART
+            if not isinstance(problem, TransportError) and not is_missing:
                 raise problem
             time.sleep(_AGAIN_S)
         if found.error is not None:
+            if found.error.code() != KafkaError.UNKNOWN_TOPIC_OR_PART:
+                raise translate(found.error, f'topic {self.topic}', self._about)
             raise RouteError(
                 f'topic {self.topic}, by which bridges agree on who runs an exclusive route, is '
                 f'not there, and this user may not create it: {self._command}'

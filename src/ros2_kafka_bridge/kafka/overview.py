@@ -1,8 +1,10 @@
 """A cluster, its topics and how far they reach; nothing is read from them or changed."""
 
 import contextlib
+import socket
 import time
 from collections.abc import Collection, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from operator import attrgetter
 from typing import Any, Final, NamedTuple
 
@@ -19,14 +21,17 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     ResourceType,
 )
 
-from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka.admin import Admin
+from ros2_kafka_bridge.kafka.commits import offsets_of
 from ros2_kafka_bridge.kafka.errors import translate
 from ros2_kafka_bridge.kafka.properties import consumer_properties
 from ros2_kafka_bridge.logs.lines import client_log
 from ros2_kafka_bridge.logs.text import count
 
 _REQUEST_S: Final = 5.0
+_LOOK_S: Final = 3.0
+_MOST_LOOKS: Final = 16  # at a time
 _COORDINATOR_S: Final = 15.0  # a Kafka that has begun just now makes its groups' topic first
 
 
@@ -46,31 +51,34 @@ class TopicView(NamedTuple):
     """What is seen of a topic.
 
     Args:
+        exists: Whether it is there; None where no broker has said so.
         rights: Operations that this user may do (READ, WRITE, ...); None if the broker does not
             tell.
-        problem: Why it is not there, in the broker's words.
+        problem: Why it is not there, or is not known to be.
     """
 
-    exists: bool
+    exists: bool | None
     partitions: int
     rights: frozenset[str] | None
     problem: str
 
 
 class TopicState(NamedTuple):
-    """A topic at this moment.
+    """A topic at this moment; its numbers are None where they are not known.
 
     Args:
         problem: Why nothing more is known of it, in the broker's words; empty if it is well.
         leaderless: Partitions that nobody leads: they take and give nothing.
         under_replicated: Partitions of which a replica is behind or away.
+        is_there: None where the broker does not tell.
     """
 
     name: str
-    partitions: int
+    partitions: int | None
     problem: str
-    leaderless: int
-    under_replicated: int
+    leaderless: int | None
+    under_replicated: int | None
+    is_there: bool | None
 
 
 class ClusterState(NamedTuple):
@@ -90,6 +98,36 @@ class ClusterState(NamedTuple):
     topics: list[TopicState]
 
 
+class GroupMembers(NamedTuple):
+    """Who is in a group.
+
+    Args:
+        strategy: How they share the partitions.
+        clients: Their client.id.
+    """
+
+    strategy: str
+    clients: frozenset[str]
+
+
+class Greeting(NamedTuple):
+    """Who answers of a cluster.
+
+    Args:
+        brokers: How many do, at the addresses that the cluster names.
+        unreached: Why the others do not, each in a sentence: what answers at bootstrap.servers
+            need not be a broker that can be reached.
+    """
+
+    cluster_id: str
+    brokers: int
+    unreached: list[str]
+
+    def __str__(self) -> str:
+        verb = 'answers' if self.brokers == 1 else 'answer'
+        return f'{count(self.brokers, "broker")} of cluster {self.cluster_id} {verb}'
+
+
 class Overview:
     """A cluster, looked at with the user's own properties, as often as one likes.
 
@@ -105,17 +143,18 @@ class Overview:
         self._admin = Admin(properties, __name__)
         self._coordinators_by_s: float | None = None
 
-    def greeting(self) -> str:
-        """Say who answers.
+    def greeting(self) -> Greeting:
+        """Look who answers.
 
         Raises:
             TransportError: Nobody does.
             RouteError: This user is not let in.
         """
         metadata = self._metadata()
-        brokers = count(len(metadata.brokers), 'broker')
-        verb = 'answers' if len(metadata.brokers) == 1 else 'answer'
-        return f'{brokers} of cluster {metadata.cluster_id} {verb}'
+        brokers = sorted(metadata.brokers.values(), key=attrgetter('id'))
+        with ThreadPoolExecutor(_MOST_LOOKS) as looks:
+            unreached = list(filter(None, looks.map(_unreached, brokers)))
+        return Greeting(str(metadata.cluster_id), len(brokers) - len(unreached), unreached)
 
     def topics(self) -> list[KafkaTopic]:
         """All topics that this user may see, sorted; errors as of `greeting`."""
@@ -125,7 +164,7 @@ class Overview:
         ]
 
     def topic(self, name: str) -> TopicView:
-        """Look at one topic."""
+        """Look at one topic. Only a broker's own word says that it is not there."""
         try:
             answer = self._admin.requests.describe_topics(
                 TopicCollection([name]),
@@ -133,7 +172,8 @@ class Overview:
                 request_timeout=_REQUEST_S,
             )[name].result()
         except KafkaException as error:
-            return TopicView(exists=False, partitions=0, rights=None, problem=error.args[0].str())
+            exists = False if error.args[0].code() == KafkaError.UNKNOWN_TOPIC_OR_PART else None
+            return TopicView(exists, 0, None, str(error.args[0].str()))
         rights = answer.authorized_operations
         names = None if rights is None else frozenset(right.name for right in rights)
         return TopicView(exists=True, partitions=len(answer.partitions), rights=names, problem='')
@@ -185,14 +225,34 @@ class Overview:
         with contextlib.closing(client):
             while True:
                 try:
-                    answer = client.committed(asked, timeout=_REQUEST_S)
-                    break
+                    return offsets_of(client.committed(asked, timeout=_REQUEST_S))
                 except KafkaException as error:
                     problem = translate(error.args[0], 'its offsets cannot be read')
                     if not isinstance(problem, TransportError) or time.monotonic() > deadline_s:
                         raise problem from error
                     time.sleep(0.2)
-        return {p.partition: p.offset for p in answer if p.offset >= 0}
+
+    def members(self, group: str) -> GroupMembers:
+        """Look who is in a group; nobody where that is not told.
+
+        With a client of its own: one that lives on does not survive a late answer of a coordinator
+        that has just begun (librdkafka, issue 4605).
+
+        Raises:
+            RouteError: It is no group of consumers.
+        """
+        requests = Admin(self._properties, __name__).requests
+        try:
+            asked = requests.describe_consumer_groups([group], request_timeout=_REQUEST_S)
+            found = asked[group].result(_REQUEST_S + 1)
+        except TimeoutError:
+            return GroupMembers('', frozenset())
+        except KafkaException as error:
+            if error.args[0].code() == KafkaError._INVALID_ARG:  # noqa: SLF001 (its public name)
+                raise RouteError(str(error.args[0].str())) from error
+            return GroupMembers('', frozenset())
+        clients = frozenset(str(member.client_id) for member in found.members)
+        return GroupMembers(str(found.partition_assignor), clients)
 
     def creates_topics(self) -> bool | None:
         """Whether the brokers create a topic that is written to; None where they do not tell."""
@@ -230,23 +290,40 @@ class Overview:
         found = {}
         for partition, answer in answers.items():
             try:
-                found[partition.topic, partition.partition] = int(answer.result().offset)
+                offset = int(answer.result().offset)
             except KafkaException:
                 continue  # its leader is away just now, or this user may not see it
+            if offset >= 0:  # what could not ask the leader tells -1001
+                found[partition.topic, partition.partition] = offset
         return found
+
+
+def _unreached(broker: Any) -> str:
+    """Why a broker cannot be reached; empty where it can."""
+    try:
+        socket.create_connection((broker.host, broker.port), _LOOK_S).close()
+    except (OSError, UnicodeError) as error:  # a name that cannot be one of DNS, too
+        reason = getattr(error, 'strerror', None) or str(error)
+        return (
+            f'the cluster names {broker.host}:{broker.port} as the address of broker {broker.id}, '
+            f'and nobody answers there: {reason}'
+        )
+    return ''
 
 
 def _state(name: str, answer: Any) -> TopicState:
     try:
         partitions = answer.result().partitions
     except KafkaException as error:
-        return TopicState(name, 0, _problem(error), 0, 0)
+        is_missing = error.args[0].code() == KafkaError.UNKNOWN_TOPIC_OR_PART
+        return TopicState(name, None, _problem(error), None, None, False if is_missing else None)
     return TopicState(
         name=name,
         partitions=len(partitions),
         problem='',
         leaderless=sum(one.leader is None or one.leader.id < 0 for one in partitions),
         under_replicated=sum(len(one.isr) < len(one.replicas) for one in partitions),
+        is_there=True,
     )
 
 
@@ -271,9 +348,9 @@ def records(
 ) -> int | None:
     """How many offsets a topic holds: more than records where it is compacted or transactional.
 
-    None where a partition did not answer.
+    None where a partition did not answer, or none is known.
     """
     places = [(topic.name, number) for number in range(topic.partitions)]
-    if not all(place in begins and place in ends for place in places):
+    if not places or not all(place in begins and place in ends for place in places):
         return None
     return sum(ends[place] - begins[place] for place in places)

@@ -191,7 +191,7 @@ def test_what_the_broker_deleted_is_not_blamed_on_the_bridge(
         ),
         (DemoOptions(seconds=-1), '--seconds -1: expected a number of seconds, more than 0'),
         (DemoOptions(seconds=float('inf')), '--seconds inf: expected a number of seconds'),
-        (DemoOptions(bootstrap_servers=''), '--bootstrap-servers: expected .* leave it out for'),
+        (DemoOptions(bootstrap_servers=''), '-servers: names no broker: .* leave it out for'),
         (DemoOptions(domain=233), '--domain 233: expected 0 to 232'),
     ],
 )

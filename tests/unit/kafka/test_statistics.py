@@ -28,7 +28,7 @@ def test_brokers_are_known_where_one_may_be_connected_to(sources: str, known: in
 
 def test_a_name_with_quotes_hides_nothing() -> None:
     told = '{ "name": "a"b#producer-1", "client_id": "a"b", "type": "producer", "brokers": %s}'
-    up = read(told % '{"x": {"source": "learned", "state": "UP"}}')
+    up = read(told % '{"x": {"nodeid": 0, "source": "learned", "state": "UP"}}')
     assert (up.is_connected, up.knows_brokers) == (True, True)
     assert not read(told % '{}').knows_brokers
     assert read('{ "name": "a"b"}').knows_brokers, 'what cannot be read says nothing bad'
@@ -40,3 +40,19 @@ def test_statistics_come_often_enough_to_know_whether_a_client_lives() -> None:
     assert with_statistics({name: '500'})[name] == 500
     assert with_statistics({name: 600_000})[name] == 2000
     assert with_statistics({name: 0})[name] == 2000
+
+
+@pytest.mark.parametrize(
+    ('broker', 'is_connected'),
+    [
+        ({'nodeid': -1, 'source': 'configured', 'state': 'UP'}, False),
+        ({'nodeid': 1, 'source': 'learned', 'state': 'TRY_CONNECT'}, False),
+        ({'nodeid': 0, 'source': 'learned', 'state': 'UP'}, True),
+        ({'nodeid': -1, 'source': 'logical', 'state': 'UP'}, True),
+    ],
+)
+def test_what_answers_at_bootstrap_servers_is_no_broker_of_the_cluster(
+    broker: dict[str, object], *, is_connected: bool
+) -> None:
+    """Where advertised.listeners is wrong, it answers and names one that does not."""
+    assert read(json.dumps({'brokers': {'b': broker}})).is_connected == is_connected

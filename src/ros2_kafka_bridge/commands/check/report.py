@@ -99,7 +99,7 @@ def _report_connected(console: Console, config: Config) -> int:
         show_line(console, f'No route can run: {kafka.problem}', 'bold red')
         return 1
     show_line(console, summary(found), 'bold')
-    return 1 if any(f.level == 'bad' for f in chain(*found.values())) else 0
+    return 1 if any(f.level == 'bad' for f in chain(findings, *found.values())) else 0
 
 
 def _show(console: Console, title: str, findings: Sequence[Finding]) -> None:

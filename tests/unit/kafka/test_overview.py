@@ -1,0 +1,119 @@
+"""What is said of a cluster where it does not answer: nothing of it is taken for an answer."""
+
+import socket
+from concurrent.futures import Future
+from typing import Any
+from unittest.mock import MagicMock
+
+import pytest
+from confluent_kafka import KafkaError, KafkaException, TopicPartition
+
+from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.kafka import admin, overview
+from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
+
+
+def failed(code: int, text: str = '') -> 'Future[Any]':
+    future: Future[Any] = Future()
+    future.set_exception(KafkaException(KafkaError(code, text or None)))
+    return future
+
+
+def done(value: object) -> 'Future[Any]':
+    future: Future[Any] = Future()
+    future.set_result(value)
+    return future
+
+
+@pytest.fixture
+def library(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """An admin client, and a consumer."""
+    client = MagicMock()
+    monkeypatch.setattr(admin, 'AdminClient', lambda *_, **__: client)
+    monkeypatch.setattr(overview, 'Consumer', lambda *_, **__: client)
+    return client
+
+
+def look(library: Any) -> Overview:
+    del library
+    return Overview({'bootstrap.servers': 'kafka:9092'})
+
+
+@pytest.mark.parametrize(
+    ('code', 'exists'),
+    [
+        (KafkaError.UNKNOWN_TOPIC_OR_PART, False),
+        (KafkaError._TIMED_OUT, None),
+        (KafkaError._TRANSPORT, None),
+        (KafkaError.TOPIC_AUTHORIZATION_FAILED, None),
+        (KafkaError.LEADER_NOT_AVAILABLE, None),
+    ],
+)
+def test_only_the_word_of_a_broker_says_that_a_topic_is_not_there(
+    library: Any, code: int, *, exists: bool | None
+) -> None:
+    library.describe_topics.return_value = {'orders': failed(code, 'as it said')}
+    view = look(library).topic('orders')
+    assert (view.exists, view.problem) == (exists, 'as it said')
+
+
+def test_an_end_that_is_told_without_a_leader_is_none(library: Any) -> None:
+    """The client answers with -1001, and no error, where it could not ask."""
+    places = [TopicPartition('orders', number) for number in range(2)]
+    answers = [MagicMock(offset=-1001), MagicMock(offset=50)]
+    library.list_offsets.return_value = dict(zip(places, map(done, answers), strict=True))
+    topic = KafkaTopic('orders', 2, '')
+    ends = look(library).ends([topic])
+    assert ends == {('orders', 1): 50}
+    assert records(topic, {('orders', 0): 0, ('orders', 1): 0}, ends) is None
+
+
+def test_committed_offsets_that_are_refused_are_not_none_at_all(library: Any) -> None:
+    refused = MagicMock(partition=0, offset=-1001)
+    refused.error = KafkaError(KafkaError.TOPIC_AUTHORIZATION_FAILED)
+    library.committed.return_value = [refused]
+    with pytest.raises(RouteError, match='its offsets cannot be read'):
+        look(library).committed('group', 'orders', 1)
+
+
+def test_a_broker_is_there_where_somebody_answers_at_its_own_address(library: Any) -> None:
+    with (
+        socket.create_server(('127.0.0.1', 0)) as there,
+        socket.create_server(('127.0.0.1', 0)) as gone,
+    ):
+        ports = [there.getsockname()[1], gone.getsockname()[1]]
+        gone.close()
+        brokers = {
+            number: MagicMock(id=number, host='127.0.0.1', port=port)
+            for number, port in enumerate(ports, 1)
+        }
+        library.list_topics.return_value = MagicMock(brokers=brokers, cluster_id='c')
+        greeting = look(library).greeting()
+    assert str(greeting) == '1 broker of cluster c answers'
+    [text] = greeting.unreached
+    assert text.startswith(f'the cluster names 127.0.0.1:{ports[1]} as the address of broker 2')
+    assert text.endswith('Connection refused')
+
+
+def test_a_name_that_cannot_be_one_of_dns_is_told_as_not_reached(library: Any) -> None:
+    broker = MagicMock(id=1, host='x..y', port=9092)
+    library.list_topics.return_value = MagicMock(brokers={1: broker}, cluster_id='c')
+    greeting = look(library).greeting()
+    assert greeting.brokers == 0
+    assert 'the cluster names x..y:9092 as the address of broker 1' in greeting.unreached[0]
+
+
+def test_who_is_in_a_group_is_told_and_one_of_another_kind_is_refused(library: Any) -> None:
+    members = [MagicMock(client_id='shop'), MagicMock(client_id='bridge-worker-1')]
+    library.describe_consumer_groups.return_value = {
+        'g': done(MagicMock(partition_assignor='range', members=members))
+    }
+    found = look(library).members('g')
+    assert (found.strategy, sorted(found.clients)) == ('range', ['bridge-worker-1', 'shop'])
+    library.describe_consumer_groups.return_value = {'g': failed(KafkaError._TIMED_OUT)}
+    assert look(library).members('g').clients == frozenset(), 'nobody has told'
+    library.describe_consumer_groups.return_value = {
+        'g': failed(KafkaError._INVALID_ARG, 'GroupId g is not a consumer group (connect).')
+    }
+    with pytest.raises(RouteError, match='not a consumer group'):
+        look(library).members('g')
