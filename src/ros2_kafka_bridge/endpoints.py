@@ -118,11 +118,11 @@ class Load(NamedTuple):
 
     Args:
         queued: Messages in the history of a writer, or the queue of a producer.
-        limit: How many it may hold; 0 where that is not known.
+        limit: How many it may hold; None where that is not known.
     """
 
     queued: int = 0
-    limit: int = 0
+    limit: int | None = None
 
 
 class Matches(NamedTuple):
@@ -146,8 +146,8 @@ class KafkaEnd(Protocol):
         ...
 
     @property
-    def answers(self) -> bool:
-        """Whether it does now, though it may let nothing be read or produced."""
+    def answers(self) -> bool | None:
+        """Whether it does now, though it may let nothing be read or produced; None: not heard."""
         ...
 
 
@@ -157,6 +157,11 @@ class RecordSource(KafkaEnd, Protocol):
     It keeps how far each partition has come, and hears of it by `advance`. Behind the last record
     there may be offsets that are no records (marks of transactions): it passes them by itself.
     """
+
+    @property
+    def held_back(self) -> str:
+        """Why Kafka gives out nothing, though it is there; empty where it does."""
+        ...
 
     @property
     def lost_upstream(self) -> int:

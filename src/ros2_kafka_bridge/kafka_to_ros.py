@@ -86,7 +86,7 @@ class KafkaToRos:
         traces: RecordTraces = NO_RECORD_TRACES,
     ) -> None:
         self.counters = Counters(route.name)
-        self.snapshot = self.counters.snapshot(0)
+        self.snapshot = self.counters.snapshot(0, spooled=0)
         self._meter = Meter()
         self._telling = Telling(self.counters, self._meter, dead_letters)
         self._pause = Pause()
@@ -296,14 +296,14 @@ class KafkaToRos:
             self._source.commit()
         if not self._telling.is_due(self._pause):
             return
-        self._show(self._reason(obstacle) or self._source.away)
+        self._show(self._reason(obstacle) or self._source.away or self._source.held_back)
 
     def _reason(self, obstacle: Obstacle | None) -> str:
         """Why the route waits; empty where it does not, or not for long."""
         if obstacle is None or not self._blocked.is_long:
             return ''
         if obstacle.cause is Cause.HISTORY:
-            return f'{obstacle.reason} ({held(self._sink.holders, self._blocked.for_s)})'
+            return f'{obstacle.reason} ({held(self._sink.holders, self._blocked.still_for_s)})'
         return obstacle.reason
 
     def _show(self, reason: str) -> None:
@@ -313,12 +313,11 @@ class KafkaToRos:
     def _take_snapshot(self, lag: int | None) -> None:
         self.counters.lost_upstream = self._source.lost_upstream
         measures = self._meter.measures(
-            self._sink.load,
-            self._sink.matches,
-            bytes_held=self._window.value_bytes,
-            rebalances=self._source.rebalances,
-        )
-        self.snapshot = self.counters.snapshot(len(self._window), lag, measures=measures)
+            self._sink.load, self._sink.matches,
+            bytes_held=self._window.value_bytes, rebalances=self._source.rebalances,
+        )  # fmt: skip
+        held = len(self._window)
+        self.snapshot = self.counters.snapshot(held, lag, spooled=0, measures=measures)
 
     # Hand-over, failure, end
 

@@ -64,6 +64,7 @@ def kafka_source(client: Library) -> Iterator[Callable[[], object]]:
     client.committed.return_value = [HERE]
     client.get_watermark_offsets.return_value = (0, 9)
     client.position.return_value = [HERE]
+    client.list_topics.return_value.topics = {'t': MagicMock(error=None, partitions=[0])}
     source = KafkaSource(KAFKA, 't', 'earliest', LOG)
     yield lambda: source.open(MagicMock())
     yield lambda: call_back(client, 'on_assign')
@@ -116,7 +117,7 @@ def group_lock(client: Library) -> Iterator[Callable[[], object]]:
 
 def end_of_topic(client: Library) -> Iterator[Callable[[], object]]:
     """The end of a topic that is empty."""
-    client.list_topics.return_value.topics = {'t': MagicMock(partitions=[0])}
+    client.list_topics.return_value.topics = {'t': MagicMock(error=None, partitions=[0])}
     client.get_watermark_offsets.return_value = (0, 0)
     yield lambda: KafkaTail(KAFKA, 't').read(10, 1.0, lambda _: None)
 

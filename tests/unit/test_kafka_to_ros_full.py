@@ -49,7 +49,8 @@ def test_a_route_that_is_held_says_by_whom_and_since_when(
     house.sink.acknowledging, house.sink.room, house.sink.holders = False, 1, holders
     house.give(b'a', b'b')
     house.steps(2)
-    house.direction._blocked._since_s = time.monotonic() - 3600
+    blocked = house.direction._blocked
+    blocked._since_s = blocked._moved_s = time.monotonic() - 3600
     before = datetime.now().astimezone() - timedelta(seconds=3600)
     house.direction._telling._at_s = 0.0
     house.steps(1)
@@ -61,6 +62,28 @@ def test_a_route_that_is_held_says_by_whom_and_since_when(
     assert said[1] == who
     times = {f'{before + timedelta(seconds=late_s):%H:%M:%S}' for late_s in range(30)}
     assert said[2] in times
+
+
+def test_who_does_not_take_is_not_blamed_for_the_time_of_one_that_has_gone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The one acknowledges nothing and goes, nobody is there for long, and another comes."""
+    monkeypatch.setattr(obstacle, 'SAID_AFTER_S', 0.0)
+    house = House()
+    house.sink.acknowledging, house.sink.room, house.sink.holders = False, 1, ['/gone']
+    house.give(b'a', b'b')
+    house.steps(2)
+    blocked = house.direction._blocked
+    blocked._since_s = blocked._moved_s = time.monotonic() - 3600
+    house.sink.lose_reader()
+    house.sink.holders = ['/picker']
+    house.steps(3)
+    house.direction._telling._at_s = 0.0
+    came = datetime.now().astimezone()
+    house.steps(1)
+    since = re.search(r'/picker, since (\d\d:\d\d:\d\d)', house.direction.snapshot.reason)
+    assert since, house.direction.snapshot.reason
+    assert since[1] in {f'{came - timedelta(seconds=ago_s):%H:%M:%S}' for ago_s in range(30)}
 
 
 def test_nothing_is_read_while_a_message_waits() -> None:

@@ -6,9 +6,11 @@ from typing import NamedTuple
 from confluent_kafka import OFFSET_BEGINNING, Consumer, KafkaException, TopicPartition
 
 from ros2_kafka_bridge.errors import About
-from ros2_kafka_bridge.kafka.commits import Commits
+from ros2_kafka_bridge.kafka.commits import Commits, offsets_of
 from ros2_kafka_bridge.kafka.partitions import Partition
+from ros2_kafka_bridge.kafka.topics import partitions_of
 from ros2_kafka_bridge.logs.lines import summed
+from ros2_kafka_bridge.logs.text import count
 
 _REQUEST_S = 10.0
 
@@ -67,11 +69,7 @@ class Beginnings:
         if wanted is not None and wanted < self._bounds(client, partition.number)[0]:
             return _cut_off(partition, wanted)
         everywhere = self._everywhere(client)
-        committed = {
-            p.partition: p.offset
-            for p in client.committed(everywhere, timeout=_REQUEST_S)
-            if p.offset >= 0
-        }
+        committed = offsets_of(client.committed(everywhere, timeout=_REQUEST_S))
         if not committed and partition.next is None:
             return Beginning(self._first_start(client, commits, everywhere)[partition.number])
         low, high = self._bounds(client, partition.number)
@@ -80,6 +78,8 @@ class Beginnings:
         if partition.next is not None:  # the offsets of the group went with the topic
             self._say_not_there(partition, max(partition.next, high + 1), low, high)
             return Beginning(low, anew=True)
+        if high > low:
+            self._say_without_offset(partition.number, high - low)
         return Beginning(low)
 
     def on_reached(self, client: Consumer, partition: Partition, offset: int) -> None:
@@ -95,8 +95,8 @@ class Beginnings:
         self._count(partition.number, range(wanted, min(low, offset)))
 
     def _everywhere(self, client: Consumer) -> list[TopicPartition]:
-        metadata = client.list_topics(self._topic, timeout=_REQUEST_S)
-        return [TopicPartition(self._topic, p) for p in metadata.topics[self._topic].partitions]
+        numbers = partitions_of(client, self._topic, _REQUEST_S)
+        return [TopicPartition(self._topic, number) for number in numbers]
 
     def _bounds(self, client: Consumer, number: int) -> tuple[int, int]:
         return client.get_watermark_offsets(
@@ -111,11 +111,34 @@ class Beginnings:
         Also for partitions that others read: seen from them, a partition without an offset among
         others with one has appeared later, and is read from its beginning.
         """
-        side = 0 if self._start == 'earliest' else 1
-        offsets = {p.partition: self._bounds(client, p.partition)[side] for p in everywhere}
+        bounds = {p.partition: self._bounds(client, p.partition) for p in everywhere}
+        is_latest = self._start == 'latest'
+        offsets = {number: high if is_latest else low for number, (low, high) in bounds.items()}
         commits.within(_REQUEST_S, offsets)
-        self._log.info('first start of this group: begins at the %s record', self._start)
+        passed = sum(high - low for low, high in bounds.values()) if is_latest else 0
+        self._say_begun(passed)
         return offsets
+
+    def _say_begun(self, passed: int) -> None:
+        """Say where the group begins, and how many records it does not read."""
+        begins = f'first start of this group: begins at the {self._start} record'
+        if not passed:
+            self._log.info('%s', begins)
+            return
+        self._log.warning(
+            '%s, and does not read the %s that %s holds: if it was here before, its offsets have '
+            'expired (offsets.retention.minutes) or were deleted; kafka-consumer-groups.sh '
+            '--reset-offsets sets it back, while the bridge is stopped',
+            begins, count(passed, 'record'), self._topic,
+        )  # fmt: skip
+
+    def _say_without_offset(self, number: int, held: int) -> None:
+        self._log.warning(
+            '%s[%d]: the group has no offset here, though it has of other partitions: begins with '
+            'the first of %s; the partition was added, or its offset has expired '
+            '(offsets.retention.minutes)',
+            self._topic, number, count(held, 'record'),
+        )  # fmt: skip
 
     def _at_committed(
         self, partition: Partition, committed: int, low: int, high: int

@@ -55,7 +55,7 @@ class KafkaSource:
         properties = with_recording(with_statistics(own | dict(properties)))
         self._topic = topic
         self._about = Client('READ', properties)
-        self._health = ClientHealth(f'topic {topic}', log, self._about)
+        self._health = ClientHealth(f'topic {topic}', log, self._about, reads=True)
         self._partitions = Partitions()
         self._beginnings = Beginnings(topic, start, log)
         self._lag = Lag(topic, self._partitions)
@@ -77,14 +77,19 @@ class KafkaSource:
         return self._member.away
 
     @property
+    def held_back(self) -> str:
+        """Why Kafka gives out nothing, though it is there; empty where it does."""
+        return self._member.held_back
+
+    @property
     def reached(self) -> bool:
         """Whether Kafka has ever answered."""
         return self._health.reached
 
     @property
-    def answers(self) -> bool:
+    def answers(self) -> bool | None:
         """Whether it does now, though it may not let this bridge into its group."""
-        return not self._health.away and self._member.is_answered
+        return self._member.is_answered
 
     def open(self, rebalance: Rebalance) -> None:
         """Join the group.
@@ -134,16 +139,16 @@ class KafkaSource:
     def lag(self) -> int | None:
         """How many records of the partitions come behind what has ended.
 
-        None without a place in the group: it is not known which they are.
+        None where that is not known: without a place in the group, while Kafka is away or lets
+        the client wait, and of partitions that have not answered yet or whose leader is away.
 
         Raises:
             RouteError: The client is of no use any more.
         """
-        if not self._member.is_in_group:
+        if not (self._member.is_in_group and self._member.hears_ends):
             return None
-        ask = self._member.is_paused and not self._health.away
         with self._translating():
-            return self._lag.count(self._member.client, ask=ask)
+            return self._lag.count(self._member.client, ask=self._member.is_paused)
 
     def close(self) -> None:
         """Leave the group; what is to be committed has been."""
@@ -202,7 +207,8 @@ class KafkaSource:
         elif error.code() == KafkaError._PARTITION_EOF:  # noqa: SLF001
             self._health.on_contact()
             self._note_reached(message)
-            self._partitions.reach_end(number, offset or 0)
+            if offset is not None:
+                self._partitions.reach_end(number, offset)
         elif error.code() != KafkaError._MAX_POLL_EXCEEDED:  # noqa: SLF001
             if error.code() == KafkaError.UNKNOWN_TOPIC_OR_PART:
                 self._beginnings.expect_new_topic()

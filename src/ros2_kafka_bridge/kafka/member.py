@@ -23,6 +23,7 @@ from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth
 from ros2_kafka_bridge.kafka.commits import Commits, topic_partitions
 from ros2_kafka_bridge.kafka.draining import drain
+from ros2_kafka_bridge.kafka.held_back import HeldBack
 from ros2_kafka_bridge.kafka.partitions import Partitions
 from ros2_kafka_bridge.kafka.recorder import Recorder
 from ros2_kafka_bridge.kafka.statistics import read
@@ -70,6 +71,7 @@ class Member:
         self._health = health
         self._log = log
         self._watchdog = Watchdog(topic, float(properties.get('fetch.wait.max.ms', 500)) / 1000)
+        self._held_back = HeldBack(topic, partitions)
         self._consumer: Consumer | None = None
         self._recorder: Recorder  # of the client
         self._clients = 0  # made so far: what an old one still says does not count
@@ -94,14 +96,26 @@ class Member:
         return self._health.away or self._watchdog.reason
 
     @property
+    def held_back(self) -> str:
+        """Why Kafka gives out nothing though it is there; empty while nothing is asked for."""
+        return '' if self._is_paused else self._held_back.reason
+
+    @property
     def is_in_group(self) -> bool:
         """Whether it knows which partitions it has."""
         return not self._watchdog.joins
 
     @property
-    def is_answered(self) -> bool:
-        """Whether Kafka answers, as far as that was asked while it waits for its place."""
-        return self._watchdog.is_there is not False
+    def hears_ends(self) -> bool:
+        """Whether it is told, while it reads, where its partitions end."""
+        return not self._health.away and (self._is_paused or not self._held_back.hides_ends)
+
+    @property
+    def is_answered(self) -> bool | None:
+        """Whether Kafka answers, though it may not let it into the group; None: not heard yet."""
+        if self._health.away or self._watchdog.is_there is False:
+            return False
+        return self._health.is_heard or None
 
     @property
     def is_paused(self) -> bool:
@@ -136,6 +150,7 @@ class Member:
         callbacks = {
             'error_cb': self._own(self.on_error),
             'stats_cb': self._own(self._on_statistics),
+            'throttle_cb': self._own(lambda it: self._held_back.on_throttle(it.throttle_time)),
             'on_commit': self._own(self._on_commit),
         }
         self._consumer = Consumer(self._properties | callbacks, logger=self._recorder)
@@ -316,7 +331,11 @@ class Member:
 
     def _on_statistics(self, text: str) -> None:
         self._recorder.on_statistics(text)
-        self._health.on_statistics(read(text))
+        statistics = read(text)
+        self._health.on_statistics(statistics)
+        if statistics.is_connected:
+            self._health.on_contact()  # a quiet topic would not tell
+        self._held_back.on_ends(statistics.ends)
 
     def _note_whether_shut_out(self, error: KafkaError) -> bool:
         """Whether the group has shut this client out: for a late request, its name is its own."""
@@ -338,7 +357,7 @@ class Member:
         """Look at a client from which nothing comes; one that is given up says what it did."""
         try:
             self._watchdog.look_whether_outside(self._health.away)
-            if not self._is_paused and not self._health.away:
+            if not (self._is_paused or self._health.away or self._held_back.is_throttled):
                 self._watchdog.look_whether_stuck(self.client, self._partitions.reached)
         except RouteError:
             self._recorder.tell(self._log)

@@ -62,8 +62,14 @@ class Partition:
         self._skip()
 
     def reach_end(self, end: int) -> None:
-        """Note that there is nothing left before `end`."""
+        """Note that there is nothing left before `end`.
+
+        Where nothing was handed out yet, there was no record up to there: the group is told, or
+        marks of transactions would be a lag for ever.
+        """
         self.end = end
+        if self.position is None:
+            self.position = end
         self._skip()
 
     def _skip(self) -> None:

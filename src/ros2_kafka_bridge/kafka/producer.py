@@ -77,9 +77,9 @@ class KafkaSink(Generic[Token]):
         return self._health.reached
 
     @property
-    def answers(self) -> bool:
-        """Whether it does now."""
-        return not self.away
+    def answers(self) -> bool | None:
+        """Whether it does now; None: not heard yet."""
+        return False if self.away else self._health.is_heard or None
 
     @property
     def load(self) -> Load:

@@ -13,6 +13,7 @@ from ros2_kafka_bridge.endpoints import Record
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.tls import check_files
+from ros2_kafka_bridge.kafka.topics import partitions_of
 
 # The caller is the thread of a route: while it waits here nothing is taken from ROS.
 _REQUEST_S: Final = 2.0
@@ -111,9 +112,7 @@ class KafkaTail:
     def _ranges(self, consumer: Consumer, records: int) -> dict[int, range]:
         """The offsets to read in each partition."""
         ranges = {}
-        for partition in (
-            consumer.list_topics(self.topic, timeout=_REQUEST_S).topics[self.topic].partitions
-        ):
+        for partition in self._partitions(consumer):
             here = TopicPartition(self.topic, partition)
             low, high = consumer.get_watermark_offsets(here, timeout=_REQUEST_S)
             before = self._starts.get(partition)
@@ -121,6 +120,15 @@ class KafkaTail:
             ranges[partition] = range(max(low, end - records), end)
             self._lows[partition] = low
         return ranges
+
+    def _partitions(self, consumer: Consumer) -> list[int]:
+        """Those of the topic; none where it is not there yet."""
+        try:
+            return partitions_of(consumer, self.topic, _REQUEST_S)
+        except KafkaException as error:
+            if error.args[0].code() != KafkaError.UNKNOWN_TOPIC_OR_PART:
+                raise
+            return []
 
     def _read(
         self,

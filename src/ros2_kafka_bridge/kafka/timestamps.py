@@ -17,6 +17,7 @@ from confluent_kafka import (
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka.errors import Client, translate
 from ros2_kafka_bridge.kafka.tls import check_files
+from ros2_kafka_bridge.kafka.topics import partitions_of
 from ros2_kafka_bridge.logs.lines import client_log
 
 _REQUEST_S = 5.0
@@ -76,14 +77,10 @@ def read_timestamps(
 
 def _starts(consumer: Consumer, topic: str, last: int, partition: int | None) -> list[_Start]:
     """Where to begin with each partition that holds records."""
-    about = consumer.list_topics(topic, timeout=_REQUEST_S).topics[topic]
-    if about.error is not None:
-        raise KafkaException(about.error)
-    numbers = sorted(about.partitions) if partition is None else [partition]
-    if partition is not None and partition not in about.partitions:
-        raise RouteError(
-            f'topic {topic} has no partition {partition}, only 0 to {len(about.partitions) - 1}'
-        )
+    there = sorted(partitions_of(consumer, topic, _REQUEST_S))
+    numbers = there if partition is None else [partition]
+    if partition is not None and partition not in there:
+        raise RouteError(f'topic {topic} has no partition {partition}, only 0 to {len(there) - 1}')
     starts = []
     for number in numbers:
         here = TopicPartition(topic, number)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from confluent_kafka import KafkaError, KafkaException
+from confluent_kafka import Consumer, KafkaError, KafkaException
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     ConfigResource,
     NewTopic,
@@ -44,6 +44,19 @@ def ensure_topic(properties: Mapping[str, Any], topic: str) -> None:
         except KafkaException as error:
             if error.args[0].code() not in _DONE:
                 raise
+
+
+def partitions_of(client: Consumer, topic: str, within_s: float) -> list[int]:
+    """The numbers of a topic's partitions, as the broker tells them.
+
+    Raises:
+        KafkaException: The broker does not answer, or tells an error instead: none may look like
+            a topic without partitions.
+    """
+    found = client.list_topics(topic, timeout=within_s).topics[topic]
+    if found.error is not None:
+        raise KafkaException(found.error)
+    return list(found.partitions)
 
 
 def topic_limit_bytes(properties: Mapping[str, Any], topic: str) -> int | None:

@@ -1,6 +1,7 @@
-"""Numbers with their nouns; and text of others, made safe to be shown in a line or a terminal."""
+"""Numbers with their nouns, times of day; and text of others, made safe to be shown."""
 
 import re
+from datetime import datetime, timedelta
 from typing import Final
 
 # Control characters, line ends, marks that turn the direction of writing, and lone surrogates.
@@ -12,6 +13,11 @@ _HOSTILE: Final = re.compile(
 def count(number: int, thing: str) -> str:
     """Say how many there are of a thing: `1 route`, `2 routes`."""
     return f'{number} {thing}' if number == 1 else f'{number} {thing}s'
+
+
+def clock_time(ago_s: float = 0.0) -> str:
+    """What the clock of the log showed so many seconds ago."""
+    return (datetime.now().astimezone() - timedelta(seconds=ago_s)).strftime('%H:%M:%S')
 
 
 def printable(text: str) -> str:

@@ -45,6 +45,7 @@ class Blocked:
 
     def __init__(self) -> None:
         self._since_s: float | None = None
+        self._moved_s = 0.0
         self._nap_s = SHORTEST_NAP_S
 
     def clear(self) -> None:
@@ -54,6 +55,7 @@ class Blocked:
 
     def move(self) -> None:
         """Note that something went, though not all: the next nap is short again."""
+        self._moved_s = time.monotonic()
         self._nap_s = SHORTEST_NAP_S
 
     def note(self) -> None:
@@ -65,6 +67,11 @@ class Blocked:
     def for_s(self) -> float:
         """For how long something has been in the way; 0 where nothing is."""
         return 0.0 if self._since_s is None else time.monotonic() - self._since_s
+
+    @property
+    def still_for_s(self) -> float:
+        """For how long nothing has gone at all: since then whoever does not take is to blame."""
+        return min(self.for_s, time.monotonic() - self._moved_s)
 
     @property
     def is_long(self) -> bool:

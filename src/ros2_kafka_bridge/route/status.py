@@ -2,15 +2,15 @@
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from datetime import datetime, timedelta
 from typing import Final
 
 from ros2_kafka_bridge.logs.lines import route_log
-from ros2_kafka_bridge.logs.text import count
+from ros2_kafka_bridge.logs.text import clock_time, count
 from ros2_kafka_bridge.route.counters import Counters, Snapshot
 
 _MOST_NAMES: Final = 3
 _PERIOD_S: Final = 10.0
+_OLD_S: Final = 3.0  # a route tells its numbers each second
 
 
 def confirmed_per_s(now: Snapshot, before: Snapshot, period_s: float) -> float:
@@ -54,6 +54,9 @@ def totals(snapshot: Snapshot) -> str:
 
 def left(snapshot: Snapshot, *, to_ros: bool) -> str:
     """One line that says what a route still held that did not end in time, and what it costs."""
+    if not snapshot.made_s:
+        return 'what is not known: it has told nothing'
+    old_s = time.monotonic() - snapshot.made_s
     if not snapshot.in_flight:
         what = 'nothing in flight'
     elif to_ros:
@@ -61,7 +64,8 @@ def left(snapshot: Snapshot, *, to_ros: bool) -> str:
     else:
         held = count(snapshot.in_flight, 'message')
         what = f'{held} in flight, lost unless in the spool, or the publisher is TRANSIENT_LOCAL'
-    return f'{what} ({totals(snapshot)})'
+    old = f', as it told {old_s:.0f} s ago' if old_s > _OLD_S else ''
+    return f'{what}{old} ({totals(snapshot)})'
 
 
 def given_up(held: int, *, empty: bool) -> str:
@@ -84,7 +88,7 @@ def held(names: Sequence[str], for_s: float) -> str:
         names: Of the nodes that are waited for; DDS does not tell which of several it is.
         for_s: How long nothing has moved.
     """
-    since = (datetime.now().astimezone() - timedelta(seconds=for_s)).strftime('%H:%M:%S')
+    since = clock_time(for_s)
     shown = ', '.join(names[:_MOST_NAMES])
     if len(names) > _MOST_NAMES:
         shown += f' and {len(names) - _MOST_NAMES} more'
@@ -93,7 +97,7 @@ def held(names: Sequence[str], for_s: float) -> str:
 
 
 def _rare(snapshot: Snapshot) -> str:
-    counts: dict[str, int] = {
+    counts: dict[str, int | None] = {
         'dropped': snapshot.dropped,
         'skipped': snapshot.skipped,
         'returned': snapshot.returned,

@@ -47,7 +47,7 @@ class Telling:
         reason = pause.reason if self._paused else ''
         begun = begun or kafka.reached
         self._counters.tell(letters.problem, obstacle, reason, begun=begun)
-        self._meter.kafka_up = kafka.reached and kafka.answers
+        self._meter.kafka_up = kafka.answers
         self._meter.look(kafka.away)
         if (error := letters.take_error()) is not None:
             self._meter.troubles.note(error, f'dead-letter topic {letters.topic}')

@@ -70,8 +70,9 @@ class MemoryRecordSource:
     waiting: deque[MemoryRecord] = field(default_factory=deque)
     committed: dict[int, int] = field(default_factory=dict)
     away: str = ''
+    held_back: str = ''
     reached: bool = True
-    answers: bool = True
+    answers: bool | None = True
     lost_upstream: int = 0
     ends: dict[int, int] = field(default_factory=dict)
     held: bool = False
@@ -167,7 +168,7 @@ class MemoryRecordSink(Generic[Token]):
     answering: bool = True
     away: str = ''
     reached: bool = True
-    answers: bool = True
+    answers: bool | None = True
     is_open: bool = False
     hurried: int = 0
     delivered_at_close: int = 0

@@ -28,7 +28,6 @@ def records(*offsets: int, partition: int = 0) -> list[MemoryRecord]:
 
 def test_the_first_record_is_the_first_position_and_no_position_is_known_before() -> None:
     partitions = having(0, 1)
-    partitions.reach_end(1, 5)
     assert partitions.positions == {}
     partitions.hand_out([*records(7, 8), *records(3, partition=1), *records(12)])
     assert partitions.positions == {0: 7, 1: 3}
@@ -44,6 +43,17 @@ def test_guarantee_1_an_end_is_passed_only_when_all_before_it_have_ended() -> No
     assert partitions.positions == {0: 9}
     partitions.hand_out(records(9))
     assert partitions.positions == {0: 9}
+
+
+def test_an_end_before_which_no_record_was_is_passed_and_the_group_is_told() -> None:
+    """Marks and aborted records at the end of a partition are no lag for ever."""
+    partitions = having(0)
+    partitions.reach_end(0, 111)
+    assert partitions.news == {0: 111}
+    partitions.note_committed({0: 111})
+    partitions.hand_out(records(111))
+    partitions.reach_end(0, 112)
+    assert partitions.news == {}, 'that record has not ended'
 
 
 def test_an_end_that_comes_later_is_passed_at_once() -> None:
@@ -214,9 +224,19 @@ def test_how_far_a_reader_is_behind_is_not_known_without_a_place_in_its_group(
     assert reads.lag() == 0, 'it has none of the partitions'
     watchdog.on_lost()
     assert reads.lag() is None
-    assert reads.answers, 'it was not asked'
+    assert reads.answers is None, 'nothing was heard'
     watchdog.is_there = False
-    assert not reads.answers
+    assert reads.answers is False
+
+
+def test_an_end_of_which_the_offset_is_not_told_is_not_the_beginning(
+    source: Callable[..., KafkaSource],
+) -> None:
+    end = told(KafkaError._PARTITION_EOF, 0)
+    end.offset.return_value = None
+    reads = source(end)
+    reads.poll(10, 0.0)
+    assert reads._partitions.news == {}
 
 
 def test_an_error_that_names_no_partition_of_its_own_is_heeded(
@@ -225,3 +245,48 @@ def test_an_error_that_names_no_partition_of_its_own_is_heeded(
     reads = source(told(KafkaError._ALL_BROKERS_DOWN, -1, -1))
     assert reads.poll(10, 0.0) == []
     assert 'Kafka is away' in reads.away
+
+
+def test_the_lag_is_not_known_while_kafka_is_away(source: Callable[..., KafkaSource]) -> None:
+    """What its client was told before may be hours old."""
+    reads = source(told(KafkaError._PARTITION_EOF, 100))
+    reads._member._watchdog.on_assign()
+    reads.poll(10, 0.0)
+    reads.poll(10, 0.0)
+    reads._partitions.forget({1})
+    reads._member.client.get_watermark_offsets.return_value = (0, 120)  # type: ignore[attr-defined]
+    assert reads.lag() == 20
+    reads._health.on_error(KafkaError(KafkaError._ALL_BROKERS_DOWN))
+    assert (reads.lag(), reads.answers) == (None, False)
+
+
+def test_a_client_that_a_quota_lets_wait_says_so_and_is_not_taken_for_a_stuck_one(
+    source: Callable[..., KafkaSource],
+) -> None:
+    reads = source(None)
+    member = reads._member
+    member._watchdog.on_assign()
+    looks = MagicMock()
+    member._watchdog.look_whether_stuck = looks  # type: ignore[method-assign]
+    reads.poll(10, 0.0)
+    looks.assert_called_once()
+    member._held_back.on_throttle(30.0)
+    reads.poll(10, 0.0)
+    looks.assert_called_once()
+    assert 'a quota of the broker' in reads.held_back
+    assert reads.away == '', 'no error: Kafka is there'
+    assert reads.answers is not False, 'Kafka is there'
+    assert reads.lag() is None, 'what its client was told last may be old'
+    reads.stay()
+    assert reads.held_back == '', 'nothing is asked for meanwhile'
+
+
+def test_a_report_of_a_broker_that_is_there_brings_kafka_back(
+    source: Callable[..., KafkaSource],
+) -> None:
+    reads = source(None)
+    reads._health.on_error(KafkaError(KafkaError._ALL_BROKERS_DOWN))
+    reads._member._on_statistics('{"brokers": {"x": {"source": "configured", "state": "UP"}}}')
+    assert (bool(reads.away), reads.answers) == (True, False)
+    reads._member._on_statistics('{"brokers": {"x": {"nodeid": 1, "state": "UP"}}}')
+    assert (bool(reads.away), reads.answers) == (False, True)

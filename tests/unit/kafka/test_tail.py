@@ -22,7 +22,11 @@ class Broker:
 
     def list_topics(self, topic: str, timeout: float) -> Any:
         del timeout
-        return type('Topics', (), {'topics': {topic: type('Topic', (), {'partitions': [0]})}})
+        return type(
+            'Topics',
+            (),
+            {'topics': {topic: type('Topic', (), {'partitions': [0], 'error': None})}},
+        )
 
     def get_watermark_offsets(self, *_: Any, **__: Any) -> tuple[int, int]:
         return 0, 1000

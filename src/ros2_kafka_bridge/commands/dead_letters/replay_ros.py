@@ -114,7 +114,7 @@ class LetterChannel:
             return
         if self._stop.asked:
             raise TransportError(f'stopped while waiting for the subscribers of {topic}')
-        if (matched := measures.matched) < needed:
+        if (matched := measures.matched or 0) < needed:
             there = f'{matched} of {count(needed, "subscriber")}'
             raise TransportError(f'{there} of {topic} there after {_PATIENCE_S:g} s')
         if patience.reason and not measures.queued:  # none was published that is not acknowledged
@@ -143,7 +143,7 @@ class _Patience(Part):
         self._letters = letters
         self._direction = direction
         self.reason = ''  # for which it waited last
-        self._seen = (0, 0, 0)
+        self._seen: tuple[int, int, int | None] = (0, 0, 0)
         self._until_s = time.monotonic() + _PATIENCE_S
 
     def look(self) -> bool:
@@ -161,7 +161,7 @@ class _Patience(Part):
 class LetterSource:
     """A `RecordSource` of letters that were chosen: it notes how many of them have ended."""
 
-    away = ''
+    away = held_back = ''
     reached = answers = True  # the letters have been read
     lost_upstream = rebalances = 0
 
