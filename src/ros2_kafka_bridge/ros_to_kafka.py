@@ -86,7 +86,7 @@ class RosToKafka:
         traces: MessageTraces = NO_MESSAGE_TRACES,
     ) -> None:
         self.counters = Counters(route.name)
-        self.snapshot = self.counters.snapshot(0)
+        self.snapshot = self.counters.snapshot(0, spooled=backlog.on_disk.messages)
         self._route = route
         self._source = source
         self._in_kafka = in_kafka
@@ -314,16 +314,16 @@ class RosToKafka:
     def _take_snapshot(self) -> None:
         self.counters.lost_upstream = self._source.lost_upstream
         self.counters.unproved = self._in_kafka.unproved
+        spooled, spool_bytes = self._spooling.on_disk
         measures = self._meter.measures(
             self._sink.load,
             self._source.matches,
             bytes_held=self._spooling.loaded_bytes,
-            spool_bytes=self._spooling.size_bytes,
+            spool_bytes=spool_bytes,
             broker_round_trip_s=self._sink.round_trip_s,
         )
-        self.snapshot = self.counters.snapshot(
-            len(self._window), spooled=self._spooling.waiting, measures=measures
-        )
+        held = len(self._window)
+        self.snapshot = self.counters.snapshot(held, spooled=spooled, measures=measures)
 
     # Failure, end
 

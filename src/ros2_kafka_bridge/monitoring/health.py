@@ -66,7 +66,7 @@ def liveness(report: Report | None, age_s: float) -> Health:
     """Bad only where starting the whole again would help."""
     routes = report.routes if report else ()
     stuck = (_of_route(told) for told in routes if told.busy_s > STUCK_S)
-    return Health('livez', (_heard(age_s), *stuck))
+    return Health('livez', (_heard(age_s), *stuck, *_of_silent(report, STUCK_S)))
 
 
 def readiness(report: Report | None, age_s: float, names: Sequence[str]) -> Health:
@@ -79,13 +79,23 @@ def readiness(report: Report | None, age_s: float, names: Sequence[str]) -> Heal
     """
     if report is None:
         return Health('readyz', (Check('report', good=False, text='none has come yet'),))
-    return Health('readyz', (_heard(age_s), *_of_bridge(report), *_of_routes(report, names)))
+    silent = _of_silent(report, SILENT_S)
+    checks = (_heard(age_s), *_of_bridge(report), *silent, *_of_routes(report, names))
+    return Health('readyz', checks)
 
 
 def _heard(age_s: float) -> Check:
     if age_s <= SILENT_S:
         return Check('report', good=True, text='ok')
     return Check('report', good=False, text=f'the supervisor has told nothing for {age_s:.0f} s')
+
+
+def _of_silent(report: Report | None, most_s: float) -> Iterator[Check]:
+    """Workers that stand still: what their routes do is not known, whatever was told last."""
+    for worker in report.workers if report else ():
+        if worker.silent_s > most_s:
+            text = f'it has told nothing for {worker.silent_s:.0f} s'
+            yield Check(f'worker/{worker.number}', good=False, text=text)
 
 
 def _of_bridge(report: Report) -> Iterator[Check]:

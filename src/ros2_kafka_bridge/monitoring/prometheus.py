@@ -20,7 +20,7 @@ from ros2_kafka_bridge.config.routes import AnyRoute, direction_of, ends_of, typ
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.monitoring.state import Watch
 from ros2_kafka_bridge.protocol.monitor import Lifecycle, Report, RouteReport, Worker
-from ros2_kafka_bridge.route.counters import BOUNDS_S, Distribution, Outcome, State
+from ros2_kafka_bridge.route.counters import BOUNDS_S, Distribution, Measures, Outcome, State
 
 PREFIX: Final = 'ros2_kafka_bridge_'
 _NO_ERRORS: Final = dict.fromkeys(
@@ -51,9 +51,14 @@ class Seen(NamedTuple):
     routes: dict[str, AnyRoute]
 
     @property
-    def told(self) -> tuple[RouteReport, ...]:
+    def listed(self) -> tuple[RouteReport, ...]:
         """All routes."""
         return self.report.routes if self.report else ()
+
+    @property
+    def told(self) -> list[RouteReport]:
+        """Those that have told their numbers: of the others not even a 0 is known."""
+        return [route for route in self.listed if route.age_s is not None]
 
 
 class MetricDefinition(NamedTuple):
@@ -130,7 +135,7 @@ def _broker_round_trip(seen: Seen) -> Iterator[Sample]:
 
 
 def _states(seen: Seen) -> Iterator[Sample]:
-    for told in seen.told:
+    for told in seen.listed:
         for state in State:
             yield (told.snapshot.route, state.value), float(told.snapshot.state is state)
 
@@ -142,39 +147,28 @@ def _lifecycle(seen: Seen) -> Iterator[Sample]:
 
 
 def _about_routes(seen: Seen) -> Iterator[Sample]:
-    for told in seen.told:
+    for told in seen.listed:
         if (route := seen.routes.get(told.snapshot.route)) is not None:
             source, sink = ends_of(route)
             yield (route.name, direction_of(route), source, sink, type_of(route), route.format), 1
 
 
-def _published(seen: Seen) -> Iterator[Sample]:
-    for told in seen.told:
-        if _is_from_kafka(seen, told):
-            yield (told.snapshot.route,), told.snapshot.measures.published
+def _of_direction(
+    kind: type[AnyRoute], read: Callable[[Measures], SampleValue]
+) -> Callable[[Seen], Iterator[Sample]]:
+    def samples(seen: Seen) -> Iterator[Sample]:
+        for told in seen.told:
+            if isinstance(seen.routes.get(told.snapshot.route), kind):
+                yield (told.snapshot.route,), read(told.snapshot.measures)
 
-
-def _produced(seen: Seen) -> Iterator[Sample]:
-    for told in seen.told:
-        if not _is_from_kafka(seen, told):
-            yield (told.snapshot.route,), told.snapshot.measures.round_trip
-
-
-def _rebalances(seen: Seen) -> Iterator[Sample]:
-    for told in seen.told:
-        if _is_from_kafka(seen, told):
-            yield (told.snapshot.route,), told.snapshot.measures.rebalances
+    return samples
 
 
 def _spool_limits(seen: Seen) -> Iterator[Sample]:
-    for told in seen.told:
+    for told in seen.listed:
         route = seen.routes.get(told.snapshot.route)
         if isinstance(route, RosToKafkaRoute) and route.spool is not None:
             yield (route.name,), route.spool.max_bytes
-
-
-def _is_from_kafka(seen: Seen, told: RouteReport) -> bool:
-    return isinstance(seen.routes.get(told.snapshot.route), KafkaToRosRoute)
 
 
 def memory_bytes(pid: int) -> int | None:
@@ -254,11 +248,13 @@ METRICS: Final = (
     ),
     MetricDefinition(
         'publish_seconds', 'histogram', 'From the take of a record to its publication '
-        '(Kafka to ROS).', _ROUTE, _published,
+        '(Kafka to ROS).', _ROUTE,
+        _of_direction(KafkaToRosRoute, lambda measures: measures.published),
     ),
     MetricDefinition(
         'produce_seconds', 'histogram', 'From handing a record to the producer to its delivery '
-        'report (ROS to Kafka).', _ROUTE, _produced,
+        'report (ROS to Kafka).', _ROUTE,
+        _of_direction(RosToKafkaRoute, lambda measures: measures.round_trip),
     ),
     MetricDefinition(
         'broker_round_trip_seconds', 'gauge', 'Round trip to the slowest broker in the last '
@@ -285,11 +281,11 @@ METRICS: Final = (
     ),
     MetricDefinition(
         'rebalances', 'counter', 'How often partitions came or went (Kafka to ROS).', _ROUTE,
-        _rebalances,
+        _of_direction(KafkaToRosRoute, lambda measures: measures.rebalances),
     ),
     MetricDefinition(
-        'kafka_up', 'gauge', 'Whether Kafka answers the route; no sample while it does not '
-        'run here.', _ROUTE,
+        'kafka_up', 'gauge', 'Whether Kafka answers the route; no sample while that is not '
+        'known.', _ROUTE,
         _of_routes(lambda told: told.snapshot.measures.kafka_up),
     ),
     MetricDefinition(

@@ -27,6 +27,7 @@ class LocalWorker:
     starts = 1
     pipe = -1
     problem = ''
+    silent_s = 0.0
     waits = refused = away = due = hangs = False
     loaded = begun = is_first = True
 

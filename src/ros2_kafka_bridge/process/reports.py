@@ -1,9 +1,10 @@
 """How the whole bridge is doing, put together from what its workers tell."""
 
 import time
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Final
 
+from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.protocol.limits import STUCK_S
 from ros2_kafka_bridge.protocol.monitor import Lifecycle, Reload, Report, RouteReport, Worker
 from ros2_kafka_bridge.route.counters import Counters, Snapshot, State
@@ -11,6 +12,8 @@ from ros2_kafka_bridge.route.counters import Counters, Snapshot, State
 if TYPE_CHECKING:  # a bridge in one process has no crew
     from ros2_kafka_bridge.process.crew import Crew
     from ros2_kafka_bridge.process.plan import Plan
+
+_RUNS: Final = frozenset({State.RUNNING, State.WAITING, State.PAUSED})
 
 
 def report_of(
@@ -30,7 +33,7 @@ def report_of(
         stopping=stopping,
         started_s=started_s,
         workers=tuple(
-            Worker(worker.number, worker.pid, worker.starts, worker.problem)
+            Worker(worker.number, worker.pid, worker.starts, worker.problem, worker.silent_s)
             for worker in crew.workers
         ),
         routes=tuple(_route(name, crew, lifecycle, now_s) for name in plan.names),
@@ -42,13 +45,24 @@ def report_of(
 def _route(name: str, crew: 'Crew', lifecycle: Lifecycle, now_s: float) -> RouteReport:
     worker = crew.worker_of(name)
     if worker is None:
-        snapshot = crew.last.get(name) or Counters(name).snapshot(0)
+        snapshot = crew.last.get(name) or Counters(name).nothing_told
         reason = '' if lifecycle is Lifecycle.ACTIVE else f'the bridge is {lifecycle}'
-        stopped = snapshot._replace(state=State.STOPPED, reason=reason, beat_s=0.0)
-        return RouteReport(0, now_s - stopped.made_s, 0.0, stopped)
+        stopped = snapshot.at_rest._replace(state=State.STOPPED, reason=reason)
+        return RouteReport(0, _age_s(stopped, now_s), 0.0, stopped)
     snapshot = worker.snapshots[name]
-    age_s = max(0.0, now_s - snapshot.made_s)
-    return RouteReport(worker.number, age_s, _busy_s(snapshot, now_s), snapshot)
+    busy_s = _busy_s(snapshot, now_s)
+    return RouteReport(worker.number, _age_s(snapshot, now_s), busy_s, snapshot)
+
+
+def _age_s(snapshot: Snapshot, now_s: float) -> float | None:
+    return max(0.0, now_s - snapshot.made_s) if snapshot.made_s else None
+
+
+def in_words(lifecycle: Lifecycle, snapshots: Sequence[Snapshot]) -> str:
+    """How a bridge is doing, in a line: how many routes do what they should."""
+    runs = sum(snapshot.state in _RUNS for snapshot in snapshots)
+    some = f'{runs} of ' if runs < len(snapshots) else ''
+    return f'{lifecycle}: {some}{count(len(snapshots), "route")}'
 
 
 def is_live(snapshots: Iterable[Snapshot]) -> bool:

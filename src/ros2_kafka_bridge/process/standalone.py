@@ -11,7 +11,6 @@ import time
 from typing import TYPE_CHECKING, Final
 
 from ros2_kafka_bridge.logs.lines import route_log
-from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.process.hangup import Signals
 from ros2_kafka_bridge.process.plan import Plan
 from ros2_kafka_bridge.process.systemd import Systemd
@@ -84,7 +83,8 @@ class Standalone:
 
     def _look_after(self) -> None:
         """Hear what signals ask for."""
-        from ros2_kafka_bridge.process.reports import is_live  # noqa: PLC0415 (not for its supervisor)
+        from ros2_kafka_bridge.process.reports import in_words, is_live  # noqa: PLC0415 (not for its supervisor)
+        from ros2_kafka_bridge.protocol.monitor import Lifecycle  # noqa: PLC0415 (the same)
 
         while not self._ended:
             self._signals.look()
@@ -98,8 +98,9 @@ class Standalone:
             if self._stop.asked:
                 self._systemd.stopping()
             elif self._begun:
-                text = f'active: {count(len(snapshots), "route")}'
+                text = in_words(Lifecycle.ACTIVE, snapshots)
                 self._systemd.ready(text)
+                self._systemd.status(text)
             time.sleep(_LOOK_S)
 
     def _wants_reload(self) -> bool:

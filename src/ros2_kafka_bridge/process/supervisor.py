@@ -18,15 +18,15 @@ from typing import Final, Self
 
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.logs import lines as logs
-from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.process.crew import CANNOT_START, Crew
 from ros2_kafka_bridge.process.hangup import Signals
 from ros2_kafka_bridge.process.local_worker import LocalWorker
 from ros2_kafka_bridge.process.monitor_process import MonitorProcess, bind
 from ros2_kafka_bridge.process.operations import Operations
 from ros2_kafka_bridge.process.plan import OFF, Plan, read_plan
-from ros2_kafka_bridge.process.reports import is_live, report_of
+from ros2_kafka_bridge.process.reports import in_words, is_live, report_of
 from ros2_kafka_bridge.process.systemd import Systemd
+from ros2_kafka_bridge.protocol.limits import STUCK_S
 from ros2_kafka_bridge.protocol.monitor import Lifecycle
 from ros2_kafka_bridge.route.counters import Snapshot
 from ros2_kafka_bridge.route.status import StatusLog
@@ -198,12 +198,13 @@ class Supervisor:
 
     def _notify(self) -> None:
         self._systemd.tick()
-        if is_live(self.crew.snapshots()):
+        snapshots = self.crew.snapshots()
+        silent_s = max((worker.silent_s for worker in self.crew.workers), default=0.0)
+        if is_live(snapshots) and silent_s < STUCK_S:
             self._systemd.alive()
         if self.stop.asked or self.operations.busy:
             return
-        routes = count(len(self.crew.snapshots()), 'route')
-        text = f'{self.operations.lifecycle}: {routes}'
+        text = in_words(self.operations.lifecycle, snapshots)
         if self.crew.begun:
             self._systemd.ready(text)
             self._systemd.status(text)

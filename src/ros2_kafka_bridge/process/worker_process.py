@@ -96,6 +96,12 @@ class WorkerProcess:
         return [name for name in found if name not in self.leaving]
 
     @property
+    def silent_s(self) -> float:
+        """For how long it has told nothing; 0 where it need not, as in its start and its end."""
+        tells = self.runs and self.begun and not self.asked
+        return time.monotonic() - self._heard_s if tells else 0.0
+
+    @property
     def hangs(self) -> bool:
         """Whether it has said nothing for long, or all too little, in its start.
 
@@ -235,9 +241,7 @@ class WorkerProcess:
         for name, snapshot in self.snapshots.items():
             if not snapshot.final:
                 reason = f'its worker {how} and is started again'
-                self.snapshots[name] = snapshot._replace(
-                    state=State.FAILED, reason=reason, beat_s=0.0
-                )
+                self.snapshots[name] = snapshot.at_rest._replace(state=State.FAILED, reason=reason)
         return self._backoff.wait_s
 
     def kill(self) -> None:
@@ -254,4 +258,4 @@ class WorkerProcess:
 
 def _unheard(routes: Iterable[str]) -> dict[str, Snapshot]:
     """What is known of routes before their worker has said anything: none of them is stuck."""
-    return {name: Counters(name).snapshot(0)._replace(beat_s=0.0) for name in routes}
+    return {name: Counters(name).nothing_told for name in routes}

@@ -90,12 +90,14 @@ class Worker(msgspec.Struct, frozen=True):
         pid: 0 while it does not run.
         starts: How often it was started.
         problem: Why it does not run; empty where it does.
+        silent_s: For how long it has told nothing of its routes, though it should each second.
     """
 
     number: int
     pid: int
     starts: int
     problem: str = ''
+    silent_s: float = 0.0
 
 
 class RouteReport(msgspec.Struct, frozen=True):
@@ -103,15 +105,15 @@ class RouteReport(msgspec.Struct, frozen=True):
 
     Args:
         worker: Number of its worker, 0 where it has none, as in a bridge that is not active.
-        age_s: How long ago the snapshot was made by the route's own thread. A route that fails or
-            stands by makes none meanwhile.
+        age_s: How long ago the snapshot was made by the route's own thread, None where it has
+            told nothing. A route that fails or stands by makes none meanwhile.
         busy_s: For how long its thread has done one thing without coming back to its loop, 0 for
             one that waits on purpose (backoff, standing by, paused).
         snapshot: Its counters and measures, all of one moment.
     """
 
     worker: int
-    age_s: float
+    age_s: float | None
     busy_s: float
     snapshot: Snapshot
 

@@ -100,7 +100,7 @@ class RosSink:
     def load(self) -> Load:
         """What its history holds, as far as its readers have told."""
         held = self._published - self._acknowledged
-        return Load(held, 0) if self._room is None else Load(min(held, self._room), self._room)
+        return Load(held if self._room is None else min(held, self._room), self._room)
 
     @property
     def matches(self) -> Matches:

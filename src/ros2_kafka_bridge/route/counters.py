@@ -79,6 +79,9 @@ class Trouble(NamedTuple):
 class Measures(NamedTuple):
     """What a route measures beside its counters.
 
+    What says how something is now is None where that is not known: of a route that does not run,
+    nobody tells.
+
     Args:
         bytes_taken: Of values of records, or CDR bytes of messages.
         bytes_confirmed: Of what was confirmed, as it was taken; what has come back from disk
@@ -86,12 +89,13 @@ class Measures(NamedTuple):
         errors: How many of each class of `errors.py`.
         waited_s: For how long the sink held the route back.
         rebalances: How often partitions came or went (Kafka -> ROS).
-        kafka_up: Whether Kafka answers the route; None where it asks nothing of Kafka.
+        kafka_up: Whether Kafka answers the route; None where it asks nothing of Kafka, or has
+            heard nothing yet.
         matched: DDS endpoints that match the route's own, now.
         mismatched: DDS endpoints on its topic that do not match, now.
         queued: What the sink holds: the history of the writer, the queue of the producer.
-        queue_limit: How much it may hold.
-        spool_bytes: What waits on disk.
+        queue_limit: How much it may hold; None also where that has no limit.
+        spool_bytes: What waits on disk; None until the file was opened.
         published: From the take to the publication (Kafka -> ROS).
         in_bridge: From the take to the confirmation.
         end_to_end: From the record's own time, or that of its publisher, to its publication in
@@ -109,11 +113,11 @@ class Measures(NamedTuple):
     waited_s: float = 0.0
     rebalances: int = 0
     kafka_up: bool | None = None
-    matched: int = 0
-    mismatched: int = 0
-    queued: int = 0
-    queue_limit: int = 0
-    spool_bytes: int = 0
+    matched: int | None = None
+    mismatched: int | None = None
+    queued: int | None = None
+    queue_limit: int | None = None
+    spool_bytes: int | None = None
     published: Distribution = Distribution()
     in_bridge: Distribution = Distribution()
     end_to_end: Distribution = Distribution()
@@ -148,11 +152,11 @@ class Measures(NamedTuple):
         return self.published if any(self.published.counts) else self.in_bridge
 
     @property
-    def sums(self) -> 'Measures':
-        """Without what is a state and no sum."""
+    def at_rest(self) -> 'Measures':
+        """Without what only a route that runs can tell."""
         return self._replace(
-            matched=0, mismatched=0, queued=0, queue_limit=0, spool_bytes=0,
-            kafka_up=None, broker_round_trip_s=None,
+            kafka_up=None, matched=None, mismatched=None, queued=None, queue_limit=None,
+            broker_round_trip_s=None,
         )  # fmt: skip
 
 
@@ -172,12 +176,14 @@ class Snapshot(NamedTuple):
     """The counters of one route at one moment, made by the route's own thread.
 
     `taken` equals the seven outcomes plus `spooled` plus `in_flight`, always. What an earlier life
-    of the bridge has left on disk counts as taken when it is found. `spooled` waits on disk,
-    `in_flight` is the length of what the route holds, not a difference. `lag` is in records
-    (Kafka -> ROS only), `lost_upstream` what was lost before the bridge could take it, `repeated`
-    what was published again, `unproved` what was sent though a record in Kafka had its number.
+    of the bridge has left on disk counts as taken when it is found. `spooled` waits on disk, None
+    until the file was opened: then nothing of it is in `taken`. `in_flight` is the length of what
+    the route holds, not a difference. `lag` is in records (Kafka -> ROS only), `lost_upstream`
+    what was lost before the bridge could take it, `repeated` what was published again, `unproved`
+    what was sent though a record in Kafka had its number.
     `final` says that the route has failed and is not tried again.
-    `made_s` is when it was made, by the monotonic clock that all processes of a machine share.
+    `made_s` is when it was made, by the monotonic clock that all processes of a machine share; 0
+    where the route has told nothing.
     `beat_s` is when the route's thread was seen at work last, by that clock; 0 while it waits on
     purpose (for its next try, its turn, a type) or has ended.
     """
@@ -193,7 +199,7 @@ class Snapshot(NamedTuple):
     returned: int
     lost: int
     given_up: int
-    spooled: int
+    spooled: int | None
     in_flight: int
     lost_upstream: int
     repeated: int
@@ -208,9 +214,14 @@ class Snapshot(NamedTuple):
     def balanced(self) -> bool:
         """Whether everything taken is accounted for, and nothing counted below zero."""
         ended = [getattr(self, outcome) for outcome in Outcome]
-        parts = [*ended, self.spooled, self.in_flight]
+        parts = [*ended, self.spooled or 0, self.in_flight]
         rest = (self.lost_upstream, self.repeated, self.unproved)
         return bool(self.taken == sum(parts) and min(*parts, *rest) >= 0)
+
+    @property
+    def at_rest(self) -> 'Snapshot':
+        """As it is told of a route that does not run, and need show no life."""
+        return self._replace(beat_s=0.0, lag=None, measures=self.measures.at_rest)
 
 
 @dataclass(slots=True)
@@ -249,11 +260,16 @@ class Counters:
         """Note that the route does nothing any more."""
         self.state, self.reason = State.STOPPED, ''
 
+    @property
+    def nothing_told(self) -> Snapshot:
+        """What is known of a route that has told nothing: none is stuck, either."""
+        return self.snapshot(0)._replace(made_s=0.0, beat_s=0.0)
+
     def snapshot(
         self,
         in_flight: int,
         lag: int | None = None,
-        spooled: int = 0,
+        spooled: int | None = None,
         measures: Measures = _NOTHING,
     ) -> Snapshot:
         """Freeze the counters; `in_flight` is the length of what the route holds now."""

@@ -142,7 +142,7 @@ class Meter:
         *,
         bytes_held: int = 0,
         rebalances: int = 0,
-        spool_bytes: int = 0,
+        spool_bytes: int | None = 0,
         broker_round_trip_s: tuple[float, float] | None = None,
     ) -> Measures:
         """Freeze what was measured, with what the ends of the route say just now.
@@ -152,7 +152,7 @@ class Meter:
             matches: Of the ROS endpoint.
             bytes_held: Of what was taken and is not in `bytes_taken`.
             rebalances: Of the source.
-            spool_bytes: Of the spool.
+            spool_bytes: Of the spool, None where it was not opened.
             broker_round_trip_s: Of the sink.
         """
         return self.troubles.measures()._replace(

@@ -10,7 +10,7 @@ import logging
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.config.settings import SpoolSettings
 from ros2_kafka_bridge.errors import TransportError
@@ -22,6 +22,18 @@ BATCH: Final = 500
 _AGAIN_S: Final = 1.0
 _RELEASE_S: Final = 0.2
 _LOOK_S: Final = 1.0
+
+
+class OnDisk(NamedTuple):
+    """What waits on disk; None where the file was never opened, and may hold anything.
+
+    Args:
+        messages: How many wait.
+        size_bytes: What they are accounted for.
+    """
+
+    messages: int | None
+    size_bytes: int | None
 
 
 class Backlog:
@@ -81,6 +93,13 @@ class Backlog:
     def size_bytes(self) -> int:
         """What the rows on disk are accounted for."""
         return self._spool.size_bytes if self._spool is not None else 0
+
+    @property
+    def on_disk(self) -> OnDisk:
+        """What waits on disk."""
+        if self._spool is not None and not self._opened:
+            return OnDisk(None, None)
+        return OnDisk(self.waiting, self.size_bytes)
 
     @property
     def last(self) -> int:

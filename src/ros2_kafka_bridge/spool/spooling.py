@@ -17,7 +17,7 @@ from ros2_kafka_bridge.logs.text import count as counted
 from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.message_window import MessageEntry, MessageWindow
 from ros2_kafka_bridge.route.place import ASIDE, PENDING, REFUSED
-from ros2_kafka_bridge.spool.backlog import BATCH, Backlog
+from ros2_kafka_bridge.spool.backlog import BATCH, Backlog, OnDisk
 from ros2_kafka_bridge.spool.doubt import Doubt, InKafka
 from ros2_kafka_bridge.spool.rows import Row, identity_of
 
@@ -79,6 +79,11 @@ class Spooling:
     def waiting(self) -> int:
         """How many messages are on disk and not in the window."""
         return self._backlog.waiting
+
+    @property
+    def on_disk(self) -> OnDisk:
+        """What waits on disk."""
+        return self._backlog.on_disk
 
     @property
     def size_bytes(self) -> int:

@@ -5,6 +5,7 @@ import time
 from typing import TYPE_CHECKING, Final
 
 from ros2_kafka_bridge.config.routes import AnyRoute
+from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.errors import BridgeError, SpoolInUseError
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.logs.lines import route_log, summed
@@ -62,7 +63,8 @@ class Lane:
         self._errors = summed(self.log, 1, _SAID_AGAIN_S)
         # Each is a value that is put in place at once: others read it while the route runs.
         self._life = Life()
-        self._work = Totals.of(route.name)
+        has_spool = isinstance(route, RosToKafkaRoute) and route.spool is not None
+        self._work = Totals.of(route.name, has_spool=has_spool)
 
     @property
     def runs(self) -> bool:
@@ -259,7 +261,7 @@ class Lane:
         total, life = work.now, self._life
         if (shown := life.shown) is not None:
             state, reason, final = shown
-            return _at_rest(total)._replace(state=state, reason=reason, final=final)
+            return total.at_rest._replace(state=state, reason=reason, final=final)
         if self.stop.asked or work.direction is None:
             total = total._replace(beat_s=0.0)
         if total.state is State.STARTING and work.direction is None and self.paused:
@@ -269,12 +271,7 @@ class Lane:
         if is_tried and failure is not None:
             # What runs it has told nothing yet since that has ended it.
             reason = f'{failure.text}; tried again now'
-            return _at_rest(total)._replace(state=State.FAILED, reason=reason)
+            return total.at_rest._replace(state=State.FAILED, reason=reason)
         if total.state is State.WAITING:
             return total._replace(reason=total.reason + life.past.says(total.confirmed))
-        return total
-
-
-def _at_rest(total: Snapshot) -> Snapshot:
-    """Counters of a route that asks nothing of Kafka by itself, and need show no life."""
-    return total._replace(beat_s=0.0, measures=total.measures._replace(kafka_up=None))
+        return total.at_rest if total.state is State.STOPPED else total

@@ -3,7 +3,7 @@
 from typing import NamedTuple, Self
 
 from ros2_kafka_bridge.errors import BridgeError
-from ros2_kafka_bridge.route.counters import Counters, Snapshot, State
+from ros2_kafka_bridge.route.counters import Counters, Measures, Snapshot, State
 from ros2_kafka_bridge.route.measuring import Troubles
 from ros2_kafka_bridge.wiring import Direction
 
@@ -20,9 +20,11 @@ class Totals(NamedTuple):
     direction: Direction | None = None
 
     @classmethod
-    def of(cls, route: str) -> Self:
-        """Those of a route that has not run."""
-        return cls(Counters(route).snapshot(0))
+    def of(cls, route: str, *, has_spool: bool = False) -> Self:
+        """Those of a route that has not run: what lies in its spool is not known."""
+        on_disk = None if has_spool else 0
+        measures = Measures(spool_bytes=on_disk)
+        return cls(Counters(route).snapshot(0, spooled=on_disk, measures=measures))
 
     @property
     def now(self) -> Snapshot:
@@ -58,11 +60,12 @@ def _sum(before: Snapshot, now: Snapshot) -> Snapshot:
 def _given_up(total: Snapshot) -> Snapshot:
     """Count as given up what was in flight."""
     return total._replace(
-        state=State.STARTING, reason='', measures=total.measures.sums,
+        state=State.STARTING, reason='', measures=total.measures.at_rest,
         given_up=total.given_up + total.in_flight, in_flight=0,
     )  # fmt: skip
 
 
 def _without_spooled(before: Snapshot) -> Snapshot:
     """Leave out what waits on disk: the next to open the file counts it as taken again."""
-    return before._replace(taken=before.taken - before.spooled, spooled=0)
+    waits = before.spooled or 0
+    return before._replace(taken=before.taken - waits, spooled=None if waits else before.spooled)

@@ -102,3 +102,16 @@ def test_a_thread_that_is_stuck_is_not_ready() -> None:
 def test_what_fails_or_waits_is_no_reason_to_restart() -> None:
     told = report(snapshot('a', State.FAILED), snapshot('b', State.WAITING))
     assert liveness(told, 0.5).good
+
+
+def test_a_worker_that_stands_still_is_not_ready_and_after_long_a_reason_to_restart() -> None:
+    """Whatever its routes told last: a bridge that stands by would not take over."""
+
+    def told(silent_s: float) -> Report:
+        waits = snapshot('a', State.WAITING, reason='stands by')
+        return report(waits, snapshot('b'), workers=(Worker(1, 17, 1, '', silent_s),))
+
+    assert ready(told(25)).good
+    assert ready(told(45)).problems == ['worker/1: it has told nothing for 45 s']
+    assert liveness(told(45), 0.5).good
+    assert liveness(told(100), 0.5).problems == ['worker/1: it has told nothing for 100 s']

@@ -8,7 +8,7 @@ from ros2_kafka_bridge.process.crew import Crew
 from ros2_kafka_bridge.process.plan import Plan, RoutePlan
 from ros2_kafka_bridge.process.reports import report_of
 from ros2_kafka_bridge.protocol.monitor import Lifecycle
-from ros2_kafka_bridge.route.counters import State
+from ros2_kafka_bridge.route.counters import Counters, Measures, State
 from ros2_kafka_bridge.threads.stop import Stop
 
 
@@ -31,3 +31,19 @@ def test_a_route_that_no_worker_has_is_stopped_and_says_why(
     [route] = told.routes
     assert (route.worker, route.snapshot.state) == (0, State.STOPPED)
     assert route.snapshot.reason == reason
+    assert (route.age_s, route.snapshot.spooled) == (None, None), 'nobody has told of it'
+
+
+def test_what_a_route_told_last_before_its_bridge_was_deactivated_is_not_told_as_now() -> None:
+    plan = Plan('shop.yaml', {}, (RoutePlan('orders', to_ros=True, drain_s=8),))
+    measures = Measures(kafka_up=True, matched=3, queued=7)
+    with selectors.DefaultSelector() as selector:
+        crew = Crew([], selector, Stop())
+        crew.last['orders'] = Counters('orders', taken=5).snapshot(5, 77, 0, measures)
+        told = report_of(plan, crew, Lifecycle.INACTIVE, 0.0, None, stopping=False)
+        crew.close()
+    [route] = told.routes
+    now = route.snapshot
+    assert (now.lag, now.measures.kafka_up, now.measures.matched) == (None, None, None)
+    assert (now.taken, now.in_flight) == (5, 5)
+    assert route.age_s is not None

@@ -7,17 +7,26 @@ import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
 from ros2_kafka_bridge.process.plan import Share
-from ros2_kafka_bridge.process.reports import is_live
+from ros2_kafka_bridge.process.reports import in_words, is_live
 from ros2_kafka_bridge.process.sender import SnapshotSender
 from ros2_kafka_bridge.process.systemd import Systemd
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
 from ros2_kafka_bridge.protocol.limits import STUCK_S
+from ros2_kafka_bridge.protocol.monitor import Lifecycle
 from ros2_kafka_bridge.protocol.worker import EVENTS, RoutesEnded
-from ros2_kafka_bridge.route.counters import Counters, Snapshot, State, from_line, to_line
+from ros2_kafka_bridge.route.counters import (
+    Counters,
+    Measures,
+    Snapshot,
+    State,
+    from_line,
+    to_line,
+)
 
 # What a worker tells
 
@@ -165,3 +174,40 @@ def test_no_route_is_stuck_while_its_worker_starts_or_is_to_be_started_again(
     assert not is_live(worker.snapshots.values())
     worker.fail('was ended by SIGKILL')
     assert is_live(worker.snapshots.values())
+
+
+def test_a_worker_that_has_begun_and_tells_nothing_is_silent_and_one_that_starts_or_ends_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As one that stands still (SIGSTOP) with routes that wait on purpose: they need not beat."""
+    worker = WorkerProcess(1, Share(('orders',), to_ros=True), -1)
+    worker._process = cast('Any', object())
+    worker.hear(to_line([aged(0.0, State.WAITING)]))
+    now_s = time.monotonic() + 40
+    monkeypatch.setattr('time.monotonic', lambda: now_s)
+    assert worker.silent_s == 0, 'it has not begun'
+    worker.begun = True
+    assert 40 <= worker.silent_s < 50
+    worker._asked = 1
+    assert worker.silent_s == 0, 'it drains'
+
+
+def test_what_a_worker_that_has_died_told_last_of_its_ends_is_not_known_any_more() -> None:
+    worker = WorkerProcess(1, Share(('orders',), to_ros=True), -1)
+    measures = Measures(kafka_up=True, matched=3, queued=7, spool_bytes=5, bytes_taken=9)
+    snapshot = Counters('orders', taken=100).snapshot(100, 77, 0, measures)
+    worker.hear(to_line([snapshot]))
+    worker.fail('was ended by SIGKILL')
+    told = worker.snapshots['orders']
+    assert (told.state, told.lag, told.taken, told.in_flight) == (State.FAILED, None, 100, 100)
+    now = told.measures
+    assert (now.kafka_up, now.matched, now.queued) == (None, None, None)
+    assert (now.spool_bytes, now.bytes_taken) == (5, 9), 'what is on disk, and what was counted'
+
+
+def test_what_runs_is_counted_in_the_words_for_systemd() -> None:
+    def said(*states: State) -> str:
+        return in_words(Lifecycle.ACTIVE, [aged(0.1, state) for state in states])
+
+    assert said(State.RUNNING, State.WAITING, State.PAUSED) == 'active: 3 routes'
+    assert said(State.RUNNING, State.FAILED, State.STARTING) == 'active: 1 of 3 routes'

@@ -104,11 +104,11 @@ def test_what_was_measured_in_two_turns_is_added_and_what_is_a_state_is_not() ->
             Trouble(now_s - 1, 'RouteError', 'no'), Trouble(now_s + 1, 'DecodeError', 'bad'),
         ),
     )  # fmt: skip
-    both = first.sums.plus(second)
-    assert (both.bytes_taken, both.waited_s, both.matched, both.queued) == (15, 2.0, 1, 0)
+    both = first.at_rest.plus(second)
+    assert (both.bytes_taken, both.waited_s, both.matched, both.queued) == (15, 2.0, 1, None)
     assert both.errors == {'DecodeError': 2, 'RouteError': 1}
     assert both.in_bridge == Distribution((3,) * 17, 3.0)
     assert both.published == both.delay == Distribution((1,) * 17, 1.0)
     assert first.delay == first.in_bridge, 'of a route to Kafka'
     assert [(t.text, t.times) for t in both.troubles] == [('no', 1), ('bad', 3)]
-    assert (first.sums.spool_bytes, first.sums.broker_round_trip_s) == (0, None)
+    assert (first.at_rest.spool_bytes, first.at_rest.broker_round_trip_s) == (3, None)

@@ -123,7 +123,7 @@ def test_a_route_that_is_tried_again_is_one_that_has_failed_until_it_tells_more(
     house.directions = [direction]
     house.run()
     failed = (State.FAILED, 'no permission; tried again now', None)
-    assert seen == [(State.STOPPED, '', False), failed, failed, (State.STOPPED, '', False)]
+    assert seen == [(State.STOPPED, '', None), failed, failed, (State.STOPPED, '', None)]
 
 
 def test_what_failed_in_an_earlier_term_is_not_shown_as_tried_again() -> None:

@@ -102,7 +102,9 @@ def test_what_waits_on_disk_is_counted_once_across_terms() -> None:
     house.lane.use(cast('Any', Told(first.snapshot(0, spooled=4))))
     house.lane.end_term()
     assert (house.snapshot.taken, house.snapshot.spooled) == (10, 4)
-    house.lane.use(cast('Any', Told(second.snapshot(0))))
+    house.lane.use(cast('Any', Told(Counters('orders').snapshot(0))))
+    assert (house.snapshot.taken, house.snapshot.spooled) == (6, None), 'not opened yet'
+    house.lane.use(cast('Any', Told(second.snapshot(0, spooled=0))))
     assert (house.snapshot.taken, house.snapshot.confirmed, house.snapshot.spooled) == (10, 10, 0)
 
 

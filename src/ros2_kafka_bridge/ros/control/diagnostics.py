@@ -12,7 +12,7 @@ from ros2_kafka_bridge.protocol.advice import advice
 from ros2_kafka_bridge.protocol.limits import OLD_S, STUCK_S
 from ros2_kafka_bridge.protocol.monitor import Lifecycle, Report, RouteReport, Worker
 from ros2_kafka_bridge.protocol.quantiles import percentiles
-from ros2_kafka_bridge.route.counters import Distribution, Outcome, Snapshot, State
+from ros2_kafka_bridge.route.counters import Distribution, Measures, Outcome, Snapshot, State
 
 _RATE_S: Final = 10.0
 _RECENT_S: Final = 60.0
@@ -59,7 +59,7 @@ class Change(NamedTuple):
         delay_s: The 50th and 99th percentile within the last minute; None where nothing came on.
     """
 
-    rate: float = 0.0
+    rate: float | None = None
     dead_lettered: int = 0
     lost: int = 0
     lost_upstream: int = 0
@@ -118,7 +118,7 @@ class RecentCounters:
         lately = next(mark for mark in marks if mark.at_s >= last.at_s - _RATE_S)
         period_s = last.at_s - lately.at_s
         return Change(
-            rate=(last.confirmed - lately.confirmed) / period_s if period_s > 0 else 0.0,
+            rate=(last.confirmed - lately.confirmed) / period_s if period_s > 0 else None,
             dead_lettered=last.dead_lettered - first.dead_lettered,
             lost=last.lost - first.lost,
             lost_upstream=last.lost_upstream - first.lost_upstream,
@@ -218,12 +218,14 @@ def _worker_status(bridge: BridgeIdentity, worker: Worker, report: Report) -> St
     away = not worker.pid and report.lifecycle is Lifecycle.ACTIVE
     problem = f'away: {worker.problem or "it does not run"}; it is started again by itself'
     message = problem if away else 'running' if worker.pid else 'ended with its routes'
+    if worker.silent_s > OLD_S:
+        message = f'silent: it has told nothing for {worker.silent_s:.0f} s'
     values = (
         ('pid', str(worker.pid)),
         ('starts', str(worker.starts)),
         ('routes', ', '.join(own)),
     )
-    level = Level.ERROR if away else Level.OK
+    level = Level.ERROR if away else Level.STALE if worker.silent_s > OLD_S else Level.OK
     return Status(f'{bridge.node}: worker {worker.number}', level, message, values)
 
 
@@ -281,7 +283,7 @@ def _of_state(route: AnyRoute, told: RouteReport) -> Diagnosis:
     if told.busy_s > STUCK_S:
         text = f'stuck: its thread has done one thing for {told.busy_s:.0f} s: start it again'
         return Diagnosis(Level.ERROR, text)
-    if now.state is State.RUNNING and told.age_s > OLD_S:
+    if now.state is State.RUNNING and told.age_s is not None and told.age_s > OLD_S:
         return Diagnosis(
             Level.STALE, f'silent: its thread has told nothing for {told.age_s:.0f} s'
         )
@@ -300,16 +302,17 @@ def _of_sink(route: AnyRoute, now: Snapshot) -> Iterator[Diagnosis]:
         text = f'{count(mismatched, "endpoint")} on {ros} cannot match it, by type or QoS'
         yield Diagnosis(Level.WARN, f'{text}: ros2 topic info --verbose {ros}')
     limit = route.spool.max_bytes if isinstance(route, RosToKafkaRoute) and route.spool else 0
-    if limit and now.measures.spool_bytes > _SPOOL_FULL * limit:
-        share = now.measures.spool_bytes / limit
+    held_bytes = now.measures.spool_bytes or 0
+    if limit and held_bytes > _SPOOL_FULL * limit:
+        share = held_bytes / limit
         text = f'its spool is full to {share:.0%}: see why Kafka takes nothing'
         yield Diagnosis(Level.WARN, text)
 
 
 def _of_changes(route: AnyRoute, now: Snapshot, change: Change) -> Iterator[Diagnosis]:
-    lag = now.lag or 0
-    if now.state is State.RUNNING and lag > max(change.rate * _RECENT_S, route.max_in_flight):
-        text = f'{lag} records behind: more than a minute at {change.rate:.0f}/s'
+    lag, rate = now.lag or 0, change.rate or 0.0
+    if now.state is State.RUNNING and lag > max(rate * _RECENT_S, route.max_in_flight):
+        text = f'{lag} records behind: more than a minute at {rate:.0f}/s'
         yield Diagnosis(Level.WARN, text)
     if change.dead_lettered:
         text = f'{count(change.dead_lettered, "dead letter")} in the last minute'
@@ -331,24 +334,41 @@ def _of_route(route: AnyRoute) -> tuple[tuple[str, str], ...]:
     )
 
 
+def _queued(measures: Measures) -> str | None:
+    if measures.queued is None:
+        return None
+    limit = f' of {measures.queue_limit}' if measures.queue_limit is not None else ''
+    return f'{measures.queued}{limit}'
+
+
+def _known(*values: tuple[str, int | str | None]) -> Iterator[tuple[str, str]]:
+    """Those values that are known: the others are left out."""
+    return ((name, str(value)) for name, value in values if value is not None)
+
+
 def _counted(told: RouteReport, change: Change) -> Iterator[tuple[str, str]]:
     now, measures = told.snapshot, told.snapshot.measures
     yield 'state', str(now.state)
     yield 'worker', str(told.worker)
-    yield 'rate (1/s)', f'{change.rate:.1f}'
+    if told.age_s is None:  # it has told nothing
+        return
+    yield 'age (s)', f'{told.age_s:.0f}'
+    if change.rate is not None:
+        yield 'rate (1/s)', f'{change.rate:.1f}'
     yield 'taken', str(now.taken)
     for outcome in Outcome:
         yield outcome.replace('_', ' '), str(getattr(now, outcome))
     yield 'in flight', str(now.in_flight)
-    yield 'spooled', str(now.spooled)
-    yield 'spool (bytes)', str(measures.spool_bytes)
-    if now.lag is not None:
-        yield 'lag (records)', str(now.lag)
+    yield from _known(
+        ('spooled', now.spooled),
+        ('spool (bytes)', measures.spool_bytes),
+        ('lag (records)', now.lag),
+        ('matched', measures.matched),
+        ('mismatched', measures.mismatched),
+        ('queued', _queued(measures)),
+    )
     for name, seconds in zip(('p50', 'p99'), change.delay_s or (), strict=False):
         yield f'delay {name} (s)', f'{seconds:.6g}'
-    yield 'matched', str(measures.matched)
-    yield 'mismatched', str(measures.mismatched)
-    yield 'queued', f'{measures.queued} of {measures.queue_limit}'
     yield 'lost upstream', str(now.lost_upstream)
     yield 'repeated', str(now.repeated)
     yield 'unproved', str(now.unproved)
