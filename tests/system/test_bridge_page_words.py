@@ -3,14 +3,15 @@
 import re
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, Final
 
 import pytest
-from browsers import CHROMIUM, MadeUp, chromium, shown
-from monitors import distribution, report, snapshot
+from browsers import CHROMIUM, MadeUp, chromium, opened, shown
+from monitors import Monitor, distribution, report, snapshot
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from ros2_kafka_bridge.protocol.monitor import Report
+from ros2_kafka_bridge.protocol.monitor import Report, RouteReport
 from ros2_kafka_bridge.route.counters import Measures, Snapshot, State, Trouble
 
 CONFIG: Final = """
@@ -237,3 +238,77 @@ def test_while_a_lag_is_not_known_its_chart_shows_nothing_else(browser: Browser)
     with shown(browser, MadeUp(CONFIG, *told)) as page:
         page.locator('#routes .link', has_text='orders').click()
         expect(page.locator('#drawer .chart .note').last).to_have_text(f'now {DASH}, most 50')
+
+
+def test_what_is_not_known_is_drawn_as_no_number(
+    browser: Browser, tmp_path: Path, ros_domain: int
+) -> None:
+    """Before the first report, after one, and of topics that Kafka does not show."""
+    assert ros_domain
+    silent_bridge = Monitor(
+        f'{CONFIG}\nmonitoring: {{node: false}}', tmp_path / 'bridge.yaml', tmp_path / 'log'
+    )
+    with silent_bridge, opened(browser, silent_bridge.url) as page:
+        expect(page.locator('#live')).to_have_text('No report yet')
+        expect(page.locator('#banner')).to_contain_text('The bridge has told nothing yet')
+        tiles = page.locator('.tile:not(:last-child)')
+        expect(tiles.locator('.value')).to_have_text([DASH] * 6)
+        expect(tiles.locator('.note')).to_have_text(['not known yet'] * 6)
+        page.keyboard.press('4')
+        expect(page.locator('#errors')).to_have_text('Not known yet.')
+    hidden: dict[str, Any] = {'there': None, 'held': None, 'problem': 'authorization failed'}
+    letters: list[dict[str, Any]] = [
+        {'topic': 'kept', 'routes': ['orders'], 'there': True, 'held': 5, 'problem': ''},
+        {'topic': 'hidden', 'routes': ['returned'], **hidden},
+        {'topic': 'gone', 'routes': ['returned'], **hidden, 'there': False},
+    ]
+    returned = snapshot('returned', spooled=None, measures=Measures())
+    bills = CONFIG.partition('routes:\n')[2].partition('  - name: returned')[0]
+    silent = RouteReport(1, None, 0.0, snapshot('bills', State.STARTING, spooled=None))
+    spool = '    spool: {path: /var/tmp/none, max_bytes: 5000000}\n'
+    config = CONFIG + spool + bills.replace('orders', 'bills')
+    broker = {'problem': '', 'seen_s': 1, 'brokers': [], 'round_trip_s': 0.1}
+    told = report(snapshot('orders', lag=0, dead_lettered=2), returned, silent)
+    with shown(browser, MadeUp(config, told, broker=broker, letters=letters)) as page:
+        expect(page.locator('.tile .value')).to_have_text(
+            ['2 / 3', DASH, '0', '0', DASH, '2', '0 brokers']
+        )
+        expect(page.locator('.tile .note')).to_have_text(
+            [
+                'none failed', '3 routes not known', '2 routes not known',
+                'records behind; 1 route not known', 'not known yet',
+                'since the workers started; 1 route not known; 5 kept; 1 topic not known',
+                'asked in 100 ms',
+            ]
+        )  # fmt: skip
+        row = page.locator('#routes tbody tr', has_text='bills')
+        expect(row.locator('.value')).to_have_text([DASH] * 5)
+        on_disk = page.locator('#routes tbody tr', has_text='returned').locator('.in_flight .sub')
+        expect(on_disk).to_have_text(f'{DASH} on disk')
+        page.locator('#routes .link', has_text='returned').click()
+        for word, value in {
+            'on disk': DASH, 'sink holds': DASH, 'DDS endpoints that match': DASH,
+            'that do not match': DASH, 'held back by the sink': DASH,
+        }.items():  # fmt: skip
+            fact = page.locator('#drawer dt', has_text=re.compile(f'^{word}$'))
+            expect(fact.locator('xpath=following-sibling::dd[1]')).to_have_text(value)
+        expect(page.locator('#drawer .chart .note')).to_have_text(
+            [re.compile(f'^now {DASH}, most {DASH} in'), f'now {DASH}, most {DASH}']
+        )
+        page.keyboard.press('Escape')
+        page.locator('#routes .link', has_text='bills').click()
+        expect(page.locator('#drawer')).to_contain_text('not told yet')
+        page.keyboard.press('Escape')
+        page.keyboard.press('3')
+        boxes = page.locator('#letters .boxes button')
+        expect(boxes.locator('b')).to_have_text(['5', DASH, 'none'])
+        expect(boxes.nth(1)).to_contain_text('not to be seen: authorization failed')
+        expect(boxes.nth(1)).to_be_enabled()
+        expect(boxes.nth(2)).to_be_disabled()
+    away = {'problem': 'no broker answers', 'seen_s': None}
+    letters = [it | hidden | {'problem': away['problem']} for it in letters]
+    with shown(browser, MadeUp(config, told, broker=away, letters=letters), 'letters') as page:
+        expect(page.locator('#letters .empty')).to_have_text(
+            'Nothing of these topics is known now: no broker answers'
+        )
+        expect(page.locator('#letters .boxes b')).to_have_text([DASH] * 3)

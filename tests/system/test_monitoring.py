@@ -117,7 +117,7 @@ def test_a_broker_that_is_away_is_told_and_is_no_reason_to_restart(
         bridge.process,
     ):
         eventually(lambda: bool(bridge.status('readyz')), 180, bridge.process.output)
-        eventually(lambda: bridge.route('to_kafka')['rate'] > 0, 180, bridge.process.output)
+        eventually(lambda: (bridge.route('to_kafka')['rate'] or 0) > 0, 180, bridge.process.output)
         own_kafka.kill()
         bridge.becomes('readyz?verbose', 200, 'waiting: Kafka is away')
         assert bridge.status('livez') == 200
@@ -167,8 +167,9 @@ def test_a_look_at_a_cluster_tells_the_topics_asked_for_and_creates_none(
     assert seen.cluster_id
     found = {topic.name: topic for topic in seen.topics}
     assert list(found) == sorted([there, missing])
-    assert found[there] == (there, 3, '', 0, 0)
+    assert found[there] == (there, 3, '', 0, 0, True)
     assert 'it is not there' in found[missing].problem
+    assert found[missing].is_there is False
     assert overview.look([]).topics == []
     known = {topic.name for topic in overview.topics()}
     assert there in known

@@ -11,7 +11,9 @@ from ros2_kafka_bridge.ros.matching import (
     others,
     own_publishers,
     own_readers,
+    publisher_doubt,
     publisher_problem,
+    reader_doubt,
     reader_problem,
     ros_end,
     type_of,
@@ -45,6 +47,7 @@ def _topic(config: Config, routes: Sequence[AnyRoute], topic: Topic) -> Json:
     return {
         'name': topic.name,
         'types': topic.types,
+        'problem': topic.problem,
         'of_ros': is_of_ros_itself(topic.name),
         'publishers': [_peer(peer, bool(own.fullmatch(peer.node))) for peer in topic.publishers],
         'subscribers': [_peer(peer, bool(own.fullmatch(peer.node))) for peer in topic.subscribers],
@@ -61,28 +64,33 @@ def _topic(config: Config, routes: Sequence[AnyRoute], topic: Topic) -> Json:
                 'node': peer.node,
                 'problem': problem.text if problem else '',
                 'cure': problem.cure if problem else '',
+                'doubt': '' if problem else doubt,
             }
             for route in joined
-            for peer, problem in _matches(config, routes, route, topic)
+            for peer, problem, doubt in _matches(config, routes, route, topic)
         ],
     }
 
 
 def _matches(
     config: Config, routes: Sequence[AnyRoute], route: AnyRoute, topic: Topic
-) -> Iterator[tuple[Peer, Mismatch | None]]:
-    """Everybody whom a route could meet; its own bridge as its file says, not as it runs."""
+) -> Iterator[tuple[Peer, Mismatch | None, str]]:
+    """Everybody whom a route could meet, what is wrong, and what is not known, as far as it goes.
+
+    Its own bridge as its file says, not as it runs.
+    """
     if isinstance(route, KafkaToRosRoute):
         own = own_nodes(config.name)
         hashes = [peer.type_hash for peer in topic.publishers if own.fullmatch(peer.node)]
         type_hash = hashes[0] if hashes else None
         for peer in [*others(topic.subscribers, config.name), *own_readers(routes, route)]:
-            yield peer, reader_problem(route, peer, type_hash)
+            problem = reader_problem(route, peer, type_hash)
+            yield peer, problem, reader_doubt(route, peer, type_hash)
         return
     publishers = [*others(topic.publishers, config.name), *own_publishers(routes, route)]
     message_type = type_of(route, publishers)
     for peer in publishers:
-        yield peer, publisher_problem(route, peer, message_type)
+        yield peer, publisher_problem(route, peer, message_type), publisher_doubt(message_type)
 
 
 def _peer(peer: Peer, own: bool) -> Json:  # noqa: FBT001 (a field)

@@ -2,7 +2,7 @@
 
 import threading
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.protocol.monitor import Report
@@ -20,36 +20,36 @@ class Point(NamedTuple):
 
     Args:
         time_s: Since 1970.
-        rate: Confirmed a second, since the point before.
-        held: The lag of a route from Kafka, None while that is not known; what another has in
-            flight and on disk.
+        rate: Confirmed a second, since the point before; None where there is none.
+        held: The lag of a route from Kafka; what another has in flight and on disk. None while
+            that is not known.
     """
 
     time_s: float
-    rate: float
+    rate: float | None
     held: int | None
 
 
 class RouteStatistics(NamedTuple):
-    """A route in the last seconds.
+    """A route in the last seconds; None where that is not known yet.
 
     Args:
         rate: Confirmed a second.
         bytes_rate: Bytes confirmed a second.
-        delay: The 50th and 99th percentile in seconds; None where nothing came on.
+        delay: The 50th and 99th percentile in seconds; None also where nothing came on.
         in_bridge: The same.
         end_to_end: The same.
         round_trip: The same.
         waited: Share of the time in which the sink held the route back.
     """
 
-    rate: float = 0.0
-    bytes_rate: float = 0.0
+    rate: float | None = None
+    bytes_rate: float | None = None
     delay: tuple[float, float] | None = None
     in_bridge: tuple[float, float] | None = None
     end_to_end: tuple[float, float] | None = None
     round_trip: tuple[float, float] | None = None
-    waited: float = 0.0
+    waited: float | None = None
 
 
 class _Track(NamedTuple):
@@ -63,24 +63,26 @@ class History:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._tracks: dict[str, _Track] = {}
-        self._lagging: set[str] = set()  # routes that have told a lag
 
-    def add(self, report: Report) -> None:
-        """Take a report."""
+    def add(self, report: Report, readers: Collection[str] = ()) -> None:
+        """Take a report.
+
+        Args:
+            report: What the supervisor told.
+            readers: The routes from Kafka: what they hold is their lag, and nothing else.
+        """
         with self._lock:
             before = self._tracks
             self._tracks = {}
             for told in report.routes:
                 name = told.snapshot.route
                 track = before.get(name) or _Track(deque(maxlen=SPAN_S), deque())
-                _extend(track, report.time_s, told.snapshot, self._held(told.snapshot))
+                if told.age_s is None:
+                    track.snapshots.clear()  # whoever runs it now has told nothing
+                else:
+                    held = _held(told.snapshot, readers)
+                    _extend(track, report.time_s, told.snapshot, held)
                 self._tracks[name] = track
-            self._lagging &= self._tracks.keys()
-
-    def _held(self, now: Snapshot) -> int | None:
-        if now.lag is not None:
-            self._lagging.add(now.route)
-        return now.lag if now.route in self._lagging else now.in_flight + now.spooled
 
     def recent(self, route: str) -> RouteStatistics:
         """A route in the last seconds: rates of five, percentiles of sixty."""
@@ -90,7 +92,8 @@ class History:
         if len(seen) < 2:
             return RouteStatistics()
         now_s, now = seen[-1]
-        then_s, then = next(entry for entry in seen if now_s - entry[0] <= _RATE_S)
+        # After a gap in the reports, the one before it.
+        then_s, then = next((it for it in seen[:-1] if now_s - it[0] <= _RATE_S), seen[-2])
         passed_s = max(now_s - then_s, 0.001)
         first = seen[0][1].measures
         last = now.measures
@@ -104,7 +107,7 @@ class History:
             waited=min(1.0, _gain(last.waited_s, then.measures.waited_s) / passed_s),
         )
 
-    def spark(self, route: str) -> list[tuple[int, int, int | None]]:
+    def spark(self, route: str) -> list[tuple[int, int | None, int | None]]:
         """The last ten minutes in steps of five seconds: when, mean rate, most held."""
         with self._lock:
             track = self._tracks.get(route)
@@ -113,9 +116,20 @@ class History:
         for point in points:
             buckets.setdefault(int(point.time_s) // BUCKET_S * BUCKET_S, []).append(point)
         return [
-            (at, round(sum(p.rate for p in found) / len(found)), _most(p.held for p in found))
+            (at, _mean(p.rate for p in found), _most(p.held for p in found))
             for at, found in buckets.items()
         ]
+
+
+def _held(now: Snapshot, readers: Collection[str]) -> int | None:
+    if now.lag is not None or now.route in readers:
+        return now.lag
+    return None if now.spooled is None else now.in_flight + now.spooled
+
+
+def _mean(rates: Iterable[float | None]) -> int | None:
+    known = [rate for rate in rates if rate is not None]
+    return round(sum(known) / len(known)) if known else None
 
 
 def _most(held: Iterable[int | None]) -> int | None:
@@ -123,7 +137,7 @@ def _most(held: Iterable[int | None]) -> int | None:
 
 
 def _extend(track: _Track, time_s: float, snapshot: Snapshot, held: int | None) -> None:
-    rate = 0.0
+    rate = None
     if track.snapshots and time_s <= track.snapshots[-1][0]:
         # The clock was set back: nothing from before can be compared with what comes.
         track.points.clear()

@@ -2,11 +2,11 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from typing import Any, Final, Self
 
-from ros2_kafka_bridge.config.routes import ends_of
+from ros2_kafka_bridge.config.routes import AnyRoute, ends_of
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
@@ -95,23 +95,36 @@ class Sides:
                 self._look_at_kafka(known[1])
             except BridgeError as error:
                 known = None  # a new client tells the cause as it is then
-                self._broker = {**(self._broker or {}), 'problem': str(error)}
-                self._broker['seen_s'] = self._broker.get('seen_s')
+                self._note_away(str(error))
             self._wanted['kafka'].wait(_OFTEN_S, _SELDOM_S)
+
+    def _note_away(self, problem: str) -> None:
+        """Note that Kafka does not answer: of its brokers stays what it told last."""
+        before = self._broker or {}
+        self._broker = {**before, 'problem': problem, 'seen_s': before.get('seen_s')}
+        nothing = {'there': None, 'held': None, 'problem': problem}
+        self._letters = [
+            {'topic': name, 'routes': users, **nothing}
+            for name, users in _letters_of(self._watch.routes).items()
+        ]
 
     def _look_at_kafka(self, overview: Overview) -> None:
         routes = self._watch.routes
         joined = {end for route in routes for end in ends_of(route) if not end.startswith('/')}
-        by_topic: dict[str, list[str]] = {}
-        for route in routes:
-            by_topic.setdefault(route.dead_letter_topic, []).append(route.name)
+        by_topic = _letters_of(routes)
         state = overview.look({*joined, *by_topic})
-        there = {topic.name: topic for topic in state.topics if topic.partitions}
-        letters = [KafkaTopic(n, there[n].partitions, '') for n in by_topic if n in there]
+        seen = {topic.name: topic for topic in state.topics}
+        letters = [KafkaTopic(n, found, '') for n in by_topic if (found := seen[n].partitions)]
         begins, ends = overview.begins(letters), overview.ends(letters)
         held = {topic.name: records(topic, begins, ends) for topic in letters}
         self._letters = [
-            {'topic': name, 'routes': users, 'there': name in there, 'held': held.get(name)}
+            {
+                'topic': name,
+                'routes': users,
+                'there': seen[name].is_there,
+                'held': held.get(name),
+                'problem': seen[name].problem,
+            }
             for name, users in by_topic.items()
         ]
         self._broker = {
@@ -151,6 +164,14 @@ class Sides:
                 'seen_s': int(time.time()),
             }
             self._wanted['ros'].wait(_OFTEN_S, _SELDOM_S)
+
+
+def _letters_of(routes: Iterable[AnyRoute]) -> dict[str, list[str]]:
+    """The dead-letter topics of routes, with the names of those that use them."""
+    found: dict[str, list[str]] = {}
+    for route in routes:
+        found.setdefault(route.dead_letter_topic, []).append(route.name)
+    return found
 
 
 class _Wanted:

@@ -50,7 +50,7 @@ class Watch:
         """
         told = msgspec.json.decode(line, type=ToMonitor)
         if isinstance(told, Report):
-            self.history.add(told)
+            self.history.add(told, self._readers)
             with self._lock:
                 self._report, self._heard_s = told, time.monotonic()
         elif isinstance(told, Answer):
@@ -126,6 +126,12 @@ class Watch:
                 self._asked.pop(number, None)
             text = f'the bridge has not answered within {patience_s:g} s: look at its log'
             return Answer(number, done=False, text=text)
+
+    @property
+    def _readers(self) -> frozenset[str]:
+        if not self.is_configured:
+            return frozenset()
+        return frozenset(r.name for r in self.routes if isinstance(r, KafkaToRosRoute))
 
     @property
     def _known(self) -> tuple[Configured, Config]:

@@ -16,12 +16,19 @@ from ros2_kafka_bridge.protocol.monitor import RouteReport
 from ros2_kafka_bridge.route.counters import Outcome
 
 _MOST_TROUBLES = 100
+_COUNTERS = (
+    'taken', 'in_flight', 'lost_upstream', 'repeated', 'unproved', 'bytes_taken',
+    'bytes_confirmed', 'waited_s', 'rebalances',
+)  # fmt: skip
 
 Json = dict[str, Any]
 
 
 def sections(watch: Watch) -> Json:
-    """All that the reports tell: each section is sent again when it has changed."""
+    """All that the reports tell: each section is sent again when it has changed.
+
+    What is not known is None.
+    """
     return {
         'bridge': bridge(watch),
         'about': [about(route, watch.config.name) for route in watch.routes],
@@ -46,7 +53,7 @@ def bridge(watch: Watch) -> Json:
         'old': age_s > OLD_S,
         'started_s': report.started_s if report else None,
         'lifecycle': report.lifecycle if report else None,
-        'stopping': bool(report and report.stopping),
+        'stopping': report.stopping if report else None,
         'ready': ready.good,
         'live': live.good,
         'problems': list(dict.fromkeys([*live.problems, *ready.problems])),
@@ -91,6 +98,13 @@ def routes(watch: Watch) -> list[Json]:
 
 
 def _route(told: RouteReport, recent: RouteStatistics) -> Json:
+    row = _numbers(told, recent)
+    if told.age_s is None:  # its counters stand at 0, but nobody has told so
+        row |= dict.fromkeys(_COUNTERS) | {'ended': dict.fromkeys(row['ended'])}
+    return row
+
+
+def _numbers(told: RouteReport, recent: RouteStatistics) -> Json:
     now = told.snapshot
     measures = now.measures
     return {
@@ -99,11 +113,11 @@ def _route(told: RouteReport, recent: RouteStatistics) -> Json:
         'state': now.state,
         'reason': now.reason,
         'final': now.final,
-        'age_s': round(told.age_s, 1),
+        'age_s': _rounded(told.age_s, 1),
         'busy_s': round(told.busy_s, 1),
-        'rate': round(recent.rate, 1),
-        'bytes_rate': round(recent.bytes_rate),
-        'waited': round(recent.waited, 3),
+        'rate': _rounded(recent.rate, 1),
+        'bytes_rate': _rounded(recent.bytes_rate),
+        'waited': _rounded(recent.waited, 3),
         'taken': now.taken,
         'ended': {outcome.value: getattr(now, outcome.value) for outcome in Outcome},
         'spooled': now.spooled,
@@ -112,11 +126,11 @@ def _route(told: RouteReport, recent: RouteStatistics) -> Json:
         'lost_upstream': now.lost_upstream,
         'repeated': now.repeated,
         'unproved': now.unproved,
-        'delay_s': _rounded(recent.delay),
-        'in_bridge_s': _rounded(recent.in_bridge),
-        'end_to_end_s': _rounded(recent.end_to_end),
-        'produce_s': _rounded(recent.round_trip),
-        'broker_round_trip_s': _rounded(measures.broker_round_trip_s),
+        'delay_s': _both(recent.delay),
+        'in_bridge_s': _both(recent.in_bridge),
+        'end_to_end_s': _both(recent.end_to_end),
+        'produce_s': _both(recent.round_trip),
+        'broker_round_trip_s': _both(measures.broker_round_trip_s),
         'bytes_taken': measures.bytes_taken,
         'bytes_confirmed': measures.bytes_confirmed,
         'spool_bytes': measures.spool_bytes,
@@ -130,7 +144,11 @@ def _route(told: RouteReport, recent: RouteStatistics) -> Json:
     }
 
 
-def _rounded(found: tuple[float, float] | None) -> list[float] | None:
+def _rounded(value: float | None, digits: int | None = None) -> float | None:
+    return None if value is None else round(value, digits)
+
+
+def _both(found: tuple[float, float] | None) -> list[float] | None:
     return None if found is None else [round(value, 6) for value in found]
 
 

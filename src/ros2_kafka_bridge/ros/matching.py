@@ -69,6 +69,19 @@ def publisher_problem(
     return None
 
 
+def reader_doubt(route: KafkaToRosRoute, reader: Peer, type_hash: str | None) -> str:
+    """What is not known of a subscriber without a `reader_problem`; empty where nothing is."""
+    here, there = ((told or '').partition('_')[0] for told in (type_hash, reader.type_hash))
+    if reader.is_bridge or is_own(reader) or (here and here == there):
+        return ''
+    return f'whether its definition of {route.sink.type} is the same is not known'
+
+
+def publisher_doubt(message_type: str | None) -> str:
+    """What is not known of a publisher without a `publisher_problem`; empty where nothing is."""
+    return '' if message_type else 'which of their types the route takes is not known'
+
+
 def type_of(route: RosToKafkaRoute, publishers: list[Peer]) -> str | None:
     """What a route from ROS would read; None where nobody or more than one kind is there."""
     types = {publisher.message_type for publisher in publishers}

@@ -27,11 +27,12 @@ routes:
 """
 ROUTE = {
     'name': 'orders', 'state': 'running', 'reason': '', 'rate': 1.5, 'delay_s': [0.004, 2.0],
-    'lag': 7, 'in_flight': 0, 'ended': {'dead_lettered': 3},
+    'lag': 7, 'in_flight': 0, 'ended': {'dead_lettered': 3}, 'spooled': 0, 'age_s': 0.4,
 }  # fmt: skip
 STATE: dict[str, Any] = {
     'bridge': {
         'name': 'warehouse-1', 'ready': True, 'lifecycle': 'active', 'problems': [],
+        'old': False, 'report_age_s': 0,
     },
     'routes': [ROUTE, {**ROUTE, 'name': 'returned', 'lag': None, 'delay_s': None}],
     'workers': [],
@@ -83,6 +84,57 @@ def test_what_a_route_has_no_figure_for_is_a_dash(
     assert told.out.startswith('warehouse-1: ready, active\n')
     assert cells(told.out, 'orders')[3:] == ['4.0 ms', '2.0 s', '7', '0', '3', '-']
     assert cells(told.out, 'returned')[3:] == ['-', '-', '-', '0', '3', '-']
+
+
+def test_numbers_of_before_are_told_with_their_age(
+    monkeypatch: pytest.MonkeyPatch, file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    silent = {**ROUTE, 'name': 'silent', 'age_s': 47.6}
+    monkeypatch.setitem(STATE, 'bridge', {**STATE['bridge'], 'old': True, 'report_age_s': 17})
+    monkeypatch.setitem(STATE, 'routes', [ROUTE, silent])
+    assert report(file, '', as_json=False) == 0
+    out = capsys.readouterr().out
+    assert out.startswith('warehouse-1: ready, active, told 17 s ago\n')
+    assert cells(out, 'orders')[-2:] == ['0 s ago', '-']
+    assert cells(out, 'silent')[-2:] == ['48 s ago', '-']
+
+
+def test_before_anything_is_told_nothing_is_made_up(
+    monkeypatch: pytest.MonkeyPatch, file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bridge = {**STATE['bridge'], 'ready': False, 'lifecycle': None, 'old': True}
+    monkeypatch.setitem(STATE, 'bridge', bridge)
+    monkeypatch.setitem(STATE, 'routes', [])
+    assert report(file, '', as_json=False) == 1
+    out = capsys.readouterr().out
+    assert out == 'warehouse-1: not ready, nothing told yet\nKafka: not asked yet\n'
+
+
+def test_a_route_that_has_told_nothing_shows_no_numbers(
+    monkeypatch: pytest.MonkeyPatch, file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    unknown = dict.fromkeys(('rate', 'delay_s', 'lag', 'in_flight', 'spooled', 'age_s'))
+    silent = {**ROUTE, **unknown, 'name': 'silent', 'ended': {'dead_lettered': None}}
+    monkeypatch.setitem(STATE, 'routes', [ROUTE, silent])
+    assert report(file, '', as_json=False) == 0
+    found = cells(capsys.readouterr().out, 'silent')
+    assert found == ['silent', 'running', *['-'] * 7, 'not yet', '-']
+
+
+def test_what_waits_on_disk_is_a_column_where_there_is_any(
+    monkeypatch: pytest.MonkeyPatch, file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(
+        STATE, 'routes', [ROUTE, {**ROUTE, 'name': 'spooling', 'spooled': 1234567}]
+    )
+    report(file, '', as_json=False)
+    out = capsys.readouterr().out
+    assert cells(out, 'route')[6:9] == ['in flight', 'on disk', 'dead letters']
+    assert cells(out, 'orders')[6:9] == ['0', '0', '3']
+    assert cells(out, 'spooling')[6:9] == ['0', '1234567', '3']
+    monkeypatch.setitem(STATE, 'routes', [ROUTE])
+    report(file, '', as_json=False)
+    assert 'on disk' not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

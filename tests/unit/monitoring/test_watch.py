@@ -4,9 +4,9 @@ import pytest
 from monitors import report, snapshot
 
 from ros2_kafka_bridge.monitoring.board import Board
-from ros2_kafka_bridge.monitoring.history import SPAN_S, History
+from ros2_kafka_bridge.monitoring.history import SPAN_S, History, RouteStatistics
 from ros2_kafka_bridge.monitoring.state import Watch
-from ros2_kafka_bridge.protocol.monitor import Do
+from ros2_kafka_bridge.protocol.monitor import Do, RouteReport
 from ros2_kafka_bridge.protocol.quantiles import percentiles
 from ros2_kafka_bridge.route.counters import BOUNDS_S, Distribution, Measures
 
@@ -67,8 +67,29 @@ def test_rates_come_from_the_last_seconds_and_survive_a_restart() -> None:
         history.add(report(snapshot('a', confirmed=second * 50), time_s=1000.0 + second))
     assert history.recent('a').rate == pytest.approx(50)
     history.add(report(snapshot('a', confirmed=30), time_s=1020.0))
-    assert history.recent('a').rate >= 0
-    assert history.recent('nobody').rate == 0
+    assert history.recent('a').rate == pytest.approx(6)
+    assert history.recent('nobody').rate is None
+
+
+def test_a_rate_is_known_from_the_second_report_on_and_over_a_gap() -> None:
+    history = History()
+    history.add(report(snapshot('a', confirmed=100), time_s=1000.0))
+    assert history.recent('a') == RouteStatistics()
+    history.add(report(snapshot('a', confirmed=180), time_s=1008.0))
+    assert history.recent('a').rate == pytest.approx(10)
+    assert history.spark('a') == [(1000, None, 0), (1005, 10, 0)]
+
+
+def test_who_runs_a_route_anew_has_told_no_rate() -> None:
+    history = History()
+    for second in range(3):
+        history.add(report(snapshot('a', confirmed=second * 50), time_s=1000.0 + second))
+    history.add(report(RouteReport(1, None, 0.0, snapshot('a')), time_s=1003.0))
+    assert history.recent('a').rate is None
+    history.add(report(snapshot('a', confirmed=20), time_s=1004.0))
+    assert history.recent('a').rate is None
+    history.add(report(snapshot('a', confirmed=30), time_s=1005.0))
+    assert history.recent('a').rate == pytest.approx(10)
 
 
 def test_spark_lines_hold_ten_minutes_in_steps() -> None:
@@ -93,7 +114,7 @@ def test_a_clock_that_is_set_back_makes_no_wild_rates_and_keeps_nothing_for_long
     assert history.recent('a').rate == pytest.approx(50)
     points = history.spark('a')
     assert [at for at, _, _ in points] == [1700, 1705, 1710, 1715]
-    assert all(0 <= rate <= 50 for _, rate, _ in points)
+    assert [rate for _, rate, _ in points] == [50] * 4
 
 
 def test_percentiles_are_of_what_came_between() -> None:

@@ -9,18 +9,18 @@ from typing import Any, Final, NamedTuple
 from urllib.error import HTTPError, URLError
 from urllib.request import ProxyHandler, Request, build_opener
 
+from rich.console import Console
+
 from ros2_kafka_bridge.commands.screen import screen, show_line, show_table
 from ros2_kafka_bridge.config.monitoring import ADDRESSES, Address, is_address
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.config.whereabouts import whereabouts
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.process.load import load_checked
+from ros2_kafka_bridge.protocol.limits import OLD_S
 
 _PATIENCE_S: Final = 10.0
 _EVERY_ADDRESS: Final = {'0.0.0.0': '127.0.0.1', '::': '::1'}  # noqa: S104 (only compared)
-_COLUMNS: Final = (
-    'route', 'state', '#rate /s', '#p50', '#p99', '#lag', '#in flight', '#dead letters', 'reason',
-)  # fmt: skip
 
 
 class _Asked(NamedTuple):
@@ -131,27 +131,60 @@ def _ask(asked: _Asked) -> dict[str, Any]:
 def _show(state: dict[str, Any]) -> None:
     console, bridge = screen(), state['bridge']
     word = 'ready' if bridge['ready'] else 'not ready'
-    style = 'bold green' if bridge['ready'] else 'bold red'
-    show_line(console, f'{bridge["name"]}: {word}, {bridge["lifecycle"]}', style)
+    well = 'bold yellow' if bridge['old'] else 'bold green'
+    style = well if bridge['ready'] else 'bold red'
+    show_line(console, f'{bridge["name"]}: {word}, {_told(bridge)}', style)
     for problem in bridge['problems']:
         show_line(console, f'  {problem}', 'red')
-    rows = [[[cell] for cell in _row(route)] for route in state['routes']]
-    if rows:
-        show_table(console, 'Routes', _COLUMNS, rows)
+    if state['routes']:
+        _show_routes(console, state['routes'])
     for worker in state['workers']:
         if worker['problem']:
             show_line(console, f'worker {worker["number"]}: {worker["problem"]}', 'red')
-    if problem := (state['broker'] or {}).get('problem'):
+    if state['broker'] is None:
+        show_line(console, 'Kafka: not asked yet')
+    elif problem := state['broker']['problem']:
         show_line(console, f'Kafka: {problem}', 'red')
 
 
-def _row(route: dict[str, Any]) -> list[str]:
-    p50, p99 = map(_seconds, route['delay_s'] or (None, None))
-    lag = '-' if route['lag'] is None else str(route['lag'])
-    dead = str(route['ended']['dead_lettered'])
-    rate, in_flight = f'{route["rate"]:g}', str(route['in_flight'])
-    reason = route['reason'] or '-'
-    return [route['name'], route['state'], rate, p50, p99, lag, in_flight, dead, reason]
+def _told(bridge: dict[str, Any]) -> str:
+    if bridge['lifecycle'] is None:
+        return 'nothing told yet'
+    ago = f', told {bridge["report_age_s"]} s ago' if bridge['old'] else ''
+    return f'{bridge["lifecycle"]}{ago}'
+
+
+def _show_routes(console: Console, routes: list[dict[str, Any]]) -> None:
+    """All routes; what waits on disk, and how old numbers are, only where there is such."""
+    columns = {
+        'route': [it['name'] for it in routes],
+        'state': [it['state'] for it in routes],
+        '#rate /s': [_number(it['rate']) for it in routes],
+        '#p50': [_seconds(it['delay_s'] and it['delay_s'][0]) for it in routes],
+        '#p99': [_seconds(it['delay_s'] and it['delay_s'][1]) for it in routes],
+        '#lag': [_number(it['lag']) for it in routes],
+        '#in flight': [_number(it['in_flight']) for it in routes],
+        '#on disk': [_number(it['spooled']) for it in routes],
+        '#dead letters': [_number(it['ended']['dead_lettered']) for it in routes],
+        '#told': [_ago(it['age_s']) for it in routes],
+        'reason': [it['reason'] or '-' for it in routes],
+    }
+    if all(it['spooled'] == 0 for it in routes):
+        del columns['#on disk']
+    if all(it['age_s'] is not None and it['age_s'] <= OLD_S for it in routes):
+        del columns['#told']
+    rows = [[[cell] for cell in row] for row in zip(*columns.values(), strict=True)]
+    show_table(console, 'Routes', list(columns), rows)
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return '-'
+    return f'{value:g}' if isinstance(value, float) else str(value)
+
+
+def _ago(age_s: float | None) -> str:
+    return 'not yet' if age_s is None else f'{age_s:.0f} s ago'
 
 
 def _seconds(value: float | None) -> str:

@@ -2,7 +2,7 @@
 
 import { $, drawn, h, setAttr, setText, show } from './dom.js';
 import { drawSpark, spark } from './spark.js';
-import { OUTCOMES, TONES, arrow, bytes, clock, count, counted, rate, seconds } from './words.js';
+import { OUTCOMES, TONES, arrow, bytes, clock, count, counted, onItsWay, rate, seconds } from './words.js';
 
 export class Detail {
   constructor(history, pause) {
@@ -71,7 +71,7 @@ export class Detail {
     for (const axis of [p.rateTimes, p.heldTimes]) ends.forEach((it, at) => setText(axis.children[at], it));
     const lags = about?.direction === 'kafka_to_ros';
     setText(p.heldTitle, lags ? 'Lag in records' : 'In flight and on disk');
-    setText(p.heldWord, `now ${count(lags ? route.lag : route.in_flight + route.spooled)}, most ${count(held.most)}`);
+    setText(p.heldWord, `now ${count(lags ? route.lag : onItsWay(route))}, most ${count(held.most)}`);
     drawn(p.facts, [route, about], () => this.groups(route, about));
     drawn(p.errors, view.troubles.filter((it) => it.route === this.name), (found) => (found.length
       ? found.map(card) : [h('li', { class: 'empty' }, 'None.')]));
@@ -85,7 +85,7 @@ export class Detail {
         ['taken', count(route.taken)],
         ...ended.map(([key, word]) => [word, count(route.ended[key])]),
         ['in flight', count(route.in_flight)],
-        ['on disk', about?.spool || route.spooled ? `${count(route.spooled)} (${bytes(route.spool_bytes)})` : null],
+        ['on disk', about?.spool || route.spooled ? onDisk(route) : null],
         ['published again', route.repeated ? count(route.repeated) : null],
         ['sent though their number is there', route.unproved ? count(route.unproved) : null],
         ['lost before the bridge', route.lost_upstream ? count(route.lost_upstream) : null],
@@ -97,7 +97,7 @@ export class Detail {
         ['until readers are seen to have it', about?.direction === 'ros_to_kafka' ? null : both(route.in_bridge_s)],
         ['producer', about?.direction === 'ros_to_kafka' ? both(route.produce_s) : null],
         ['broker round trip', route.broker_round_trip_s ? both(route.broker_round_trip_s) : null],
-        ['held back by the sink', `${Math.round(route.waited * 100)} % of the time`],
+        ['held back by the sink', route.waited === null ? '–' : `${Math.round(route.waited * 100)} % of the time`],
       ],
       Connections: [
         ['sink holds', `${count(route.queued)}${route.queue_limit ? ` of ${count(route.queue_limit)}` : ''}`],
@@ -105,7 +105,7 @@ export class Detail {
         ['that do not match', count(route.mismatched)],
         ['rebalances', about?.direction === 'kafka_to_ros' ? count(route.rebalances) : null],
         ['worker', route.worker ? count(route.worker) : null],
-        ['numbers are', `${seconds(Math.max(0.1, route.age_s))} old`],
+        ['numbers are', route.age_s === null ? 'not told yet' : `${seconds(Math.max(0.1, route.age_s))} old`],
       ],
       Settings: about ? [
         ['on error', about.on_error], ['when full', about.when_full], ['max in flight', count(about.max_in_flight)],
@@ -117,6 +117,8 @@ export class Detail {
         .flatMap(([word, value]) => [h('dt', {}, word), h('dd', {}, value)]))));
   }
 }
+
+const onDisk = (route) => (route.spooled === null ? '–' : `${count(route.spooled)} (${bytes(route.spool_bytes)})`);
 
 // Below a chart: from when to when.
 const times = () => h('p', { class: 'times' }, h('time'), h('time'));

@@ -49,7 +49,7 @@ function topicNode(topic) {
   const wrong = topic.matches.filter((it) => it.problem);
   const routes = topic.routes.map((it) => `${it.route} ${it.does}`).join(', ');
   return h('li', { class: wrong.length ? 'topic wrong' : 'topic' },
-    h('div', { class: 'topic-head' }, h('h3', {}, topic.name), h('span', { class: 'note' }, topic.types.join(' and ') || 'nobody is there'),
+    h('div', { class: 'topic-head' }, h('h3', {}, topic.name), h('span', { class: 'note' }, topic.problem || topic.types.join(' and ') || 'nobody is there'),
       h('span', { class: 'note' }, routes)),
     h('ul', { class: 'wrongs' }, ...wrong.map((it) => h('li', {}, h('b', {}, it.node), ` and ${it.route}: ${it.problem}.`,
       // No full stop behind what is to be pasted.
@@ -59,14 +59,17 @@ function topicNode(topic) {
 
 function side(word, peers, topic) {
   const of = (peer) => topic.matches.filter((it) => it.node === peer.node);
-  return h('div', {}, h('h4', {}, peers.length ? counted(peers.length, word) : `no ${word}`),
+  return h('div', {}, h('h4', {}, peers.length ? counted(peers.length, word) : topic.problem ? `${word}s not known` : `no ${word}`),
     h('ul', {}, ...peers.map((peer) => {
       const matches = peer.own ? [] : of(peer);
       const bad = matches.some((it) => it.problem);
-      const sign = peer.own ? ['own', 'this bridge'] : bad ? ['bad', 'does not match'] : matches.length ? ['good', 'matches'] : null;
+      const doubt = matches.find((it) => it.doubt)?.doubt;
+      const match = doubt ? ['calm', 'not known'] : ['good', 'matches'];
+      const sign = peer.own ? ['own', 'this bridge'] : bad ? ['bad', 'does not match'] : matches.length ? match : null;
       const odd = topic.types.length > 1 ? `${peer.type} · ` : '';
       return h('li', { class: 'peer' }, h('span', { class: 'node' }, peer.node),
         sign ? h('span', { class: `chip ${sign[0] === 'own' ? 'busy' : sign[0]}` }, sign[1]) : null,
-        h('span', { class: 'sub' }, odd + peer.qos.join(' · ')));
+        h('span', { class: 'sub' }, odd + peer.qos.join(' · ')),
+        doubt && !bad ? h('span', { class: 'sub' }, doubt) : null);
     })));
 }

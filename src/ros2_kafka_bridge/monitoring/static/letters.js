@@ -15,18 +15,20 @@ export class Letters {
     this.host.append(
       h('div', { class: 'panel' },
         h('div', { class: 'head' }, h('h2', {}, 'Dead-letter topics'), h('p', { class: 'note' }, 'offsets kept in Kafka; a mark for each replay is one, too')),
-        this.none = h('p', { class: 'empty' }, 'Kafka has not been asked yet.'),
+        this.none = h('p', { class: 'empty' }, ''),
         this.topics = h('ul', { class: 'boxes', hidden: true })),
       this.panel = h('div', { class: 'panel', hidden: true }),
       this.job = h('div', { class: 'panel', hidden: true }),
     );
   }
 
-  draw({ letters, replay, bridge }) {
+  draw({ letters, replay, bridge, broker }) {
     this.may = this.lock.mayChange(bridge);
-    show(this.none, !letters.length);
+    const away = broker?.problem ? `Nothing of these topics is known now: ${broker.problem}` : '';
+    setText(this.none, broker ? away : 'Kafka has not been asked yet.');
+    show(this.none, !broker || Boolean(away));
     show(this.topics, Boolean(letters.length));
-    keyed(this.topics, letters, (it) => it.topic, (it) => this.topicBox(it.topic), (node, it) => this.drawTopic(node, it));
+    keyed(this.topics, letters, (it) => it.topic, (it) => this.topicBox(it.topic), (node, it) => this.drawTopic(node, it, away));
     if (this.wasMay !== this.may) {
       this.wasMay = this.may;
       this.drawList();
@@ -36,15 +38,18 @@ export class Letters {
 
   topicBox(topic) {
     return h('li', {}, h('button', { type: 'button', onclick: () => this.open(topic) },
-      h('b'), h('span', {}, topic), h('span', { class: 'sub' })));
+      h('b'), h('span', {}, topic), h('span', { class: 'sub' }), h('span', { class: 'sub' })));
   }
 
-  drawTopic(node, it) {
+  drawTopic(node, it, away) {
     const button = node.firstElementChild;
     setAttr(button, 'aria-pressed', String(it.topic === this.topic));
-    if (button.disabled === it.there) button.disabled = !it.there;
-    setText(button.children[0], it.there ? count(it.held) : 'none');
+    // One that cannot be seen now may be there: who opens it is told why it is not to be read.
+    const missing = it.there === false;
+    if (button.disabled !== missing) button.disabled = missing;
+    setText(button.children[0], missing ? 'none' : count(it.held));
     setText(button.children[2], it.routes.join(', '));
+    setText(button.children[3], it.there === null && !away ? `not to be seen: ${it.problem}` : '');
   }
 
   async open(topic) {
@@ -74,8 +79,10 @@ export class Letters {
       h('p', { class: 'note' }, list ? `${counted(list.seen, 'letter')} among the newest offsets, ${count(list.replayed)} replayed` : 'Reading …'),
       hint, this.button, all, h('button', { type: 'button', onclick: () => this.open(this.topic) }, 'Read again'));
     const rows = list?.letters ?? [];
-    const body = rows.length ? this.table(rows) : h('p', { class: 'empty' }, list ? 'There are no letters.' : 'Reading …');
-    this.panel.replaceChildren(head, body);
+    const hidden = list?.unseen ?? [];
+    const none = hidden.length ? 'No letters are seen.' : 'There are no letters.';
+    const body = rows.length ? this.table(rows) : h('p', { class: 'empty' }, list ? none : 'Reading …');
+    this.panel.replaceChildren(head, ...hidden.map((it) => h('p', { class: 'empty' }, it)), body);
     this.drawButton();
   }
 
@@ -201,7 +208,7 @@ function outcome(job) {
   if (job.status === 0) return ['done', 'good'];
   const last = job.lines.at(-1) ?? '';
   if (job.status < 0 || last.startsWith('stopped:')) return ['stopped', 'calm'];
-  if (job.status === 1 && last.includes('left as they are')) return job.dry_run ? ['some would stay', 'calm'] : ['some stay', 'warn'];
+  if (job.status === 1 && job.lines.some((line) => line.includes('left as they are'))) return job.dry_run ? ['some would stay', 'calm'] : ['some stay', 'warn'];
   return ['failed', 'bad'];
 }
 

@@ -60,7 +60,7 @@ function drawNow() {
   const may = mayChange();
   if (current === 'routes') routes.draw(view, may);
   if (current === 'letters') letters.draw(view);
-  if (current === 'errors') drawErrors(view.troubles);
+  if (current === 'errors') drawErrors(view.troubles, view.bridge.lifecycle !== null);
   if (current === 'system') drawSystem(view, nowS);
   detail.draw(view, may);
 }
@@ -100,6 +100,7 @@ const isNew = (bridge) => connected && !bridge.old;
 
 function live(bridge) {
   if (!bridge) return ['Connecting', 'calm'];
+  if (connected && bridge.lifecycle === null) return ['No report yet', 'warn'];
   if (!isNew(bridge)) return ['Old data', 'warn'];
   if (bridge.stopping) return ['Stopping', 'warn'];
   return bridge.ready ? ['Ready', 'good'] : ['Not ready', 'bad'];
@@ -107,6 +108,7 @@ function live(bridge) {
 
 function trouble(bridge) {
   if (!connected) return bridge ? 'The server of this page does not answer. What is shown is old; the page goes on by itself once it answers.' : '';
+  if (bridge.lifecycle === null) return 'The bridge has told nothing yet: what its routes do is not known.';
   if (bridge.old) return `The bridge has told nothing for ${span(bridge.report_age_s)}. What is shown is old.`;
   if (bridge.stopping) return 'The bridge drains to end.';
   return bridge.lifecycle === 'active' ? '' : `The bridge is ${bridge.lifecycle}: no route runs.`;

@@ -4,9 +4,9 @@ import { $, drawn, h } from './dom.js';
 import { card } from './detail.js';
 import { bytes, clock, count, counted, seconds, span } from './words.js';
 
-export function drawErrors(troubles) {
-  drawn($('errors'), troubles, () => (troubles.length ? troubles.map(card)
-    : [h('li', { class: 'empty' }, 'No route has met an error since its process was started.')]));
+export function drawErrors(troubles, isTold) {
+  const none = isTold ? 'No route has met an error since its process was started.' : 'Not known yet.';
+  drawn($('errors'), [troubles, none], () => (troubles.length ? troubles.map(card) : [h('li', { class: 'empty' }, none)]));
 }
 
 const facts = (pairs) => pairs.filter(([, value]) => value)
@@ -14,13 +14,14 @@ const facts = (pairs) => pairs.filter(([, value]) => value)
 
 export function drawSystem({ bridge, broker, workers }, nowS) {
   const reload = bridge.reload;
+  const noReload = bridge.lifecycle === null ? null : 'none';
   const up = bridge.started_s ? `${span(nowS - bridge.started_s)}, since ${clock(bridge.started_s)}` : '';
   drawn($('bridge'), [bridge.file, bridge.lifecycle, bridge.ready, bridge.live, bridge.problems, reload, up], () => facts([
     ['version', bridge.version], ['file', bridge.file], ['runs', up],
     ['lifecycle', bridge.stopping ? `${bridge.lifecycle}, stopping` : bridge.lifecycle],
     ['lives', bridge.live ? 'yes' : 'no'],
     ['ready', bridge.ready ? 'yes' : h('ul', {}, ...bridge.problems.map((it) => h('li', {}, it)))],
-    ['last reload', reload ? `${clock(reload.time_s)}: ${reload.done ? 'done' : 'refused'}: ${reload.text}` : 'none'],
+    ['last reload', reload ? `${clock(reload.time_s)}: ${reload.done ? 'done' : 'refused'}: ${reload.text}` : noReload],
   ]));
   drawn($('workers'), workers, () => [
     h('thead', {}, h('tr', {}, ...['Worker', 'Process', 'Starts', 'Memory', 'Routes'].map((it) => h('th', { scope: 'col' }, it)))),

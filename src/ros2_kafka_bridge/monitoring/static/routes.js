@@ -2,7 +2,7 @@
 
 import { $, h, keyed, setAttr, setText, show } from './dom.js';
 import { drawSpark, spark } from './spark.js';
-import { ORDER, TONES, arrow, bytes, clock, count, counted, rate, reading, seconds } from './words.js';
+import { ORDER, TONES, arrow, bytes, clock, count, counted, onItsWay, rate, reading, seconds, sum } from './words.js';
 
 const RECENT_S = 120;
 // Each ends with its one message: no route waits because of them.
@@ -10,11 +10,11 @@ const OF_ONE_MESSAGE = new Set(['DecodeError', 'EncodeError', 'LoopError', 'Reco
 const COLUMNS = [
   ['name', 'Route', (r) => r.name],
   ['state', 'State', (r) => ORDER.indexOf(r.state)],
-  ['rate', 'Rate /s, last 10 min', (r) => -r.rate],
+  ['rate', 'Rate /s, last 10 min', (r) => -(r.rate ?? -1)],
   ['latency', 'Delay p50 / p99', (r) => -(r.delay_s?.[1] ?? -1)],
   ['lag', 'Lag', (r) => -(r.lag ?? -1)],
-  ['in_flight', 'In flight', (r) => -(r.in_flight + r.spooled)],
-  ['dead', 'Dead letters', (r) => -r.ended.dead_lettered],
+  ['in_flight', 'In flight', (r) => -(onItsWay(r) ?? -1)],
+  ['dead', 'Dead letters', (r) => -(r.ended.dead_lettered ?? -1)],
 ];
 
 export class Routes {
@@ -119,7 +119,8 @@ export class Routes {
     setText(p.latency, route.delay_s ? `${seconds(p50)} / ${seconds(p99)}` : '–');
     setText(p.lag, count(route.lag));
     setText(p.flight, count(route.in_flight));
-    setText(p.more, route.spooled ? `${count(route.spooled)} on disk` : '');
+    const mayHold = route.spooled === null && this.about.get(route.name)?.spool;
+    setText(p.more, route.spooled || mayHold ? `${count(route.spooled)} on disk` : '');
     setText(p.dead, count(route.ended.dead_lettered));
     setAttr(p.dead, 'class', route.ended.dead_lettered ? 'value bad' : 'value');
     const word = route.paused ? 'Resume' : 'Pause';
@@ -174,21 +175,10 @@ function needsAttention(it) {
   return it.state !== 'running' || it.mismatched > 0;
 }
 
-function drawTiles({ routes, about, letters, broker }) {
-  const sum = (read) => routes.reduce((total, it) => total + (read(it) ?? 0), 0);
-  const running = routes.filter((it) => it.state === 'running').length;
-  const failed = routes.filter((it) => it.state === 'failed').length;
-  const slow = routes.reduce((worst, it) => ((it.delay_s?.[1] ?? -1) > (worst?.delay_s?.[1] ?? -1) ? it : worst), null);
-  const dead = sum((it) => it.ended.dead_lettered);
-  const held = letters.some((it) => it.held !== null) ? letters.reduce((total, it) => total + (it.held ?? 0), 0) : null;
-  const spooled = sum((it) => it.spooled);
+function drawTiles(view) {
+  const { bridge, broker } = view;
   const tiles = [
-    ['Routes running', `${count(running)} / ${count(routes.length)}`, failed ? `${counted(failed, 'route')} failed` : 'none failed', failed ? 'bad' : ''],
-    ['Confirmed a second', rate(sum((it) => it.rate)), `${bytes(sum((it) => it.bytes_rate))}/s`, ''],
-    ['In flight', count(sum((it) => it.in_flight)), spooled ? `${count(spooled)} wait on disk` : 'nothing waits on disk', ''],
-    ['Lag in Kafka', ...lagWords(routes, about), ''],
-    ['Slowest p99', seconds(slow?.delay_s?.[1]), slow?.delay_s ? slow.name : 'nothing moves', ''],
-    ['Dead letters', count(dead), `since the workers started${held === null ? '' : `; ${count(held)} kept`}`, dead ? 'warn' : ''],
+    ...(bridge.lifecycle === null ? UNTOLD : ofRoutes(view)),
     ['Kafka', kafkaWord(broker), broker?.problem ? 'look at System' : broker ? `asked in ${seconds(broker.round_trip_s)}` : 'not asked yet', broker?.problem ? 'bad' : ''],
   ];
   keyed($('tiles'), tiles, (it) => it[0], ([word]) => {
@@ -204,16 +194,52 @@ function drawTiles({ routes, about, letters, broker }) {
   });
 }
 
+const TILES = ['Routes running', 'Confirmed a second', 'In flight', 'Lag in Kafka', 'Slowest p99', 'Dead letters'];
+const UNTOLD = TILES.map((word) => [word, '–', 'not known yet', '']);
+
+function ofRoutes({ routes, about, letters }) {
+  const running = routes.filter((it) => it.state === 'running').length;
+  const failed = routes.filter((it) => it.state === 'failed').length;
+  const slow = routes.reduce((worst, it) => ((it.delay_s?.[1] ?? -1) > (worst?.delay_s?.[1] ?? -1) ? it : worst), null);
+  const still = routes.some((it) => it.rate === null) ? 'not known yet' : 'nothing moves';
+  const [rates, flight, dead] = [(it) => it.rate, (it) => it.in_flight, (it) => it.ended.dead_lettered].map((read) => sum(routes, read));
+  const written = rates.total === null ? '' : `${bytes(sum(routes, (it) => it.bytes_rate).total)}/s`;
+  const spools = new Set(about.filter((it) => it.spool).map((it) => it.name));
+  const onDisk = sum(routes, (it) => it.spooled ?? (spools.has(it.name) ? null : 0));
+  const hidden = sum(routes, (it) => (spools.has(it.name) ? onItsWay(it) : it.in_flight)).rest;
+  const tiles = [
+    [`${count(running)} / ${count(routes.length)}`, failed ? `${counted(failed, 'route')} failed` : 'none failed', failed ? 'bad' : ''],
+    [rate(rates.total), noted(written, unknown(rates.rest, 'route')), ''],
+    [count(flight.total), noted(diskWord(onDisk), unknown(hidden, 'route')), ''],
+    [...lagWords(routes, about), ''],
+    [seconds(slow?.delay_s?.[1]), slow?.delay_s ? slow.name : still, ''],
+    [count(dead.total), noted('since the workers started', unknown(dead.rest, 'route'), keptWords(letters)), dead.total ? 'warn' : ''],
+  ];
+  return tiles.map((it, at) => [TILES[at], ...it]);
+}
+
+const noted = (...notes) => notes.filter(Boolean).join('; ');
+const unknown = (rest, thing) => (rest ? `${counted(rest, thing)} not known` : '');
+
+function diskWord({ total, rest }) {
+  if (total) return `${count(total)} wait on disk`;
+  return rest ? '' : 'nothing waits on disk';
+}
+
+// How many letters their topics keep: one that is not there keeps none.
+function keptWords(letters) {
+  const { total, rest } = sum(letters.filter((it) => it.there !== false), (it) => it.held);
+  return noted(total === null ? '' : `${count(total)} kept`, unknown(rest, 'topic'));
+}
+
 // A lag that is not known, while Kafka is away for instance, is not none.
 function lagWords(routes, about) {
   const names = reading(about);
   const lagging = routes.filter((it) => names.has(it.name));
-  const known = lagging.filter((it) => it.lag !== null);
-  if (!known.length) return ['–', lagging.length ? 'not known' : 'no route reads Kafka'];
-  const most = known.reduce((worst, it) => (it.lag > worst.lag ? it : worst));
-  const rest = lagging.length - known.length;
-  const note = [most.lag ? `most: ${most.name}` : 'records behind', rest ? `${counted(rest, 'route')} not known` : ''];
-  return [count(known.reduce((total, it) => total + it.lag, 0)), note.filter(Boolean).join('; ')];
+  const { total, rest } = sum(lagging, (it) => it.lag);
+  if (total === null) return ['–', lagging.length ? 'not known' : 'no route reads Kafka'];
+  const most = lagging.reduce((worst, it) => (it.lag > worst.lag ? it : worst));
+  return [count(total), noted(most.lag ? `most: ${most.name}` : 'records behind', unknown(rest, 'route'))];
 }
 
 export function kafkaWord(broker) {

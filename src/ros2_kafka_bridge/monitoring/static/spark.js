@@ -1,6 +1,7 @@
 // The last ten minutes of each route, in steps of some seconds, and their lines.
 
 import { setAttr, svg } from './dom.js';
+import { onItsWay } from './words.js';
 
 const RATE = 1;
 const HELD = 2;
@@ -20,7 +21,7 @@ export class History {
       const begin = points.length ? points[0][0] : Infinity;
       // A server that was started again knows less than this page.
       const before = (this.routes.get(name) ?? []).filter((p) => p[0] < begin);
-      this.routes.set(name, [...before, ...points.map((p) => [...p, 1])]);
+      this.routes.set(name, [...before, ...points.map((p) => [...p, p[RATE] === null ? 0 : 1])]);
     }
   }
 
@@ -32,15 +33,17 @@ export class History {
     const known = new Set();
     for (const route of routes) {
       known.add(route.name);
-      const held = route.lag ?? (reading.has(route.name) ? null : route.in_flight + route.spooled);
+      const held = route.lag ?? (reading.has(route.name) ? null : onItsWay(route));
       const points = this.routes.get(route.name) ?? [];
       const newest = points.at(-1);
       if (newest && newest[0] === at) {
-        newest[3] += 1;
-        newest[RATE] += (route.rate - newest[RATE]) / newest[3];
+        if (route.rate !== null) {
+          newest[3] += 1;
+          newest[RATE] = (newest[RATE] ?? 0) + (route.rate - (newest[RATE] ?? 0)) / newest[3];
+        }
         if (held !== null) newest[HELD] = Math.max(newest[HELD] ?? 0, held);
       } else {
-        points.push([at, route.rate, held, 1]);
+        points.push([at, route.rate, held, route.rate === null ? 0 : 1]);
       }
       while (points.length && points[0][0] < at - this.span) points.shift();
       this.routes.set(route.name, points);
@@ -48,10 +51,10 @@ export class History {
     for (const name of this.routes.keys()) if (!known.has(name)) this.routes.delete(name);
   }
 
-  // [seconds ago, value] of a route, and the largest value.
+  // [seconds ago, value] of a route where that is known, and the largest value.
   series(name, which) {
     const points = (this.routes.get(name) ?? []).map((p) => [p[0] - this.last, p[which]]).filter((p) => p[1] !== null);
-    return { points, most: Math.max(0, ...points.map((p) => p[1])) };
+    return { points, most: points.length ? Math.max(...points.map((p) => p[1])) : null };
   }
 
   // From when to when the lines go, by the clock of the server.

@@ -51,5 +51,12 @@ export const OUTCOMES = {
   confirmed: 'confirmed', dead_lettered: 'dead-lettered', dropped: 'dropped', skipped: 'skipped (own records)',
   returned: 'returned at a rebalance', lost: 'lost on a damaged disk', given_up: 'given up at a take-over',
 };
+// What a route from ROS holds; not known while its disk is not.
+export const onItsWay = (route) => (route.spooled === null || route.in_flight === null ? null : route.in_flight + route.spooled);
+// Of all that is known of these, and how much is not.
+export function sum(list, read) {
+  const known = list.map(read).filter((it) => it !== null);
+  return { total: known.length ? known.reduce((total, it) => total + it, 0) : null, rest: list.length - known.length };
+}
 export const reading = (about) => new Set(about.filter((it) => it.direction === 'kafka_to_ros').map((it) => it.name));
 export const arrow = (about) => (about ? `${about.source} → ${about.sink}` : '');
