@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from confluent_kafka import TopicPartition
+from confluent_kafka import Producer, TopicPartition
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     AclOperation,
     AlterConfigOpType,
@@ -27,6 +27,8 @@ from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import DecodeError
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview
 from ros2_kafka_bridge.kafka.transactions import Parcel, Send, Transactions
+from ros2_kafka_bridge.monitoring.letters import newest
+from ros2_kafka_bridge.process.load import load_checked
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 from ros2_kafka_bridge.threads.stop import Stop
 
@@ -285,6 +287,33 @@ def test_missing_topics_hold_no_letters(bench: Bench, topic_name: str) -> None:
     assert none in done(bench, 'replay', config, '--all')
     status, _, errors = run(bench, 'show', config, f'{topic_name}.dead-letters[0]@7')
     assert (status, 'no dead letters at offset 7' in errors) == (2, True)
+
+
+def test_letters_behind_a_transaction_that_hangs_are_not_said_to_be_none(
+    bench: Bench, topic_name: str
+) -> None:
+    letters = f'{topic_name}.dead-letters'
+    bench.create_topic(letters)
+    bench.produce(letters, [b'before'])
+    config = bench.config([route(topic_name)])
+    properties = {'bootstrap.servers': bench.bootstrap_servers, 'transactional.id': letters}
+    hung = Producer(properties)
+    hung.init_transactions(60)
+    hung.begin_transaction()
+    for _ in range(20):
+        hung.produce(letters, b'behind')
+    hung.flush(60)
+    try:
+        listed = done(bench, 'list', config)
+        young = json.loads(done(bench, 'list', config, '--since', '2099-01-01', '--json'))
+        page = newest(load_checked(config, with_ros=False), letters)
+    finally:
+        hung.abort_transaction(60)
+    assert '1 dead letter\n' in listed
+    assert f'{letters}[0] is not seen from offset 1 on' in listed
+    assert young['unseen'] == [{'topic': letters, 'partition': 0, 'offset': 1}]
+    assert (page['seen'], len(page['unseen'])) == (1, 1)
+    assert json.loads(done(bench, 'list', config, '--json'))['unseen'] == []
 
 
 def test_the_rights_of_the_docs_are_enough_and_each_that_is_missing_is_named(

@@ -45,6 +45,9 @@ class LetterReader:
     Args:
         properties: librdkafka properties of a consumer.
         overview: The same cluster, for what a consumer cannot ask.
+
+    `partitions` has the topics that are there, as far as the broker has told; `unseen` from where
+    on a partition was not read to its end, because a transaction there has not ended.
     """
 
     def __init__(self, properties: Mapping[str, Any], overview: Overview) -> None:
@@ -53,6 +56,7 @@ class LetterReader:
         self._consumer: Consumer | None = None
         self._about = Client('READ', properties)
         self.partitions: dict[str, int] = {}
+        self.unseen: dict[tuple[str, int], LetterPlace] = {}
 
     def __enter__(self) -> Self:
         """Look which topics there are.
@@ -61,7 +65,8 @@ class LetterReader:
             TransportError: No broker answers.
             RouteError: This user is not let in.
         """
-        self.partitions = {t.name: t.partitions for t in self._overview.topics()}
+        seen = self._overview.topics()
+        self.partitions = {topic.name: topic.partitions for topic in seen if not topic.problem}
         check_files(self._properties, 'the Kafka client')
         self._consumer = Consumer(self._properties, logger=client_log(__name__))
         return self
@@ -75,17 +80,20 @@ class LetterReader:
         """Whether the topic is there.
 
         Raises:
+            TransportError: The broker cannot tell just now.
             RouteError: This user may not see it.
         """
         if topic in self.partitions:
             return True
         try:
-            error = self._client.list_topics(topic, timeout=_REQUEST_S).topics[topic].error
+            found = self._client.list_topics(topic, timeout=_REQUEST_S).topics[topic]
         except KafkaException as failure:
             raise translate(failure.args[0], f'topic {topic}', self._about) from failure
-        if error is not None and error.code() == KafkaError.TOPIC_AUTHORIZATION_FAILED:
-            raise translate(error, f'topic {topic}', self._about)
-        return False
+        if found.error is None:
+            self.partitions[topic] = len(found.partitions)
+        elif found.error.code() != KafkaError.UNKNOWN_TOPIC_OR_PART:
+            raise translate(found.error, f'topic {topic}', self._about)
+        return found.error is None
 
     def letters(
         self, topic: str, since_ms: int | None = None, *, whole: bool = False
@@ -102,16 +110,9 @@ class LetterReader:
             TransportError: The broker is away, or such a transaction does not end.
             RouteError: The topic may not be read.
         """
-        about = KafkaTopic(topic, self.partitions[topic], '')
-        ends = self._overview.ends([about])
-        for partition in range(about.partitions):
-            end = ends.get((topic, partition))
-            if end is None:
-                raise TransportError(f'{topic}[{partition}]: the broker does not tell its end')
-            begin = self._begin(topic, partition, since_ms)
-            if begin is None or begin >= end:
-                continue
-            for message in self._read(LetterPlace(topic, partition, begin), end, whole=whole):
+        for partition, end in enumerate(self._ends(topic)):
+            begin = LetterPlace(topic, partition, self._begin(topic, partition, since_ms))
+            for message in self._read(begin, end, whole=whole):
                 yield parse(topic, message)
 
     def newest(self, topic: str, most: int) -> Iterator[Letter | Mark]:
@@ -121,12 +122,11 @@ class LetterReader:
             TransportError: The broker is away.
             RouteError: The topic may not be read.
         """
-        for partition in range(self.partitions[topic]):
-            low, high = self._bounds(topic, partition)
-            begin = max(low, high - most)
-            if begin < high:
-                for message in self._read(LetterPlace(topic, partition, begin), high, whole=False):
-                    yield parse(topic, message)
+        for partition, end in enumerate(self._ends(topic)):
+            low, stable = self._bounds(topic, partition)
+            begin = LetterPlace(topic, partition, max(low, stable - most))
+            for message in self._read(begin, end, whole=False):
+                yield parse(topic, message)
 
     def fetch(self, topic: str, partition: int, offsets: Collection[int]) -> Iterator[Letter]:
         """Read these letters whole, in order; those that are gone are left out."""
@@ -176,16 +176,25 @@ class LetterReader:
         assert self._consumer is not None, 'the reader is open'
         return self._consumer
 
+    def _ends(self, topic: str) -> list[int]:
+        """The end of each partition, behind what transactions have written that have not ended."""
+        ends = self._overview.ends([KafkaTopic(topic, self.partitions[topic], '')])
+        for partition in range(self.partitions[topic]):
+            if (topic, partition) not in ends:
+                raise TransportError(f'{topic}[{partition}]: the broker does not tell its end')
+        return [ends[topic, partition] for partition in range(self.partitions[topic])]
+
     def _bounds(self, topic: str, partition: int) -> tuple[int, int]:
+        """The first offset, and that before which every transaction has ended."""
         try:
             here = TopicPartition(topic, partition)
             return self._client.get_watermark_offsets(here, timeout=_REQUEST_S)
         except KafkaException as error:
             raise self._translated(error, topic) from error
 
-    def _begin(self, topic: str, partition: int, since_ms: int | None) -> int | None:
-        """Where to begin; None where nothing is as young."""
-        low, _ = self._bounds(topic, partition)
+    def _begin(self, topic: str, partition: int, since_ms: int | None) -> int:
+        """Where to begin: where nothing is as young, behind what can be seen."""
+        low, stable = self._bounds(topic, partition)
         if since_ms is None:
             return low
         asked = TopicPartition(topic, partition, since_ms)
@@ -193,20 +202,20 @@ class LetterReader:
             [found] = self._client.offsets_for_times([asked], timeout=_REQUEST_S)
         except KafkaException as error:
             raise self._translated(error, topic) from error
-        return max(low, found.offset) if found.offset >= 0 else None
+        return max(low, found.offset) if found.offset >= 0 else stable
 
     def _read(
         self, begin: LetterPlace, end: int, *, whole: bool, batch: int = _BATCH
     ) -> Iterator[Record]:
         """The records from one offset to before another, as far as they are committed."""
         topic, partition, offset = begin
+        if offset >= end:
+            return
         self._client.assign([TopicPartition(topic, partition, offset)])
         deadline_s = time.monotonic() + _SILENT_S
         reached = offset
         while reached < end:
-            for message in self._consume(topic, batch):
-                if message.topic() != topic or message.partition() != partition:
-                    continue  # of what was read before
+            for message in self._consume(topic, partition, batch):
                 error = message.error()
                 here = message.offset() or 0
                 if error is None:
@@ -216,6 +225,8 @@ class LetterReader:
                         yield cast('Record', message)
                     deadline_s = time.monotonic() + _SILENT_S
                 elif error.code() == KafkaError._PARTITION_EOF:  # noqa: SLF001 (its public name)
+                    if here < end and not whole:
+                        self.unseen[topic, partition] = LetterPlace(topic, partition, here)
                     reached = here if whole else end
                 elif not isinstance(translate(error, ''), TransportError):
                     raise translate(error, f'topic {topic}', self._about)
@@ -225,11 +236,13 @@ class LetterReader:
                     'or another client has not ended its transaction there; try again in a minute'
                 )
 
-    def _consume(self, topic: str, most: int) -> list[Message]:
+    def _consume(self, topic: str, partition: int, most: int) -> list[Message]:
         try:
-            return self._client.consume(most, 0.1)
+            found = self._client.consume(most, 0.1)
         except KafkaException as error:
             raise self._translated(error, topic) from error
+        # Of what was read before, something may still come.
+        return [it for it in found if (it.topic(), it.partition()) == (topic, partition)]
 
     def _translated(self, error: KafkaException, topic: str) -> Exception:
         return translate(error.args[0], f'topic {topic} cannot be read', self._about)

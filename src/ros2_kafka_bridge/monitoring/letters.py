@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import msgspec
 
-from ros2_kafka_bridge.commands.dead_letters.report import NOT_OURS, open_reader
+from ros2_kafka_bridge.commands.dead_letters.report import NOT_OURS, open_reader, unseen_in_words
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark
@@ -43,12 +43,14 @@ def newest(config: Config, topic: str) -> Json:
                 marks[found.letter] = found
             else:
                 letters.append(found._replace(value=None, headers=[]))
+        unseen = [unseen_in_words(place) for place in reader.unseen.values()]
     letters.sort(key=lambda it: (it.time_ms, it.place), reverse=True)
     return {
         'topic': topic,
         'there': there,
         'seen': len(letters),
         'replayed': sum(letter.place in marks for letter in letters),
+        'unseen': unseen,
         'letters': [_row(it, marks.get(it.place)) for it in letters[:MOST_LETTERS]],
     }
 

@@ -90,12 +90,17 @@ class Peer(NamedTuple):
 
 
 class Topic(NamedTuple):
-    """A topic of the graph, with everybody at it."""
+    """A topic of the graph, with everybody at it.
+
+    Args:
+        problem: Why not everybody is known; empty where all are.
+    """
 
     name: str
     types: list[str]
     publishers: list[Peer]
     subscribers: list[Peer]
+    problem: str = ''
 
 
 class RosNode:
@@ -123,8 +128,7 @@ class RosNode:
     def topics(self) -> list[Topic]:
         """All topics of others, as far as discovery knows, sorted; those of ROS itself, too.
 
-        One that rclpy cannot tell of is left out: its name is none of ROS, or somebody there tells
-        what cannot be read.
+        One whose name is none of ROS is left out.
         """
         with told_by_others('the topics of the ROS graph'):
             own = self.handle.get_fully_qualified_name()
@@ -132,13 +136,29 @@ class RosNode:
         found = []
         for name in names:
             try:
-                publishers = [peer for peer in self.publishers(name) if peer.node != own]
-                subscribers = [peer for peer in self.subscribers(name) if peer.node != own]
-            except BridgeError:
+                publishers, hidden = _of_others(self.publishers, name, own)
+                subscribers, hidden_too = _of_others(self.subscribers, name, own)
+            except ConfigError:
                 continue
-            if types := sorted({peer.message_type for peer in publishers + subscribers}):
-                found.append(Topic(printable(name), types, publishers, subscribers))
+            types = sorted({peer.message_type for peer in publishers + subscribers})
+            problem = hidden or hidden_too
+            if types or problem:
+                found.append(Topic(printable(name), types, publishers, subscribers, problem))
         return found
+
+
+def _of_others(look: Callable[[str], list[Peer]], topic: str, own: str) -> tuple[list[Peer], str]:
+    """Who else is there, and why that cannot be told.
+
+    Raises:
+        ConfigError: The name of the topic is none of ROS.
+    """
+    try:
+        return [peer for peer in look(topic) if peer.node != own], ''
+    except ConfigError:
+        raise
+    except BridgeError as error:
+        return [], printable(str(error))
 
 
 @contextmanager

@@ -23,12 +23,13 @@ class Holder(NamedTuple):
     """Who has a spool open.
 
     Args:
-        is_open: Whether a process has.
-        pid: Its number; 0 where none has, and where it is another's here, in another container.
+        is_open: Whether a process has; None where that cannot be seen.
+        pid: Its number; 0 where none has, None where it is not known: that of a process in another
+            container is another's here.
     """
 
-    is_open: bool
-    pid: int
+    is_open: bool | None
+    pid: int | None
 
 
 class FileLock:
@@ -100,18 +101,25 @@ def is_in_use(path: Path) -> bool:
     """Whether a process has a spool open, by its lock file.
 
     The kernel knows, also of processes in another container. Who takes the lock at the same
-    moment has patience.
+    moment has patience. Where it cannot be seen, nobody counts as having it.
     """
+    return bool(_is_locked(path))
+
+
+def _is_locked(path: Path) -> bool | None:
+    """Whether a lock file is locked; None where that cannot be seen."""
     try:
         file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
-    except OSError:
+    except FileNotFoundError:
         return False
+    except OSError:
+        return None
     try:
         fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
     except OSError:
-        return False
+        return None
     else:
         return False
     finally:
@@ -128,12 +136,13 @@ def copy_in(path: Path) -> Ledger | None:
 
 def holder(path: Path) -> Holder:
     """Who has a spool open, by its lock file. Changes nothing."""
-    if not is_in_use(path):
-        return Holder(is_open=False, pid=0)
+    is_open = _is_locked(path)
+    if not is_open:
+        return Holder(is_open, pid=None if is_open is None else 0)
     try:
-        return Holder(is_open=True, pid=_pid(path.read_bytes()[:_PID_BYTES]))
+        return Holder(is_open, pid=_pid(path.read_bytes()[:_PID_BYTES]) or None)
     except OSError:
-        return Holder(is_open=True, pid=0)
+        return Holder(is_open, pid=None)
 
 
 def _own_name() -> bytes:

@@ -23,9 +23,10 @@ _SOURCE: Final = 'ros.topic'
 
 @dataclass(frozen=True)
 class SpoolContents:
-    """What a spool holds.
+    """What a spool holds; a number that is not known is None.
 
     Args:
+        exists: Whether there is a file; None where that cannot be seen.
         messages: How many can be read.
         bytes: What these are accounted for.
         file_bytes: Size of the file and its log.
@@ -35,35 +36,33 @@ class SpoolContents:
         kafka_topic: Where they go.
         dead_letters: How many of them are dead letters.
         version: Of the file.
-        is_open: Whether a process has it open.
-        pid: Its number; 0 where none has, and where it runs in another container.
+        is_open: Whether a process has it open; None where that cannot be seen.
+        pid: Its number; 0 where none has, None where it runs in another container.
         damage: What is wrong with it; empty if it is well.
-        lost: How many messages cannot be read, as far as that is known.
+        lost: How many messages cannot be read.
+        certain: Whether that number is exact: without its lock file there may be more.
         problem: Why nothing of it can be shown; empty if it can.
         rows: The first ones, as many as were asked for.
     """
 
     path: Path
-    messages: int = 0
-    bytes: int = 0
-    file_bytes: int = 0
+    exists: bool | None = None
+    messages: int | None = None
+    bytes: int | None = None
+    file_bytes: int | None = None
     oldest_ns: int | None = None
     newest_ns: int | None = None
     ros_topic: str = ''
     kafka_topic: str = ''
-    dead_letters: int = 0
+    dead_letters: int | None = None
     version: int | None = None
-    is_open: bool = False
-    pid: int = 0
+    is_open: bool | None = None
+    pid: int | None = None
     damage: str = ''
-    lost: int = 0
+    lost: int | None = None
+    certain: bool = False
     problem: str = ''
     rows: list[Row] = field(default_factory=list)
-
-    @property
-    def exists(self) -> bool:
-        """Whether there is a file."""
-        return self.version is not None
 
 
 def look(path: Path, messages: int = 0) -> SpoolContents:
@@ -73,43 +72,65 @@ def look(path: Path, messages: int = 0) -> SpoolContents:
         path: Its file.
         messages: How many of its messages to show.
     """
-    known = copy_in(lock_of(path))
     try:
-        kind = health.kind_of(path, known)
-        if kind in {'missing', 'other', 'newer'}:
-            return SpoolContents(path, problem=_refusal(path, kind))
-        found = _look(path, known, messages)
+        found = _look(path, messages)
         began = found.damage and not found.is_open and is_in_use(lock_of(path))
-        return _look(path, known, messages) if began else found  # what is being written looks so
+        return _look(path, messages) if began else found  # what is being written looks so
     except OSError as error:
-        return SpoolContents(path, problem=f'cannot be read: {error.strerror}')
+        return replace(_from_outside(path), problem=f'cannot be read: {error.strerror}')
     except BridgeError as error:
-        return SpoolContents(path, problem=str(error))
+        return replace(_from_outside(path), problem=str(error))
 
 
-def _refusal(path: Path, kind: health.FileKind) -> str:
+def _look(path: Path, messages: int) -> SpoolContents:
+    known = copy_in(lock_of(path))
+    general = _from_outside(path)
+    kind = health.kind_of(path, known)
     if kind == 'missing':
-        return ''
+        return _missing(general, known)
+    if kind == 'other':
+        return replace(general, problem='is not a spool')
+    general = replace(general, version=health.version_of(path))
     if kind == 'newer':
-        return f'is of version {health.version_of(path)}: this program is older than it'
-    return 'is not a spool'
+        text = f'is of version {general.version}: this program is older than it'
+        return replace(general, problem=text)
+    return _inside(general, known, messages)
 
 
-def _look(path: Path, known: Ledger | None, messages: int) -> SpoolContents:
+def _from_outside(path: Path) -> SpoolContents:
+    """What the directory and the lock tell, also where the file cannot be read."""
     held = holder(lock_of(path))
-    general = SpoolContents(
-        path,
-        file_bytes=health.size_of(path) + health.size_of(log_of(path)),
-        version=health.version_of(path),
-        is_open=held.is_open,
-        pid=held.pid,
-    )
-    with _untouched(path, is_live=held.is_open) as seen:
+    general = SpoolContents(path, is_open=held.is_open, pid=held.pid)
+    try:
+        log_bytes = health.size_of(log_of(path))
+        return replace(general, exists=True, file_bytes=path.stat().st_size + log_bytes)
+    except FileNotFoundError:
+        return replace(general, exists=False, file_bytes=log_bytes)
+    except OSError:
+        return general
+
+
+def _missing(general: SpoolContents, known: Ledger | None) -> SpoolContents:
+    """Without the file, its lock file tells what was in it, as it does to a bridge that begins."""
+    if general.is_open is None:
+        text = 'is not there, and its lock file, which tells what was in it, cannot be read'
+        return replace(general, problem=text)
+    lost = known.rows if known else None
+    is_gone = bool(lost) if known else health.has_log(general.path)
+    damage = 'the file is missing' if is_gone else ''
+    told = replace(general, lost=lost, certain=known is not None)
+    return replace(told, messages=0, bytes=0, dead_letters=0, damage=damage)
+
+
+def _inside(general: SpoolContents, known: Ledger | None, messages: int) -> SpoolContents:
+    path, is_live = general.path, bool(general.is_open)
+    with _untouched(path, is_live=is_live) as seen:
         try:
-            with health.opened(seen, is_live=held.is_open) as db:
+            with health.opened(seen, is_live=is_live) as db:
                 problem = health.problem_of(db, path, known)
                 if not problem:
-                    return _with_contents(general, db, messages)
+                    well = replace(general, lost=0, certain=known is not None)
+                    return _with_contents(well, db, messages)
         except DamagedError as error:
             problem = str(error)
         try:
@@ -125,9 +146,10 @@ def _what_is_left(
     """What a bridge would make of a damaged spool."""
     with _temporary() as place:
         whole = place / path.name
-        lost = rescue(path, known, whole).lost
+        _, lost, certain = rescue(path, known, whole)
+        damaged = replace(general, lost=lost if certain or lost else None, certain=certain)
         with health.opened(whole) as db:
-            return replace(_with_contents(general, db, messages), lost=lost)
+            return _with_contents(damaged, db, messages)
 
 
 @contextlib.contextmanager
@@ -193,9 +215,10 @@ def _ros_topic(row: Row | None) -> str:
 
 
 def spools_in(directory: Path) -> Iterator[Path]:
-    """The spools of a directory.
+    """The spools of a directory, also those of which only the lock file is left.
 
     Raises:
         OSError: It cannot be read.
     """
-    yield from sorted(file for file in directory.iterdir() if file.suffix == '.spool')
+    names = {file.name.removesuffix('.lock') for file in directory.iterdir()}
+    yield from sorted(directory / name for name in names if name.endswith('.spool'))

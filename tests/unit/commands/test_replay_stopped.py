@@ -35,6 +35,7 @@ class Stored:
 
     def __init__(self) -> None:
         self.partitions = {'orders': 3, TOPIC: 1}
+        self.unseen: dict[tuple[str, int], Any] = {}
         self.letters_there = [read(kafka_letter(b'%d' % at), at) for at in range(LETTERS)]
         self.marked: list[int] = []
 

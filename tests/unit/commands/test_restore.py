@@ -87,11 +87,14 @@ def test_a_value_left_out_is_fetched_if_the_same_record_is_still_there() -> None
     original = Outgoing('orders', b'key', b'order', HEADERS)
     assert restorer(original=original).for_kafka(letter).record == original
     other = original._replace(value=b'other order')
-    for gone in (None, other, original._replace(key=b'another')):
-        with pytest.raises(
-            RecordError, match=r'\(5 bytes\) was left out, and orders\[2\]@5 is no'
-        ):
-            restorer(original=gone).for_kafka(letter)
+    for found, said in (
+        (None, 'is gone, or may not be read'),
+        (other, 'is another record'),
+        (original._replace(key=b'another'), 'is another record'),
+    ):
+        text = rf'\(5 bytes\) was left out, and orders\[2\]@5 {said}'
+        with pytest.raises(RecordError, match=text):
+            restorer(original=found).for_kafka(letter)
 
 
 def test_a_bare_letter_gets_key_and_headers_from_the_record_that_it_came_from() -> None:

@@ -204,13 +204,89 @@ def test_a_configuration_names_the_spools_of_its_routes(
     place = tmp_path / 'spool'
     file.write_text(CONFIGURATION.format(place=place))
     assert report(file, NOTHING_MORE) == 0
-    assert capsys.readouterr().out.count('not there yet') == 2
+    assert capsys.readouterr().out.count('  not there\n') == 2
     assert not place.exists()
     fill(place)
     status, seen = as_json(file, capsys)
     assert status == 0
     told = [(one['route'], one['exists'], one['messages']) for one in seen]
     assert told == [('route', True, 31), ('unused', False, 0)]
+
+
+def test_of_a_spool_that_is_gone_its_lock_file_tells_what_is_lost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config, place = tmp_path / 'bridge.yaml', tmp_path / 'spool'
+    config.write_text(CONFIGURATION.format(place=place))
+    file = fill(place)
+    file.unlink()
+    for asked in (config, place, file):
+        assert report(asked, NOTHING_MORE) == 1
+        assert f'{file} is missing: 31 messages are lost, by its lock file; mount' in (
+            capsys.readouterr().out
+        )
+    status, (seen,) = as_json(place, capsys)
+    told = ('exists', 'messages', 'lost', 'certain', 'damage')
+    assert status == 1
+    assert [seen[name] for name in told] == [False, 0, 31, True, 'the file is missing']
+
+
+def test_one_that_is_deleted_while_a_bridge_has_it_open_is_not_lost_yet(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with opened(tmp_path) as spool:
+        spool.append(rows(1, 30))
+        file_of(tmp_path, 'bridge', 'route').unlink()
+        assert report(tmp_path, NOTHING_MORE) == 1
+    shown = capsys.readouterr().out
+    assert f'MISSING; open (pid {os.getpid()})' in ' '.join(shown.split())
+    assert 'a process has it open: 30 messages in it, by its lock file, are lost if' in shown
+
+
+def test_without_the_lock_file_that_would_tell_of_a_missing_one_nothing_is_known(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = fill(tmp_path)
+    lock = file.with_name(f'{file.name}.lock')
+    lock.unlink()
+    lock.symlink_to(lock)  # also root cannot read it
+    status, (seen,) = as_json(tmp_path, capsys)
+    assert (status, seen['messages'], seen['is_open'], seen['certain']) == (0, 31, None, False)
+    assert report(tmp_path, NOTHING_MORE) == 0
+    assert 'not known who has it' in capsys.readouterr().out
+    file.unlink()
+    status, (seen,) = as_json(tmp_path, capsys)
+    assert (status, seen['messages'], seen['lost'], seen['exists']) == (2, None, None, False)
+    assert 'its lock file, which tells what was in it, cannot be read' in seen['problem']
+
+
+def test_of_one_that_cannot_be_read_no_number_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: Path) -> bytes:
+        raise PermissionError(13, 'Permission denied')
+
+    file = fill(tmp_path)
+    monkeypatch.setattr('ros2_kafka_bridge.spool.health.beginning_of', refuse)
+    status, (seen,) = as_json(tmp_path, capsys)
+    assert (status, seen['problem']) == (2, 'cannot be read: Permission denied')
+    assert [seen[name] for name in ('messages', 'bytes', 'dead_letters', 'lost')] == [None] * 4
+    assert (seen['exists'], seen['file_bytes']) == (True, file.stat().st_size)
+
+
+@pytest.mark.parametrize('with_lock', [True, False])
+def test_how_much_a_damaged_one_has_lost_is_said_only_where_its_lock_file_tells(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], *, with_lock: bool
+) -> None:
+    file = fill(tmp_path)
+    os.truncate(file, 0)
+    if not with_lock:
+        file.with_name(f'{file.name}.lock').unlink()
+    assert report(file, NOTHING_MORE) == 1
+    lost = '31 messages lost' if with_lock else 'an unknown number of messages lost'
+    assert f'the file is empty, {lost}. What' in capsys.readouterr().out
+    _, (seen,) = as_json(file, capsys)
+    assert seen['lost'] == (31 if with_lock else None)
 
 
 def test_where_nothing_is_it_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

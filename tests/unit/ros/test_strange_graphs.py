@@ -9,6 +9,7 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from ros2_kafka_bridge.config.settings import QoS
@@ -63,8 +64,18 @@ def test_a_topic_that_cannot_be_told_of_hides_no_other(error: Exception) -> None
     handle.get_fully_qualified_name.return_value = '/me'
     handle.get_topic_names_and_types.return_value = [('/strange', []), ('/good', [])]
     handle.get_publishers_info_by_topic.side_effect = publishers
-    handle.get_subscriptions_info_by_topic.return_value = []
-    assert [topic.name for topic in RosNode(handle, None).topics()] == ['/good']
+    handle.get_subscriptions_info_by_topic.return_value = [publisher(b'a' * 16, 'reader')]
+    good, strange = RosNode(handle, None).topics()
+    assert (good.name, len(good.publishers), good.problem) == ('/good', 1, '')
+    assert strange.problem.startswith('publishers of /strange: somebody in the ROS graph tells')
+    assert [peer.node for peer in strange.subscribers] == ['/reader'], 'who can be read is known'
+
+
+def test_a_topic_whose_name_is_none_of_ros_is_left_out() -> None:
+    handle = MagicMock()
+    handle.get_topic_names_and_types.return_value = [('/a b', [])]
+    handle.get_publishers_info_by_topic.side_effect = InvalidTopicNameException('/a b', '', 2)
+    assert RosNode(handle, None).topics() == []
 
 
 @STRANGE

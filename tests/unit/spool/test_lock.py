@@ -47,9 +47,17 @@ def test_a_number_that_does_not_count_here_is_not_told(tmp_path: Path, name: byt
         with lock_in(tmp_path).open('r+b') as file:
             file.write(name)
         assert is_in_use(lock_in(tmp_path))
-        assert holder(lock_in(tmp_path)) == (True, 0)
+        assert holder(lock_in(tmp_path)) == (True, None)
         with pytest.raises(SpoolInUseError, match=r'another process uses this spool \(pid unkn'):
             make(tmp_path).open()
+
+
+def test_of_a_lock_file_that_cannot_be_read_nobody_is_known(tmp_path: Path) -> None:
+    with opened(tmp_path):
+        lock_in(tmp_path).unlink()
+        lock_in(tmp_path).symlink_to(lock_in(tmp_path))  # also root cannot read it
+        assert holder(lock_in(tmp_path)) == (None, None)
+        assert not is_in_use(lock_in(tmp_path))
 
 
 def test_to_look_takes_it_from_nobody(tmp_path: Path) -> None:

@@ -104,8 +104,8 @@ def show(
 ) -> None:
     """Everything of a letter: why, its headers, its value.
 
-    Exit status: 0 shown, 1 Kafka was away or refused, 2 the file or an option is wrong, or there
-    is no such letter.
+    Exit status: 0 shown, 1 Kafka was away or refused, or a transaction that has not ended hides
+    what may be such a letter, 2 the file or an option is wrong, or there is no such letter.
     """
     if letter:
         topic, partition, offset = _place(letter, topic, partition, offset)

@@ -15,7 +15,13 @@ from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.commands.dead_letters.replay_ros import open_channels
 from ros2_kafka_bridge.commands.dead_letters.report import Found as Looked
-from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery, none_there, open_reader
+from ros2_kafka_bridge.commands.dead_letters.report import (
+    LetterQuery,
+    no_such_letter,
+    none_there,
+    open_reader,
+    unseen_in_words,
+)
 from ros2_kafka_bridge.commands.dead_letters.restore import Again, Restorer
 from ros2_kafka_bridge.commands.screen import waiting
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
@@ -117,7 +123,8 @@ def replay(query: LetterQuery, options: ReplayOptions) -> int:
     with ExitStack() as stack:
         reader = stack.enter_context(open_reader(query.config))
         originals = stack.enter_context(open_reader(query.config))
-        there = [topic for topic in query.topics() if reader.has(topic)]
+        missing = [topic for topic in query.topics() if not reader.has(topic)]
+        there = [topic for topic in query.topics() if topic not in missing]
         run = _Run(query, options, tally, stop, reader, originals, stack)
         try:
             for topic in there:
@@ -137,7 +144,8 @@ def replay(query: LetterQuery, options: ReplayOptions) -> int:
             if tally.vouching:
                 _say(tally.vouching)
             return 1
-    return _end(query, options, tally, there, cut=run.cut)
+    looked = Looked([], {}, missing, list(reader.unseen.values()))
+    return _end(query, options, tally, looked, cut=run.cut)
 
 
 def _check(letter_filter: LetterFilter, options: ReplayOptions) -> None:
@@ -154,18 +162,18 @@ def _end(
     query: LetterQuery,
     options: ReplayOptions,
     tally: ReplayTally,
-    there: Sequence[str],
+    looked: Looked,
     *,
     cut: bool,
 ) -> int:
     nothing = not (tally.sent or tally.left or tally.before or tally.foreign)
     if nothing and not cut:
-        missing = [topic for topic in query.topics() if topic not in there]
-        text = none_there(query, Looked([], {}, missing))
         if query.filter.offset is not None:
-            raise ConfigError([text])
-        _say(text)
+            raise no_such_letter(query, looked)
+        _say(none_there(query, looked))
         return 0
+    for place in looked.unseen:
+        _say(unseen_in_words(place))
     text = tally.text(dry_run=options.dry_run)
     _say(f'stopped: {text}; {_GO_ON}' if cut else text)
     if tally.vouching:

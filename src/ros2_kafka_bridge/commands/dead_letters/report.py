@@ -16,7 +16,7 @@ from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.dead_letters.filter import LetterFilter, limited, read_index
 from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark
 from ros2_kafka_bridge.dead_letters.shown import escaped, hex_lines, shortened, text_lines
-from ros2_kafka_bridge.errors import BridgeError, ConfigError
+from ros2_kafka_bridge.errors import BridgeError, ConfigError, TransportError
 from ros2_kafka_bridge.kafka.letters import LetterReader
 from ros2_kafka_bridge.kafka.overview import Overview
 from ros2_kafka_bridge.kafka.properties import common_properties, consumer_properties
@@ -58,11 +58,13 @@ class Found(NamedTuple):
 
     Args:
         missing: Dead-letter topics that are not there.
+        unseen: From where on a partition could not be read: a transaction there has not ended.
     """
 
     letters: list[Letter]
     marks: dict[LetterPlace, Mark]
     missing: list[str]
+    unseen: list[LetterPlace]
 
 
 def spoken(command: Callable[[], int]) -> int:
@@ -90,6 +92,8 @@ def list_letters(query: LetterQuery, *, as_json: bool) -> int:
     rows = [_row(letter, found.marks.get(letter.place)) for letter in found.letters]
     show_table(console, 'Dead letters', _COLUMNS, [[[cell] for cell in row] for row in rows])
     _show_summary(console, found)
+    for place in found.unseen:
+        show_line(console, unseen_in_words(place))
     return 0
 
 
@@ -98,10 +102,11 @@ def show_letters(query: LetterQuery, *, raw: bool) -> int:
 
     Raises:
         ConfigError: There is no such letter, or several for `raw`.
+        TransportError: There is none that can be seen now.
     """
     found = find(query)
     if not found.letters:
-        raise ConfigError([none_there(query, found)])
+        raise no_such_letter(query, found)
     if raw and len(found.letters) > 1:
         text = f'--raw writes one value, and {len(found.letters)} letters fit: name one'
         raise ConfigError([f'{text}, such as {found.letters[0].place}'])
@@ -133,7 +138,8 @@ def find(query: LetterQuery) -> Found:
             index = read_index(reader.letters(topic, query.filter.since_ms), query.filter)
             letters += index.letters
             marks |= index.marks
-    return Found(list(limited(letters, query.filter.limit)), marks, missing)
+        unseen = list(reader.unseen.values())
+    return Found(list(limited(letters, query.filter.limit)), marks, missing, unseen)
 
 
 def open_reader(config: Config) -> LetterReader:
@@ -154,7 +160,23 @@ def none_there(query: LetterQuery, found: Found) -> str:
     there = [topic for topic in query.topics() if topic not in found.missing]
     looked = [f'looked at {", ".join(there)}'] * bool(there)
     looked += [f'{", ".join(found.missing)}: not there'] * bool(found.missing)
-    return f'no dead letters{place} ({"; ".join(looked)})'
+    looked += map(unseen_in_words, found.unseen)
+    seen = ' seen' * bool(found.unseen)
+    return f'no dead letters{seen}{place} ({"; ".join(looked)})'
+
+
+def no_such_letter(query: LetterQuery, found: Found) -> ConfigError | TransportError:
+    """What is wrong where none is found, though one was named: it may only be hidden."""
+    text = none_there(query, found)
+    return TransportError(text) if found.unseen else ConfigError([text])
+
+
+def unseen_in_words(place: LetterPlace) -> str:
+    """Say that a partition was not read to its end."""
+    return (
+        f'{place.topic}[{place.partition}] is not seen from offset {place.offset} on, neither '
+        'letters nor marks of replays: a transaction there has not ended; try again in a minute'
+    )
 
 
 def when(time_ms: int) -> str:
@@ -250,6 +272,7 @@ def _json(found: Found) -> dict[str, Any]:
         ],
         'summary': [dict(zip(keys, row, strict=True)) for row in _summary(found)],
         'missing_topics': found.missing,
+        'unseen': [place._asdict() for place in found.unseen],
     }
 
 

@@ -165,9 +165,10 @@ class Restorer:
         headers = [] if original is None else headers_of(original) or []
         if about.value_bytes is not None:
             if original is None or not _is_left_out(letter, about, original, headers):
+                found = 'is gone, or may not be read' if original is None else 'is another record'
                 raise RecordError(
                     f'its value ({about.value_bytes} bytes) was left out, and '
-                    f'{escaped(about.source)} is no longer there'
+                    f'{escaped(about.source)} {found}'
                 )
             whole = letter._replace(key=original.key(), value=original.value(), headers=headers)
             return whole, ''

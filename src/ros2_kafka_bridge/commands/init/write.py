@@ -197,7 +197,9 @@ def _look(servers: str, *, ask_kafka: bool) -> _Seen:
             notes.append(f'{error}: the file is written without looking at Kafka ({servers})')
     with open_node('init', None, Histories({}, {})) as node:
         wait_for_discovery()
-        return _Seen(node.topics(), kafka, notes)
+        seen = node.topics()
+    notes += [f'{topic.name} is left out: {topic.problem}' for topic in seen if topic.problem]
+    return _Seen([topic for topic in seen if not topic.problem], kafka, notes)
 
 
 def _kafka_topics(servers: str) -> list[str]:

@@ -26,8 +26,8 @@ def spool(
 ) -> None:
     """Show what waits on disk for Kafka; touches nothing, also while a bridge runs.
 
-    Exit status: 0 all is well, also where nothing is there, 1 a spool is damaged, 2 something
-    cannot be read or is no spool.
+    Exit status: 0 all is well, also where nothing is there, 1 a spool is damaged, or gone with
+    messages in it, 2 something cannot be read or is no spool.
     """
     from ros2_kafka_bridge.commands.spool import report as command  # noqa: PLC0415 (--help must be quick)
 

@@ -16,6 +16,7 @@ from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.logs.text import count as counted
 from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.spool.health import kind_of
+from ros2_kafka_bridge.spool.lock import lock_of
 from ros2_kafka_bridge.spool.look import SpoolContents, look, spools_in
 from ros2_kafka_bridge.spool.rows import Row, size_of
 from ros2_kafka_bridge.spool.store import file_of
@@ -50,8 +51,8 @@ def report(path: Path, options: SpoolOptions) -> int:
     """Look at the spools of a configuration, of a directory, or at one, and print what they hold.
 
     Returns:
-        0 when all that is there is well, 1 when something is damaged, 2 when something cannot be
-        read or is no spool.
+        0 when all that is there is well, 1 when something is damaged or gone with messages in it,
+        2 when something cannot be read or is no spool.
 
     Raises:
         ConfigError: There is nothing to look at, or the configuration is wrong.
@@ -81,7 +82,7 @@ def _places(path: Path) -> tuple[list[_Place], str]:
             return [
                 _Place(file) for file in spools_in(path)
             ], f'{path}: no spool in this directory'
-        if not path.exists():
+        if not path.exists() and not lock_of(path).exists():
             raise ConfigError([f'{path}: there is no such file or directory'])
         if not _is_configuration(path):
             return [_Place(path)], ''
@@ -129,12 +130,35 @@ def _show(
         _show_spools(console, directory, inside)
     for _, contents in found:
         if contents.damage:
-            lost = f', {counted(contents.lost, "message")} lost' if contents.lost else ''
-            text = f'{contents.path} is damaged: {contents.damage}{lost}. What can be read is'
-            show_line(console, f'{text} delivered when a bridge opens it.', 'bold red')
+            text = _damage(contents) if contents.exists else _what_is_gone(contents)
+            show_line(console, f'{contents.path} {text}', 'bold red')
     for _, contents in found:
         if contents.rows:
             _show_rows(console, contents, options)
+
+
+def _damage(contents: SpoolContents) -> str:
+    lost = f', {_lost(contents)} lost' if contents.lost != 0 else ''
+    said = f'is damaged: {contents.damage}{lost}'
+    return f'{said}. What can be read is delivered when a bridge opens it.'
+
+
+def _what_is_gone(contents: SpoolContents) -> str:
+    if contents.is_open:
+        return (
+            f'is missing, and a process has it open: {_lost(contents)} in it, by its lock file, '
+            'are lost if that ends before it has delivered them'
+        )
+    return (
+        f'is missing: {_lost(contents)} are lost, by its lock file; mount its disk, or put it '
+        'back, before a bridge begins a new one'
+    )
+
+
+def _lost(contents: SpoolContents) -> str:
+    if contents.lost is None:
+        return 'an unknown number of messages'
+    return f'{"" if contents.certain else "at least "}{counted(contents.lost, "message")}'
 
 
 def _show_spools(
@@ -164,10 +188,15 @@ def _way(place: _Place, contents: SpoolContents) -> list[str]:
 
 def _state(contents: SpoolContents) -> Iterator[str]:
     if not contents.exists:
-        yield 'not there yet'
+        yield 'MISSING' if contents.damage else 'not there'
+    else:
+        yield 'DAMAGED' if contents.damage else 'well'
+    if contents.is_open is None:
+        yield 'not known who has it'
+    elif contents.exists or contents.is_open:
+        yield f'open (pid {contents.pid or "unknown"})' if contents.is_open else 'not open'
+    if not contents.exists:
         return
-    yield 'DAMAGED' if contents.damage else 'well'
-    yield f'open (pid {contents.pid or "unknown"})' if contents.is_open else 'not open'
     if contents.dead_letters:
         yield counted(contents.dead_letters, 'dead letter')
     yield f'version {contents.version}'
@@ -215,7 +244,9 @@ def _age(age_s: float) -> str:
     return f'{age_s:.0f} s ago'
 
 
-def _size(size_bytes: float) -> str:
+def _size(size_bytes: float | None) -> str:
+    if size_bytes is None:
+        return '?'
     if size_bytes < 1000:
         return f'{size_bytes:.0f} B'
     for unit in _UNITS:
@@ -241,7 +272,6 @@ def _as_json(place: _Place, contents: SpoolContents, options: SpoolOptions) -> M
         **vars(contents),
         'path': str(contents.path),
         'route': place.route,
-        'exists': contents.exists,
         'rows': [_row_as_json(row, options) for row in contents.rows],
     }
 

@@ -37,7 +37,9 @@ from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.matching import (
     own_publishers,
     own_readers,
+    publisher_doubt,
     publisher_problem,
+    reader_doubt,
     reader_problem,
     ros_end,
     type_of,
@@ -137,7 +139,9 @@ def _kafka_rates(
     topics: Iterable[KafkaTopic], before: Offsets, after: Offsets, measured_s: float
 ) -> dict[str, float]:
     counts = {topic.name: records(topic, before, after) for topic in topics}
-    return {name: count / measured_s for name, count in counts.items() if count is not None}
+    # One that was made anew meanwhile ends before it did.
+    known = {name: count for name, count in counts.items() if count is not None and count >= 0}
+    return {name: count / measured_s for name, count in known.items()}
 
 
 def _missing_in_kafka(
@@ -145,7 +149,8 @@ def _missing_in_kafka(
 ) -> Iterator[KafkaTopic]:
     known = {topic.name for topic in topics}
     for name in sorted({kafka_end(route) for route in routes} - known):
-        yield KafkaTopic(name, 0, 'not seen' if problem else 'not there')
+        text = 'not seen' if problem else 'not there, or this user may not see it'
+        yield KafkaTopic(name, 0, text)
 
 
 def _kafka_row(
@@ -159,7 +164,7 @@ def _kafka_row(
         kind = 'dead letters'
     return KafkaRow(
         name=topic.name,
-        partitions=topic.partitions,
+        partitions=None if topic.problem else topic.partitions,
         records=None if topic.problem else held,
         rate=found.get(topic.name),
         kind=kind,
@@ -200,11 +205,12 @@ def _ros_rates(node: RosNode, graph: Iterable[Topic], seconds: float) -> dict[st
     A bridge waits for subscribers, and publishes again what is in flight when one has gone: it
     would take the counting for such a one.
     """
-    silent = {topic.name: 0.0 for topic in graph if not topic.publishers}
+    silent = {topic.name: 0.0 for topic in graph if not topic.publishers and not topic.problem}
     counted = {
         topic.name: topic.types[0]
         for topic in graph
         if topic.publishers
+        and not topic.problem
         and len(topic.types) == 1
         and (is_of_ros_itself(topic.name) or all(_is_no_bridge(p) for p in topic.publishers))
     }
@@ -230,6 +236,7 @@ def _ros_row(topic: Topic, routes: Sequence[AnyRoute], found: Mapping[str, float
             for route in joined
         ],
         matches=[match for route in joined for match in _matches(route, topic, routes)],
+        problem=topic.problem,
     )
 
 
@@ -241,14 +248,20 @@ def _matches(route: AnyRoute, topic: Topic, routes: Sequence[AnyRoute]) -> Itera
     if isinstance(route, KafkaToRosRoute):
         readers = [*topic.subscribers, *own_readers(routes, route)]
         type_hash = installed_hash(route.sink.type)
-        found = [(peer, reader_problem(route, peer, type_hash)) for peer in readers]
+        found = [
+            (peer, reader_problem(route, peer, type_hash), reader_doubt(route, peer, type_hash))
+            for peer in readers
+        ]
     else:
         publishers = [*topic.publishers, *own_publishers(routes, route)]
         message_type = type_of(route, publishers)
-        found = [(peer, publisher_problem(route, peer, message_type)) for peer in publishers]
-    for peer, problem in found:
+        doubt = publisher_doubt(message_type)
+        found = [
+            (peer, publisher_problem(route, peer, message_type), doubt) for peer in publishers
+        ]
+    for peer, problem, doubt in found:
         text = f'{problem.text}; {problem.cure}' if problem else ''
-        yield Match(route.name, peer.node, text)
+        yield Match(route.name, peer.node, text, '' if problem else doubt)
 
 
 # Both
@@ -259,7 +272,11 @@ def _pairs(
 ) -> Iterator[Pair]:
     joined = {(kafka_end(route), ros_end(route)) for route in routes}
     ours = [t.name for t in topics if not is_of_kafka_itself(t.name)]
-    by_stem = {stem(topic.name): topic for topic in graph if not is_of_ros_itself(topic.name)}
+    by_stem = {
+        stem(topic.name): topic
+        for topic in graph
+        if not is_of_ros_itself(topic.name) and not topic.problem
+    }
     for kafka in ours:
         ros = by_stem.get(stem(kafka))
         if ros is None or (kafka, ros.name) in joined:

@@ -6,7 +6,14 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from ros2_kafka_bridge.commands.screen import show_line, show_table
-from ros2_kafka_bridge.commands.topics.view import Pair, PeerRow, RosRow, RouteRow, TopicsView
+from ros2_kafka_bridge.commands.topics.view import (
+    Match,
+    Pair,
+    PeerRow,
+    RosRow,
+    RouteRow,
+    TopicsView,
+)
 
 _MATCH_COLUMNS = ('route', 'node', 'would match')
 
@@ -19,7 +26,7 @@ def show(console: Console, view: TopicsView) -> None:
         title = f'Kafka: {view.brokers}'
         _show_kafka(console, title, view)
     elif not view.kafka_problem:
-        console.print(f'Kafka: {view.brokers}: no topics')
+        console.print(f'Kafka: {view.brokers}: no topics that this user may see')
     title = f'ROS: {view.ros_domain}, {view.ros_middleware}'
     if view.ros:
         _show_ros(console, title, view)
@@ -37,7 +44,7 @@ def _show_kafka(console: Console, title: str, view: TopicsView) -> None:
     rows: list[list[list[str]]] = []
     for row in view.kafka:
         about = [*_routes(row.routes), *([row.kind] if row.kind else []), *_if(row.problem)]
-        held = [str(row.partitions), _number(row.records)] if not row.problem else ['-', '-']
+        held = [_number(row.partitions), _number(row.records)] if not row.problem else ['-', '-']
         numbers = [[number] for number in held]
         rate = [['-' if row.problem else _rate(row.rate)]] if rated else []
         rows.append([[row.name], *numbers, *rate, about])
@@ -50,17 +57,18 @@ def _show_ros(console: Console, title: str, view: TopicsView) -> None:
     columns = [*kinds, 'publishers', 'subscribers', *['#msg/s'] * rated, 'route']
     rows: list[list[list[str]]] = []
     for row in view.ros:
-        types = row.types or ['nobody is there']
+        types = [*row.types, *_if(row.problem)] or ['nobody is there']
         first = [[row.name, *types]] if console.is_terminal else [[row.name], [*types]]
-        ends = [_ends(row.publishers), _ends(row.subscribers)]
+        unknown = ['?'] * bool(row.problem)
+        ends = [_ends(peers) or unknown for peers in (row.publishers, row.subscribers)]
         rate = [[_rate(row.rate)]] if rated else []
         rows.append([*first, *ends, *rate, [*_routes(row.routes), *_if(row.kind)]])
     show_table(console, title, columns, rows)
     if rated and any(row.rate is None for row in view.ros):
         show_line(
             console,
-            '?: not counted: two types, a type that is not installed here, or a bridge '
-            'publishes it (counting would be a subscriber to it)',
+            '?: not counted: two types, a type that is not installed here, somebody there who '
+            'cannot be read, or a bridge publishes it (counting would be a subscriber to it)',
         )
 
 
@@ -75,12 +83,20 @@ def _show_matches(console: Console, found: Sequence[RosRow]) -> None:
     for row in found:
         for route in row.routes:
             nodes = [match for match in row.matches if match.route == route.route]
-            rows += [[[route.route], [m.node], [m.problem or 'yes']] for m in nodes]
-            if not nodes:
+            rows += [[[route.route], [m.node], [_would_match(m)]] for m in nodes]
+            if row.problem:
+                rows.append([[route.route], [], [row.problem]])
+            elif not nodes:
                 does = 'subscribes to' if route.does == 'publishes' else 'publishes'
                 rows.append([[route.route], [], [f'nobody {does} {row.name}']])
     if rows:
         show_table(console, 'Which nodes the routes would match', _MATCH_COLUMNS, rows)
+
+
+def _would_match(match: Match) -> str:
+    if match.doubt:
+        return f'as far as is known: {match.doubt}'
+    return match.problem or 'yes'
 
 
 def _show_pairs(console: Console, pairs: Sequence[Pair]) -> None:

@@ -17,6 +17,7 @@ class KafkaRow:
     """A Kafka topic.
 
     Args:
+        partitions: How many; None where nothing more is known of it.
         records: Offsets that it holds; None where a partition does not answer.
         rate: Records a second; None where it was not asked for, or does not answer.
         kind: Whose it is, where it is not the user's own.
@@ -25,7 +26,7 @@ class KafkaRow:
     """
 
     name: str
-    partitions: int
+    partitions: int | None
     records: int | None
     rate: float | None
     kind: Literal['', 'internal', 'dead letters']
@@ -45,11 +46,17 @@ class PeerRow:
 
 @dataclass(frozen=True)
 class Match:
-    """Whether a route and a node of the graph would match; `problem` says why not."""
+    """Whether a route and a node of the graph would match.
+
+    Args:
+        problem: Why they would not; empty if nothing is known that keeps them from it.
+        doubt: Why that is not known for certain; empty if it is.
+    """
 
     route: str
     node: str
     problem: str
+    doubt: str
 
 
 @dataclass(frozen=True)
@@ -61,6 +68,7 @@ class RosRow:
         kind: Whose it is, where it is not the user's own.
         routes: The routes that take from it or publish to it.
         matches: Each route with each node that it would meet.
+        problem: Why not everybody there is known; empty if all are.
     """
 
     name: str
@@ -71,6 +79,7 @@ class RosRow:
     kind: Literal['', 'of ROS itself']
     routes: list[RouteRow]
     matches: list[Match]
+    problem: str
 
 
 @dataclass(frozen=True)
