@@ -113,7 +113,7 @@ def test_a_demonstration_whose_terminal_is_closed_ends_in_order_and_leaves_nothi
 ) -> None:
     place = tmp_path / 'place'
     place.mkdir()
-    environ = {**bench.environ, 'TMPDIR': str(place)}
+    environ = {**bench.environ, 'TMPDIR': str(place), 'TERM': 'xterm-256color'}
     options = ('--rate', '200', '--seconds', '300')
     with terminal('demo', *options, environ=environ) as it:
         eventually(lambda: it.shows(b'sending'), 60, it.shown)
