@@ -37,9 +37,14 @@ BAD = {
 AT_REST = RouteReport(1, 2.0, 0.0, snapshot(RETURNED, State.FAILED, lag=500, **BAD).at_rest)
 
 
-def badly(route: str, **more: Any) -> RouteReport:
-    told = snapshot(route, State.FAILED, reason='no permission', **{**BAD, **more})
-    return RouteReport(1, 40.0, 95.0, told)
+def badly(route: str, times: int = 1, **more: Any) -> RouteReport:
+    """A route that has failed for good, after so many times seven messages that were slow."""
+    slow = Distribution(tuple(times * count for count in SLOW.counts), times * SLOW.sum_s)
+    measures = BAD_MEASURES._replace(
+        published=slow, in_bridge=slow, end_to_end=slow, round_trip=slow
+    )
+    told = {**BAD, 'reason': 'no permission', 'final': True, 'measures': measures, **more}
+    return RouteReport(1, 40.0, 95.0, snapshot(route, State.FAILED, **told))
 
 
 def unknown_report() -> Report:
@@ -49,7 +54,7 @@ def unknown_report() -> Report:
 
 def bad_report(second: int = 0) -> Report:
     return report(
-        badly(ORDERS, lag=500), badly(RETURNED),
+        badly(ORDERS, 1 + second, lag=500), badly(RETURNED, 1 + second),
         workers=(Worker(1, 0, 9, 'was ended by SIGKILL', 40.0),),
         lifecycle=Lifecycle.INACTIVE, stopping=True, time_s=1000.0 + second, started_s=900.0,
         reload=Reload(990.0, done=False, text='line 3: unknown field'),

@@ -2,24 +2,26 @@
 
 import contextlib
 from collections.abc import Callable, Iterator
+from typing import Any
 
+import pytest
 from confluent_kafka import Consumer
 from harness import Bench, eventually, to_ros
 from scrapes import watched
 
 
 @contextlib.contextmanager
-def application(bench: Bench, group: str, topic: str, strategy: str) -> Iterator[None]:
+def application(bench: Bench, source: dict[str, str], strategy: str) -> Iterator[None]:
     """A consumer of somebody else, in its group."""
     reader = Consumer(
         {
             'bootstrap.servers': bench.bootstrap_servers,
-            'group.id': group,
+            'group.id': source['group'],
             'client.id': 'shop',
             'partition.assignment.strategy': strategy,
         }
     )
-    reader.subscribe([topic])
+    reader.subscribe([source['kafka']])
 
     def has_joined() -> bool:
         reader.poll(0.1)
@@ -30,19 +32,30 @@ def application(bench: Bench, group: str, topic: str, strategy: str) -> Iterator
         yield
 
 
-def test_the_group_of_an_application_that_uses_range_is_named(
-    bench: Bench, unique: Callable[[str], str]
-) -> None:
-    topic, group = unique('orders'), unique('shop')
+@pytest.fixture
+def shared(bench: Bench, unique: Callable[[str], str]) -> dict[str, Any]:
+    """A route in the group of somebody else."""
+    topic = unique('orders')
     bench.create_topic(topic)
     route = to_ros(topic, '/orders')
-    route['from']['group'] = group
-    with application(bench, group, topic, 'range'):
-        _, out, _ = bench.command('check', '--connect', str(bench.config([route])))
-        said = ' '.join(out.split())
-        assert f'note group {group} has members of another application (shop), which' in said
+    route['from']['group'] = unique('shop')
+    return route
+
+
+def checked(bench: Bench, route: dict[str, Any]) -> str:
+    _, out, _ = bench.command('check', '--connect', str(bench.config([route])))
+    return ' '.join(out.split())
+
+
+def test_the_group_of_an_application_that_uses_range_is_named(
+    bench: Bench, shared: dict[str, Any]
+) -> None:
+    with application(bench, shared['from'], 'range'):
+        said = checked(bench, shared)
+        assert f'note group {shared["from"]["group"]} has members of another' in said
+        assert 'application (shop), which share its partitions by range' in said
         assert 'give this route a group of its own' in said
-        bridge = watched(bench, [route])
+        bridge = watched(bench, [shared])
         with bridge.process as process:
             process.wait_for(
                 'Inconsistent group protocol; the group is that of another application'
@@ -58,12 +71,7 @@ def test_the_group_of_an_application_that_uses_range_is_named(
 
 
 def test_one_that_would_get_a_part_of_the_records_is_named_in_check(
-    bench: Bench, unique: Callable[[str], str]
+    bench: Bench, shared: dict[str, Any]
 ) -> None:
-    topic, group = unique('orders'), unique('shop')
-    bench.create_topic(topic)
-    route = to_ros(topic, '/orders')
-    route['from']['group'] = group
-    with application(bench, group, topic, 'cooperative-sticky'):
-        _, out, _ = bench.command('check', '--connect', str(bench.config([route])))
-        assert 'this bridge gets a part of the records' in ' '.join(out.split())
+    with application(bench, shared['from'], 'cooperative-sticky'):
+        assert 'this bridge gets a part of the records' in checked(bench, shared)

@@ -15,7 +15,7 @@ from ros2_kafka_bridge.endpoints import Rebalance, Record
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.kafka.beginnings import Beginnings
 from ros2_kafka_bridge.kafka.client_health import ClientHealth
-from ros2_kafka_bridge.kafka.errors import Client, translate
+from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic, translate
 from ros2_kafka_bridge.kafka.lag import Lag
 from ros2_kafka_bridge.kafka.member import Member
 from ros2_kafka_bridge.kafka.partitions import Partition, Partitions
@@ -210,7 +210,7 @@ class KafkaSource:
             if offset is not None:
                 self._partitions.reach_end(number, offset)
         elif error.code() != KafkaError._MAX_POLL_EXCEEDED:  # noqa: SLF001
-            if error.code() == KafkaError.UNKNOWN_TOPIC_OR_PART:
+            if is_missing_topic(error):
                 self._beginnings.expect_new_topic()
             self._member.on_error(error)
             self._health.raise_failure()

@@ -146,6 +146,11 @@ def translate(error: KafkaError, where: str, client: Client = UNKNOWN_CLIENT) ->
     return problem.kind(f'{where}: {problem.sentence}')
 
 
+def is_missing_topic(error: KafkaError) -> bool:
+    """Whether a broker says that a topic is not there, or hides it from this user."""
+    return error.code() == KafkaError.UNKNOWN_TOPIC_OR_PART
+
+
 def explain(error: KafkaError, client: Client = UNKNOWN_CLIENT, reason: str = '') -> Problem:
     """Say an error in words, with its cure; `reason` tells why a certificate is not trusted."""
     name = _NAMES.get(error.code(), error.name())

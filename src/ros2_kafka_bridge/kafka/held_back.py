@@ -31,6 +31,10 @@ class _Since(NamedTuple):
     clock: str
 
 
+def _now() -> _Since:
+    return _Since(time.monotonic(), clock_time())
+
+
 class HeldBack:
     """Notices what a reader is not given: for a quota, a transaction, or a leader that is away.
 
@@ -52,11 +56,11 @@ class HeldBack:
 
     def on_ends(self, ends: Mapping[int, PartitionEnds]) -> None:
         """Note where partitions that are fetched ended last, and whether they are led."""
-        now, before = _Since(time.monotonic(), clock_time()), self._since
+        before = self._since
         held = [(number, told.stable) for number, told in ends.items() if told.is_open]
         unled = [(number, None) for number, told in ends.items() if not told.is_led]
         here = [place for place in (*held, *unled) if place[0] in self._partitions]
-        self._since = {place: before.get(place, now) for place in here}
+        self._since = {place: before.get(place) or _now() for place in here}
 
     @property
     def is_throttled(self) -> bool:

@@ -16,7 +16,7 @@ from confluent_kafka import (
 from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark, parse
 from ros2_kafka_bridge.endpoints import Record, headers_of
 from ros2_kafka_bridge.errors import RouteError, TransportError
-from ros2_kafka_bridge.kafka.errors import Client, translate
+from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic, translate
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview
 from ros2_kafka_bridge.kafka.tail import BOUNDS
 from ros2_kafka_bridge.kafka.tls import check_files
@@ -91,7 +91,7 @@ class LetterReader:
             raise translate(failure.args[0], f'topic {topic}', self._about) from failure
         if found.error is None:
             self.partitions[topic] = len(found.partitions)
-        elif found.error.code() != KafkaError.UNKNOWN_TOPIC_OR_PART:
+        elif not is_missing_topic(found.error):
             raise translate(found.error, f'topic {topic}', self._about)
         return found.error is None
 

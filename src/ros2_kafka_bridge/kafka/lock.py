@@ -39,7 +39,7 @@ from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
 from ros2_kafka_bridge.kafka.admin import Admin
 from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth
 from ros2_kafka_bridge.kafka.draining import close
-from ros2_kafka_bridge.kafka.errors import Client, translate
+from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic, translate
 from ros2_kafka_bridge.kafka.names import lock_group, lock_topic
 from ros2_kafka_bridge.kafka.properties import (
     Membership,
@@ -291,12 +291,11 @@ class GroupLock:
             if found.error is None or time.monotonic() > deadline_s:
                 break
             problem = translate(found.error, f'topic {self.topic}', self._about)
-            is_missing = found.error.code() == KafkaError.UNKNOWN_TOPIC_OR_PART
-            if not isinstance(problem, TransportError) and not is_missing:
+            if not isinstance(problem, TransportError) and not is_missing_topic(found.error):
                 raise problem
             time.sleep(_AGAIN_S)
         if found.error is not None:
-            if found.error.code() != KafkaError.UNKNOWN_TOPIC_OR_PART:
+            if not is_missing_topic(found.error):
                 raise translate(found.error, f'topic {self.topic}', self._about)
             raise RouteError(
                 f'topic {self.topic}, by which bridges agree on who runs an exclusive route, is '

@@ -24,7 +24,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka.admin import Admin
 from ros2_kafka_bridge.kafka.commits import offsets_of
-from ros2_kafka_bridge.kafka.errors import translate
+from ros2_kafka_bridge.kafka.errors import is_missing_topic, translate
 from ros2_kafka_bridge.kafka.properties import consumer_properties
 from ros2_kafka_bridge.logs.lines import client_log
 from ros2_kafka_bridge.logs.text import count
@@ -172,8 +172,7 @@ class Overview:
                 request_timeout=_REQUEST_S,
             )[name].result()
         except KafkaException as error:
-            exists = False if error.args[0].code() == KafkaError.UNKNOWN_TOPIC_OR_PART else None
-            return TopicView(exists, 0, None, str(error.args[0].str()))
+            return TopicView(_is_there(error), 0, None, str(error.args[0].str()))
         rights = answer.authorized_operations
         names = None if rights is None else frozenset(right.name for right in rights)
         return TopicView(exists=True, partitions=len(answer.partitions), rights=names, problem='')
@@ -315,8 +314,7 @@ def _state(name: str, answer: Any) -> TopicState:
     try:
         partitions = answer.result().partitions
     except KafkaException as error:
-        is_missing = error.args[0].code() == KafkaError.UNKNOWN_TOPIC_OR_PART
-        return TopicState(name, None, _problem(error), None, None, False if is_missing else None)
+        return TopicState(name, None, _problem(error), None, None, _is_there(error))
     return TopicState(
         name=name,
         partitions=len(partitions),
@@ -325,6 +323,11 @@ def _state(name: str, answer: Any) -> TopicState:
         under_replicated=sum(len(one.isr) < len(one.replicas) for one in partitions),
         is_there=True,
     )
+
+
+def _is_there(error: KafkaException) -> bool | None:
+    """Whether a topic is there of which this was said; None where it does not tell."""
+    return False if is_missing_topic(error.args[0]) else None
 
 
 def _problem(error: KafkaException) -> str:
@@ -336,7 +339,7 @@ def _problem(error: KafkaException) -> str:
     found = error.args[0]
     if found.code() < 0:
         raise error
-    if found.code() == KafkaError.UNKNOWN_TOPIC_OR_PART:
+    if is_missing_topic(found):
         return 'it is not there, or this user may not see it'
     return str(found.str())
 

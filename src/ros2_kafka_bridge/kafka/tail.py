@@ -11,7 +11,7 @@ from confluent_kafka import Consumer, KafkaError, KafkaException, Message, Topic
 
 from ros2_kafka_bridge.endpoints import Record
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.kafka.errors import Client, translate
+from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic, translate
 from ros2_kafka_bridge.kafka.tls import check_files
 from ros2_kafka_bridge.kafka.topics import partitions_of
 
@@ -126,7 +126,7 @@ class KafkaTail:
         try:
             return partitions_of(consumer, self.topic, _REQUEST_S)
         except KafkaException as error:
-            if error.args[0].code() != KafkaError.UNKNOWN_TOPIC_OR_PART:
+            if not is_missing_topic(error.args[0]):
                 raise
             return []
 

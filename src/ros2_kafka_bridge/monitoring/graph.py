@@ -11,10 +11,10 @@ from ros2_kafka_bridge.ros.matching import (
     others,
     own_publishers,
     own_readers,
-    publisher_doubt,
     publisher_problem,
-    reader_doubt,
+    publisher_unknown,
     reader_problem,
+    reader_unknown,
     ros_end,
     type_of,
 )
@@ -64,10 +64,10 @@ def _topic(config: Config, routes: Sequence[AnyRoute], topic: Topic) -> Json:
                 'node': peer.node,
                 'problem': problem.text if problem else '',
                 'cure': problem.cure if problem else '',
-                'doubt': '' if problem else doubt,
+                'unknown': '' if problem else unknown,
             }
             for route in joined
-            for peer, problem, doubt in _matches(config, routes, route, topic)
+            for peer, problem, unknown in _matches(config, routes, route, topic)
         ],
     }
 
@@ -85,12 +85,12 @@ def _matches(
         type_hash = hashes[0] if hashes else None
         for peer in [*others(topic.subscribers, config.name), *own_readers(routes, route)]:
             problem = reader_problem(route, peer, type_hash)
-            yield peer, problem, reader_doubt(route, peer, type_hash)
+            yield peer, problem, reader_unknown(route, peer, type_hash)
         return
     publishers = [*others(topic.publishers, config.name), *own_publishers(routes, route)]
     message_type = type_of(route, publishers)
     for peer in publishers:
-        yield peer, publisher_problem(route, peer, message_type), publisher_doubt(message_type)
+        yield peer, publisher_problem(route, peer, message_type), publisher_unknown(message_type)
 
 
 def _peer(peer: Peer, own: bool) -> Json:  # noqa: FBT001 (a field)

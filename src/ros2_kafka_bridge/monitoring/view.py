@@ -18,7 +18,7 @@ from ros2_kafka_bridge.route.counters import Outcome
 _MOST_TROUBLES = 100
 _COUNTERS = (
     'taken', 'in_flight', 'lost_upstream', 'repeated', 'unproved', 'bytes_taken',
-    'bytes_confirmed', 'waited_s', 'rebalances',
+    'bytes_confirmed', 'waited_s', 'rebalances', 'errors',
 )  # fmt: skip
 
 Json = dict[str, Any]

@@ -69,7 +69,7 @@ def publisher_problem(
     return None
 
 
-def reader_doubt(route: KafkaToRosRoute, reader: Peer, type_hash: str | None) -> str:
+def reader_unknown(route: KafkaToRosRoute, reader: Peer, type_hash: str | None) -> str:
     """What is not known of a subscriber without a `reader_problem`; empty where nothing is."""
     here, there = ((told or '').partition('_')[0] for told in (type_hash, reader.type_hash))
     if reader.is_bridge or is_own(reader) or (here and here == there):
@@ -77,7 +77,7 @@ def reader_doubt(route: KafkaToRosRoute, reader: Peer, type_hash: str | None) ->
     return f'whether its definition of {route.sink.type} is the same is not known'
 
 
-def publisher_doubt(message_type: str | None) -> str:
+def publisher_unknown(message_type: str | None) -> str:
     """What is not known of a publisher without a `publisher_problem`; empty where nothing is."""
     return '' if message_type else 'which of their types the route takes is not known'
 

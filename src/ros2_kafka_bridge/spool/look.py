@@ -102,12 +102,10 @@ def _from_outside(path: Path) -> SpoolContents:
     held = holder(lock_of(path))
     general = SpoolContents(path, is_open=held.is_open, pid=held.pid)
     try:
-        log_bytes = health.size_of(log_of(path))
-        return replace(general, exists=True, file_bytes=path.stat().st_size + log_bytes)
-    except FileNotFoundError:
-        return replace(general, exists=False, file_bytes=log_bytes)
+        file_bytes = health.size_of(path) + health.size_of(log_of(path))
     except OSError:
         return general
+    return replace(general, exists=path.exists(), file_bytes=file_bytes)
 
 
 def _missing(general: SpoolContents, known: Ledger | None) -> SpoolContents:

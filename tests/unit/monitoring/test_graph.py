@@ -40,7 +40,7 @@ def test_whether_a_reader_has_the_same_definition_is_not_known_without_both_hash
     topic = Topic('/orders', [STRING], [own], [peer('/reader', type_hash=theirs)])
     [found] = matches(told, monkeypatch, topic)
     assert found['problem'] == ''
-    assert (found['doubt'] == '') == is_known
+    assert (found['unknown'] == '') == is_known
 
 
 def test_with_publishers_of_two_types_it_is_not_known_whom_a_route_takes_from(
@@ -51,6 +51,6 @@ def test_with_publishers_of_two_types_it_is_not_known_whom_a_route_takes_from(
     one, other = peer('/one'), peer('/other', 'std_msgs/msg/Int32')
     types = [STRING, other.message_type]
     found = matches(told, monkeypatch, Topic('/other', types, [one, other], []))
-    assert [(it['problem'], bool(it['doubt'])) for it in found] == [('', True)] * 2
+    assert [(it['problem'], bool(it['unknown'])) for it in found] == [('', True)] * 2
     [alone] = matches(told, monkeypatch, Topic('/other', [STRING], [one], []))
-    assert (alone['problem'], alone['doubt']) == ('', '')
+    assert (alone['problem'], alone['unknown']) == ('', '')

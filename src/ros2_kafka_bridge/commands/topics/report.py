@@ -37,10 +37,10 @@ from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.matching import (
     own_publishers,
     own_readers,
-    publisher_doubt,
     publisher_problem,
-    reader_doubt,
+    publisher_unknown,
     reader_problem,
+    reader_unknown,
     ros_end,
     type_of,
 )
@@ -249,19 +249,19 @@ def _matches(route: AnyRoute, topic: Topic, routes: Sequence[AnyRoute]) -> Itera
         readers = [*topic.subscribers, *own_readers(routes, route)]
         type_hash = installed_hash(route.sink.type)
         found = [
-            (peer, reader_problem(route, peer, type_hash), reader_doubt(route, peer, type_hash))
+            (peer, reader_problem(route, peer, type_hash), reader_unknown(route, peer, type_hash))
             for peer in readers
         ]
     else:
         publishers = [*topic.publishers, *own_publishers(routes, route)]
         message_type = type_of(route, publishers)
-        doubt = publisher_doubt(message_type)
+        unknown = publisher_unknown(message_type)
         found = [
-            (peer, publisher_problem(route, peer, message_type), doubt) for peer in publishers
+            (peer, publisher_problem(route, peer, message_type), unknown) for peer in publishers
         ]
-    for peer, problem, doubt in found:
+    for peer, problem, unknown in found:
         text = f'{problem.text}; {problem.cure}' if problem else ''
-        yield Match(route.name, peer.node, text, '' if problem else doubt)
+        yield Match(route.name, peer.node, text, '' if problem else unknown)
 
 
 # Both

@@ -94,8 +94,8 @@ def _show_matches(console: Console, found: Sequence[RosRow]) -> None:
 
 
 def _would_match(match: Match) -> str:
-    if match.doubt:
-        return f'as far as is known: {match.doubt}'
+    if match.unknown:
+        return f'as far as is known: {match.unknown}'
     return match.problem or 'yes'
 
 

@@ -50,13 +50,13 @@ class Match:
 
     Args:
         problem: Why they would not; empty if nothing is known that keeps them from it.
-        doubt: Why that is not known for certain; empty if it is.
+        unknown: Why that is not known for certain; empty if it is.
     """
 
     route: str
     node: str
     problem: str
-    doubt: str
+    unknown: str
 
 
 @dataclass(frozen=True)

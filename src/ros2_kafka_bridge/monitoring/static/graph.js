@@ -63,13 +63,13 @@ function side(word, peers, topic) {
     h('ul', {}, ...peers.map((peer) => {
       const matches = peer.own ? [] : of(peer);
       const bad = matches.some((it) => it.problem);
-      const doubt = matches.find((it) => it.doubt)?.doubt;
-      const match = doubt ? ['calm', 'not known'] : ['good', 'matches'];
+      const unknown = matches.find((it) => it.unknown)?.unknown;
+      const match = unknown ? ['calm', 'not known'] : ['good', 'matches'];
       const sign = peer.own ? ['own', 'this bridge'] : bad ? ['bad', 'does not match'] : matches.length ? match : null;
       const odd = topic.types.length > 1 ? `${peer.type} · ` : '';
       return h('li', { class: 'peer' }, h('span', { class: 'node' }, peer.node),
         sign ? h('span', { class: `chip ${sign[0] === 'own' ? 'busy' : sign[0]}` }, sign[1]) : null,
         h('span', { class: 'sub' }, odd + peer.qos.join(' · ')),
-        doubt && !bad ? h('span', { class: 'sub' }, doubt) : null);
+        unknown && !bad ? h('span', { class: 'sub' }, unknown) : null);
     })));
 }
