@@ -27,6 +27,9 @@ LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 MINE: HeaderList = [('ros.topic', b'/orders'), ('bridge.origin', b'me')]
 """The headers of a record that the bridge of a house has made of a message of its own topic."""
 
+IN_2001_MS = 10**12
+"""The time of a record that is old."""
+
 
 BUGS: dict[bytes, tuple[type[BaseException], str]] = {
     b'bug of the bridge': (AttributeError, "'NoneType' object has no attribute 'get'"),

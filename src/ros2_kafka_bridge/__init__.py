@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         RecordError,
         RecordTooLargeError,
         RouteError,
+        TimestampError,
         TransportError,
     )
     from ros2_kafka_bridge.route.counters import Snapshot
@@ -35,6 +36,7 @@ __all__ = [
     'RecordTooLargeError',
     'RouteError',
     'Snapshot',
+    'TimestampError',
     'TransportError',
     '__version__',
     'load',

@@ -6,7 +6,8 @@ BridgeError
 │   ├── DecodeError          a record's value is not what the route's format says
 │   ├── EncodeError          a message cannot be written in the route's format
 │   ├── LoopError            a record came from the ROS topic that it would be published to
-│   └── RecordTooLargeError  larger than a limit of the route or of the broker
+│   ├── RecordTooLargeError  larger than a limit of the route or of the broker
+│   └── TimestampError       a record has no time by which it could be too old (max_age_s)
 ├── RouteError               this route alone has failed: tried again with backoff
 │   └── SpoolInUseError      another process has its spool, and runs it where bridges take turns
 └── TransportError           broker or subscriber away: wait and try again
@@ -91,6 +92,10 @@ class EncodeError(RecordError):
 
 class LoopError(RecordError):
     """A record was made by this bridge of a message of the ROS topic that it would go to."""
+
+
+class TimestampError(RecordError):
+    """A record has no time by which it could be too old, and its route asks for its age."""
 
 
 def error_of_bug(

@@ -27,6 +27,7 @@ from ros2_kafka_bridge.endpoints import (
 from ros2_kafka_bridge.errors import BridgeError, RecordError, RouteError
 from ros2_kafka_bridge.formats import Decode
 from ros2_kafka_bridge.logs.lines import summed
+from ros2_kafka_bridge.route.age import expires_s
 from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.identity import guard_loops
 from ros2_kafka_bridge.route.measuring import Meter
@@ -105,7 +106,7 @@ class KafkaToRos:
         self._blocked = Blocked()
         self._drained_by_s = math.inf
         self._commit_at_s = 0.0
-        self._ages = route.max_age_s is not None
+        self._max_age_s = route.max_age_s
 
     def run(self, stop: Stop, pause: Pause | None = None) -> None:
         """Move records until a stop is asked for, then drain.
@@ -178,6 +179,8 @@ class KafkaToRos:
             if headers:
                 self._check_headers(headers)
             entry.cdr = self._decode(value)
+            if self._max_age_s is not None:
+                entry.expires_s = expires_s(record.timestamp(), self._max_age_s)
         except RecordError as error:
             self._refuse(entry, record, headers, error)
         except RouteError as error:
@@ -185,12 +188,9 @@ class KafkaToRos:
         else:
             if len(entry.cdr) > entry.size_bytes:
                 window.grow(entry)
-            timestamp = record.timestamp()
-            entry.made_ms = timestamp[1]
+            entry.made_ms = record.timestamp()[1]
             if headers and (made_ns := source_time_ns(headers)):
                 entry.made_ms = made_ns // _NS_PER_MS
-            if self._ages:
-                entry.timestamp = timestamp
             window.wait(entry)
 
     def _refuse(
@@ -254,7 +254,7 @@ class KafkaToRos:
         """Whether what waits may be dropped, for what comes behind it can be published."""
         return (
             self._route.when_full == 'drop_oldest'
-            and obstacle.cause is not Cause.PACE
+            and obstacle.cause not in {Cause.PACE, Cause.CLOCK}
             and self._window.failure is None
             and not self._dead_letters.problem
         )

@@ -4,7 +4,7 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
-from house_to_ros import MINE, House
+from house_to_ros import IN_2001_MS, MINE, House
 from hypothesis import given, settings, strategies
 
 from ros2_kafka_bridge.errors import RouteError
@@ -236,7 +236,7 @@ def test_guarantee_1_no_offset_is_committed_before_all_up_to_it_have_ended(
             elif event == 'mine':
                 house.give(b'm', first=offset, header_list=MINE)
             elif event == 'old':
-                house.give(b'o', first=offset, time_ms=1)
+                house.give(b'o', first=offset, time_ms=IN_2001_MS)
             elif event == 'step':
                 house.steps(1)
             elif event == 'acknowledge':

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from house_to_ros import MINE, House
+from house_to_ros import IN_2001_MS, MINE, House
 
 from ros2_kafka_bridge import kafka_to_ros
 from ros2_kafka_bridge.endpoints import Record
@@ -245,7 +245,7 @@ def test_a_drain_commits_nothing_behind_a_record_that_was_not_published(between:
     elif between == 'skipped':
         house.give(b'mine', first=2, header_list=MINE)
     else:
-        house.give(b'old', first=2, time_ms=1)
+        house.give(b'old', first=2, time_ms=IN_2001_MS)
     house.give(b'c', first=3)
     house.steps()
     stop = Stop()

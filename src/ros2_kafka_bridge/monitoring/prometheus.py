@@ -26,7 +26,7 @@ PREFIX: Final = 'ros2_kafka_bridge_'
 _NO_ERRORS: Final = dict.fromkeys(
     (
         'DecodeError', 'EncodeError', 'LoopError', 'RecordTooLargeError', 'RouteError',
-        'TransportError',
+        'TimestampError', 'TransportError',
     ),
     0,
 )  # fmt: skip

@@ -30,6 +30,7 @@ ERROR_ADVICE: Final = {
     'LoopError': 'Let its sender leave bridge.origin out, or set skip_own: true; then replay it.',
     'RecordTooLargeError': 'Raise the limit that is named, then replay its dead letter.',
     'RouteError': 'The route is tried again by itself: mend what is named.',
+    'TimestampError': 'Mend the wrong clock, or the unit of the timestamps, then replay it.',
     'TransportError': 'It goes on by itself once the other side is back.',
 }
 """What to do about an error whose text does not say it, by its class."""

@@ -20,6 +20,9 @@ class Cause(Enum):
     HISTORY = auto()
     """A subscriber that does not take."""
 
+    CLOCK = auto()
+    """The clock of this machine: nothing can be too old, or not, before it is set."""
+
     OTHER = auto()
 
 

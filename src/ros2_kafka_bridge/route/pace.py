@@ -1,9 +1,6 @@
-"""When a record may be published: not faster than its readers take, not when it is too old."""
+"""When a message may be published: not faster than its readers take."""
 
 import time
-from collections.abc import Callable
-
-_NO_TIMESTAMP = 0
 
 
 class Pace:
@@ -31,16 +28,3 @@ class Pace:
             return False
         self._next_s = max(self._next_s, now_s - self._interval_s) + self._interval_s
         return True
-
-
-def expires(max_age_s: float | None) -> Callable[[tuple[int, int]], bool]:
-    """Make the question whether a record of this timestamp is too old; with None none is."""
-    if max_age_s is None:
-        return lambda _: False
-    limit_ms = max_age_s * 1000
-
-    def expired(timestamp: tuple[int, int]) -> bool:
-        kind, created_ms = timestamp
-        return kind != _NO_TIMESTAMP and time.time() * 1000 - created_ms > limit_ms
-
-    return expired

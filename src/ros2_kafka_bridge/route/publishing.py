@@ -2,9 +2,10 @@
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.endpoints import MessageSink
+from ros2_kafka_bridge.route import clock
 from ros2_kafka_bridge.route.counters import Outcome
-from ros2_kafka_bridge.route.obstacle import HISTORY_FULL, PACED, Obstacle
-from ros2_kafka_bridge.route.pace import Pace, expires
+from ros2_kafka_bridge.route.obstacle import HISTORY_FULL, PACED, Cause, Obstacle
+from ros2_kafka_bridge.route.pace import Pace
 from ros2_kafka_bridge.route.place import SENT
 from ros2_kafka_bridge.route.record_window import RecordWindow
 from ros2_kafka_bridge.route.settling import Settling
@@ -27,7 +28,6 @@ class Publishing:
         self._paces = route.max_rate is not None
         self._pace = Pace(route.max_rate)
         self._ages = route.max_age_s is not None
-        self._expired = expires(route.max_age_s)
 
     @property
     def paced_s(self) -> float:
@@ -36,13 +36,15 @@ class Publishing:
 
     def publish_pending(self) -> Obstacle | None:
         """Publish what waits; tells what stands in the way, None when nothing is left."""
+        if self._ages and (problem := clock.problem()):
+            return Obstacle(f'max_age_s: {problem}', Cause.CLOCK)
         pending, unconfirmed = self._window.pending, self._window.unconfirmed
         if pending and (obstacle := self._settling.obstacle):
             return obstacle
         publish, sent = self._sink.publish, SENT
         while pending:
             entry = pending[0]
-            if self._ages and self._expired(entry.timestamp):
+            if self._ages and clock.since_boot_s() > entry.expires_s:
                 entry.outcome = Outcome.DROPPED
             elif self._paces and not self._pace.go():
                 return PACED

@@ -21,12 +21,12 @@ class RecordEntry:
         taken_s: When it was taken, by the monotonic clock.
     """
 
-    timestamp: tuple[int, int]  # only where records age
+    expires_s: float  # by the clock since boot; only where records age
     made_ms: int  # since 1970, by the record or its publisher; not above 0 where that is unknown
 
     __slots__ = (
-        'cdr', 'end', 'made_ms', 'offset', 'outcome', 'partition', 'place', 'size_bytes',
-        'taken_s', 'timestamp', 'value_bytes',
+        'cdr', 'end', 'expires_s', 'made_ms', 'offset', 'outcome', 'partition', 'place',
+        'size_bytes', 'taken_s', 'value_bytes',
     )  # fmt: skip
 
     def __init__(self, record: Record, value: bytes | None, taken_s: float) -> None:

@@ -13,6 +13,7 @@ from ros2_kafka_bridge.errors import (
     RecordError,
     RecordTooLargeError,
     RouteError,
+    TimestampError,
 )
 from ros2_kafka_bridge.logs.summed import FIRST, Summed
 from ros2_kafka_bridge.route.identity import Identify, Identity
@@ -39,13 +40,15 @@ class Refused(NamedTuple):
         return f'{self.where}: {self.error}'
 
     def policy(self, on_error: str) -> str:
-        """What is done about it: what the route says, but a bug of the bridge drops nothing."""
-        return 'dead_letter' if on_error == 'drop' and self.error.bug is not None else on_error
+        """What is done about it: what the route says, but a wrong clock or a bug drops nothing."""
+        is_sound = self.error.bug is not None or isinstance(self.error, TimestampError)
+        return 'dead_letter' if on_error == 'drop' and is_sound else on_error
 
     def tell(self, policy: str, sums: Summed) -> None:
-        """Say what is done about it; one line for what goes round: a mirror has nothing else."""
-        first = 1 if isinstance(self.error, LoopError) else FIRST
-        sums.warning(f'{policy}: {self.text}', about=self.about, first=first)
+        """Say what is done about it; one line for what all records may share."""
+        is_shared = isinstance(self.error, LoopError | TimestampError)
+        kind, first = (type(self.error).__name__, 1) if is_shared else ('', FIRST)
+        sums.warning(f'{policy}: {self.text}', about=self.about, kind=kind, first=first)
 
     def tell_bug(self, sums: Summed) -> None:
         """Log a bug of the bridge with its traceback, whatever the route does about it."""

@@ -4,6 +4,8 @@ import time
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
+from ros2_kafka_bridge.route.clock import RELEASED_NS, since_boot_ns
+
 _S_NS: Final = 1_000_000_000
 _STEP_NS: Final = _S_NS  # less than this is no step: a clock that is steered, not set
 
@@ -20,16 +22,32 @@ class _Stretch(NamedTuple):
     ahead_ns: int
 
 
+class Older(NamedTuple):
+    """Which rows are older than an age; times are those in the rows, since 1970.
+
+    Args:
+        below: Of those with lower numbers.
+        since_ns: What was taken before has an unknown age, and is not.
+        until_ns: What was taken later is not.
+    """
+
+    below: int
+    since_ns: int
+    until_ns: int
+
+
 class Ages:
     """Judges rows by the clock that they were written by; it goes on though it was set since.
 
     A row holds the time of the machine, as only that has a meaning in the next life. A robot
     without a battery for its clock begins in 1970, and is set when the network comes, and with it
     Kafka: just when its rows are to be sent, they would all be 50 years old. Rows of an earlier
-    life are judged by the clock with which this one begins.
+    life are judged by the clock with which this one begins; where theirs was not set, nobody knows
+    when they were taken, and they wait from the beginning of this life on.
     """
 
     def __init__(self) -> None:
+        self._began_ns = since_boot_ns()
         self._stretches = [_Stretch(0, _ahead_ns())]
 
     def note(self, number: int) -> None:
@@ -40,20 +58,20 @@ class Ages:
 
     def age_s(self, number: int, taken_ns: int) -> float:
         """How long a row has waited."""
-        ahead_ns = next(it.ahead_ns for it in reversed(self._stretches) if it.first <= number)
-        return (_since_boot_ns() + ahead_ns - taken_ns) / _S_NS
+        stretch = next(it for it in reversed(self._stretches) if it.first <= number)
+        if stretch is self._stretches[0] and taken_ns < RELEASED_NS:
+            return (since_boot_ns() - self._began_ns) / _S_NS
+        return (since_boot_ns() + stretch.ahead_ns - taken_ns) / _S_NS
 
-    def older_than(self, age_s: float, end: int) -> Iterator[tuple[int, int]]:
-        """Tell, for rows below a number in turn, before when those were taken that are older."""
-        limit_ns = _since_boot_ns() - int(age_s * _S_NS)
+    def older_than(self, age_s: float, end: int) -> Iterator[Older]:
+        """Tell, for rows below a number in turn, when those were taken that are older."""
+        limit_ns = since_boot_ns() - int(age_s * _S_NS)
         ends = [*(it.first for it in self._stretches[1:]), end]
+        since_ns = 0 if self._began_ns < limit_ns else RELEASED_NS
         for before, stretch in zip(ends, self._stretches, strict=True):
-            yield before, limit_ns + stretch.ahead_ns
+            yield Older(before, since_ns, limit_ns + stretch.ahead_ns)
+            since_ns = 0  # whatever the clock showed in this life: how long they waited is known
 
 
 def _ahead_ns() -> int:
-    return time.time_ns() - _since_boot_ns()
-
-
-def _since_boot_ns() -> int:
-    return time.clock_gettime_ns(time.CLOCK_BOOTTIME)  # which goes on while the machine sleeps
+    return time.time_ns() - since_boot_ns()

@@ -337,8 +337,8 @@ class Backlog:
             return
         self._look_at_s = now_s + _LOOK_S
         assert self._spool is not None
-        for before, taken_before_ns in self._ages.older_than(max_age_s, self.last + 1):
-            dropped, is_through = self._spool.drop_older(self._loaded, taken_before_ns, before)
+        for older in self._ages.older_than(max_age_s, self.last + 1):
+            dropped, is_through = self._spool.drop_older(self._loaded, older)
             self.waiting -= dropped
             if not is_through:  # what is behind is younger
                 return

@@ -24,6 +24,7 @@ from typing import Final, TypeVar
 
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.spool import database
+from ros2_kafka_bridge.spool.ages import Older
 from ros2_kafka_bridge.spool.database import DamagedError
 from ros2_kafka_bridge.spool.file import SpoolFile
 from ros2_kafka_bridge.spool.rows import Row, pack, unpack
@@ -267,26 +268,25 @@ class Spool:
                 freed_bytes += size_bytes
         return self._drop(db, first + 1, last)
 
-    def drop_older(self, after: int, taken_before_ns: int, before: int) -> tuple[int, bool]:
-        """Delete the oldest rows between two numbers as long as they were taken before a time.
+    def drop_older(self, after: int, older: Older) -> tuple[int, bool]:
+        """Delete the oldest rows behind a number, up to the first that is not older.
 
         Returns:
-            How many rows, and whether none is left between the two.
+            How many rows, and whether none is left of those that were meant.
 
         Raises:
             TransportError: That is not possible now.
         """
-        return self._file.use(
-            lambda db: self._drop_older(db, after, taken_before_ns, before), 'written'
-        )
+        return self._file.use(lambda db: self._drop_older(db, after, older), 'written')
 
-    def _drop_older(
-        self, db: sqlite3.Connection, after: int, taken_before_ns: int, before: int
-    ) -> tuple[int, bool]:
+    def _drop_older(self, db: sqlite3.Connection, after: int, older: Older) -> tuple[int, bool]:
         base = self._file.ledger.base
-        query = 'SELECT number FROM rows WHERE number > ? AND taken_ns >= ? ORDER BY number'
-        found = db.execute(f'{query} LIMIT 1', (after + base, taken_before_ns)).fetchone()
-        end = min(before + base, self._file.last + 1)
+        found = db.execute(
+            'SELECT number FROM rows WHERE number > ? AND (taken_ns >= ? OR taken_ns < ?) '
+            'ORDER BY number LIMIT 1',
+            (after + base, older.until_ns, older.since_ns),
+        ).fetchone()
+        end = min(older.below + base, self._file.last + 1)
         until = min(end, *found) if found else end
         return self._drop(db, after + base + 1, until - 1), until == end
 

@@ -1,6 +1,7 @@
 """`dead-letters` without a broker: what it shows, and its command line."""
 
 import base64
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -58,6 +59,16 @@ def test_a_wrong_use_is_said_before_anybody_is_asked(
     status, output = said_of(tmp_path, *arguments)
     assert status == 2
     assert words in output
+
+
+@pytest.mark.parametrize('option', ['--since', '--until'])
+def test_an_age_is_not_counted_by_a_clock_that_begins_in_1970(
+    tmp_path: Path, option: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(time, 'time', lambda: 20.0)
+    status, output = said_of(tmp_path, 'replay', option, '1h')
+    assert status == 2
+    assert f"{option}: this machine's clock says 1970-01-01" in output
 
 
 @pytest.mark.parametrize('arguments', [['list'], ['show', 'a[0]@1'], ['replay', '--all']])

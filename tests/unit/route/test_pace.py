@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from ros2_kafka_bridge.route.pace import Pace, expires
+from ros2_kafka_bridge.route.pace import Pace
 
 
 def test_without_a_rate_every_message_goes_at_once() -> None:
@@ -25,14 +25,3 @@ def test_a_rate_spaces_messages_and_catches_up_on_one_only(
     assert [pace.go(), pace.go()] == [True, False]
     now_s = 200.0
     assert [pace.go() for _ in range(4)] == [True, True, False, False], 'no burst after a rest'
-
-
-def test_a_record_older_than_max_age_expires_and_without_a_limit_none(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(time, 'time', lambda: 1000.0)
-    expired = expires(5.0)
-    assert expired((1, 994_000))
-    assert not expired((1, 996_000))
-    assert not expired((0, 0)), 'it has no timestamp'
-    assert not expires(None)((1, 0))

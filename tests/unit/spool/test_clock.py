@@ -9,6 +9,7 @@ import pytest
 from houses import House, Make, come_back, go_away
 
 from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.spool.ages import Older
 from ros2_kafka_bridge.spool.rows import Row
 from ros2_kafka_bridge.spool.store import Spool
 
@@ -124,10 +125,10 @@ def test_what_was_dropped_before_the_disk_refused_is_counted(
     clocks.wait(61)
     drop_older, calls = Spool.drop_older, itertools.count(1)
 
-    def refuses_once(spool: Spool, after: int, taken_before_ns: int, before: int) -> Any:
+    def refuses_once(spool: Spool, after: int, older: Older) -> Any:
         if next(calls) == 2:
             raise TransportError('the disk is full')
-        return drop_older(spool, after, taken_before_ns, before)
+        return drop_older(spool, after, older)
 
     monkeypatch.setattr(Spool, 'drop_older', refuses_once)
     h.steps()
@@ -156,3 +157,23 @@ def test_a_disk_that_takes_long_is_no_step_of_the_clock(
     clocks.wait(31)
     h.steps()
     assert (h.on_disk(), h.count('dropped')) == ([1, 3], 1)
+
+
+def test_what_an_earlier_life_took_in_1970_waits_from_the_beginning_of_this_one(
+    house: Make, clocks: Clocks
+) -> None:
+    to_1970_s = 20.0 - time.time()
+    clocks.jump(to_1970_s)
+    h = held_back(house)
+    h.crash()
+    clocks.wait(30)
+    clocks.jump(-to_1970_s)
+    again = house({'max_age_s': 60.0}, max_in_flight=1)
+    go_away(again)
+    again.steps()
+    clocks.wait(50)
+    again.steps()
+    assert again.count('dropped') == 0, 'nobody knows that they are old'
+    clocks.wait(20)
+    again.steps()
+    assert again.count('dropped') == 2

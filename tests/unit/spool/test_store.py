@@ -11,6 +11,7 @@ from spools import EVERYTHING, GID, make, numbers, opened, read_all, reopened, r
 
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import RouteError, SpoolInUseError
+from ros2_kafka_bridge.spool.ages import Older
 from ros2_kafka_bridge.spool.lock import is_in_use, lock_of
 from ros2_kafka_bridge.spool.rows import size_of
 from ros2_kafka_bridge.spool.store import Row, file_of
@@ -150,10 +151,11 @@ def test_the_oldest_are_dropped_until_there_is_room(tmp_path: Path) -> None:
 def test_the_oldest_are_dropped_when_they_are_too_old(tmp_path: Path) -> None:
     with opened(tmp_path) as spool:
         spool.append(rows(1, 20))
-        assert spool.drop_older(3, row(8).taken_ns, 21) == (4, False)
+        older = Older(21, 0, row(8).taken_ns)
+        assert spool.drop_older(3, older) == (4, False)
         assert numbers(read_all(spool)) == [1, 2, 3, *range(8, 21)]
-        assert spool.drop_older(3, row(8).taken_ns, 21) == (0, False)
-        assert spool.drop_older(0, row(100).taken_ns, 21) == (16, True)
+        assert spool.drop_older(3, older) == (0, False)
+        assert spool.drop_older(0, older._replace(until_ns=row(100).taken_ns)) == (16, True)
         assert spool.count == 0
 
 

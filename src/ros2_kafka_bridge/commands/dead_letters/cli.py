@@ -189,7 +189,10 @@ def _query(
 
     from ros2_kafka_bridge.dead_letters.filter import LetterFilter, time_ms  # noqa: PLC0415
     from ros2_kafka_bridge.process.load import load_checked  # noqa: PLC0415
+    from ros2_kafka_bridge.route import clock  # noqa: PLC0415
 
+    if (since or until) and (problem := clock.problem()):
+        raise ConfigError([f'{"--since" if since else "--until"}: {problem}'])
     now = datetime.now(UTC)
     letter_filter = LetterFilter(
         route=route,

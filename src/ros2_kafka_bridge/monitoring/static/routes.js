@@ -6,7 +6,7 @@ import { ORDER, TONES, arrow, bytes, clock, count, counted, onItsWay, rate, read
 
 const RECENT_S = 120;
 // Each ends with its one message: no route waits because of them.
-const OF_ONE_MESSAGE = new Set(['DecodeError', 'EncodeError', 'LoopError', 'RecordTooLargeError']);
+const OF_ONE_MESSAGE = new Set(['DecodeError', 'EncodeError', 'LoopError', 'RecordTooLargeError', 'TimestampError']);
 const COLUMNS = [
   ['name', 'Route', (r) => r.name],
   ['state', 'State', (r) => ORDER.indexOf(r.state)],
