@@ -112,6 +112,9 @@ class Rebalance(Protocol):
     def lost(self, partitions: frozenset[int]) -> None:
         """Forget these partitions, others may have them already."""
 
+    def detached(self, partitions: frozenset[int]) -> None:
+        """Keep what is in flight of these: their topic is gone, nobody can read it again."""
+
 
 class Load(NamedTuple):
     """What a sink holds.

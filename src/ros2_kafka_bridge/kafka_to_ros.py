@@ -27,6 +27,7 @@ from ros2_kafka_bridge.endpoints import (
 from ros2_kafka_bridge.errors import BridgeError, RecordError, RouteError
 from ros2_kafka_bridge.formats import Decode
 from ros2_kafka_bridge.logs.lines import summed
+from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.route.age import expires_s
 from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.identity import guard_loops
@@ -141,7 +142,7 @@ class KafkaToRos:
         """Stay in the group, and finish what was published."""
         self._blocked.clear()
         self._confirm()
-        self._stay()
+        self._accept_all(self._source.stay())
         self._settle()
         self._tick(None)
         time.sleep(LONGEST_NAP_S)
@@ -150,9 +151,6 @@ class KafkaToRos:
 
     def _poll(self, timeout_s: float) -> None:
         self._accept_all(self._source.poll(BATCH, timeout_s))
-
-    def _stay(self) -> None:
-        self._accept_all(self._source.stay())
 
     def _accept_all(self, records: Sequence[Record]) -> None:
         taken_s = time.monotonic()
@@ -241,7 +239,7 @@ class KafkaToRos:
         if drops and not self._window.is_full:
             self._poll(_BUSY_S)
         elif self._blocked.is_long:
-            self._stay()
+            self._accept_all(self._source.stay())
         if drops:
             self._count(self._window.drop_oldest())
         if obstacle.cause is Cause.PACE:
@@ -294,9 +292,8 @@ class KafkaToRos:
         if now_s >= self._commit_at_s:
             self._commit_at_s = now_s + COMMIT_S
             self._source.commit()
-        if not self._telling.is_due(self._pause):
-            return
-        self._show(self._reason(obstacle) or self._source.away or self._source.held_back)
+        if self._telling.is_due(self._pause):
+            self._show(self._reason(obstacle) or self._source.away or self._source.held_back)
 
     def _reason(self, obstacle: Obstacle | None) -> str:
         """Why the route waits; empty where it does not, or not for long."""
@@ -316,8 +313,8 @@ class KafkaToRos:
             self._sink.load, self._sink.matches,
             bytes_held=self._window.value_bytes, rebalances=self._source.rebalances,
         )  # fmt: skip
-        held = len(self._window)
-        self.snapshot = self.counters.snapshot(held, lag, spooled=0, measures=measures)
+        size = len(self._window)
+        self.snapshot = self.counters.snapshot(size, lag, spooled=0, measures=measures)
 
     # Hand-over, failure, end
 
@@ -339,11 +336,18 @@ class KafkaToRos:
         self._settle()
         self._give_back(self._window.of(partitions))
 
+    def detached(self, partitions: frozenset[int]) -> None:
+        """Keep what is in flight of these: their topic is gone, nobody can read it again."""
+        self._window.detach(partitions)
+
     def _give_back(self, entries: list[RecordEntry]) -> None:
         """Return entries to Kafka: their offsets are not committed, they are read again."""
         if entries:
-            self._window.give_back(entries)
-            self.counters.end(Outcome.RETURNED, len(entries))
+            gone = self._window.give_back(entries)
+            self.counters.end(Outcome.RETURNED, len(entries) - gone)
+            if gone:
+                self.counters.end(Outcome.GIVEN_UP, gone)
+                self._log.error('%s of a topic that is gone: given up', count(gone, 'record'))
             self._meter.bytes_taken += sum([entry.value_bytes for entry in entries])
 
     def _drain(self, stop: Stop) -> None:
@@ -368,11 +372,7 @@ class KafkaToRos:
             self._log.warning('the last offsets are not committed: some records are repeated')
 
     def _stay_draining(self) -> bool:
-        """Stay in the group while the drain lasts; what still comes goes back as it is.
-
-        Returns:
-            Whether it can: what is in flight is waited for either way.
-        """
+        """Stay in the group, if that is possible; what still comes goes back as it is."""
         taken_s = time.monotonic()
         try:
             records = self._source.stay()
@@ -390,6 +390,7 @@ class KafkaToRos:
         try:
             yield
         finally:
+            self._settle()
             self._give_back(list(self._window.entries))
             self._traces.look()
             self._source.commit_now(_LAST_COMMIT_S)

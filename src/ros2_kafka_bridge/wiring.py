@@ -18,8 +18,13 @@ from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.kafka.names import tail_group
 from ros2_kafka_bridge.kafka.producer import KafkaSink
-from ros2_kafka_bridge.kafka.properties import consumer_properties, producer_properties
+from ros2_kafka_bridge.kafka.properties import (
+    common_properties,
+    consumer_properties,
+    producer_properties,
+)
 from ros2_kafka_bridge.kafka.tail import KafkaTail
+from ros2_kafka_bridge.kafka.topic_id import TopicIds
 from ros2_kafka_bridge.kafka.topics import ensure_topic
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
@@ -90,6 +95,7 @@ class Wiring:
         self._histories = histories
         self._tracing = tracing
         self._types = TypeLoader()
+        self._topic_ids = TopicIds(common_properties(config.kafka, client_id=config.name))
 
     def make(self, route: AnyRoute, log: Log, stop: Stop, stack: ExitStack) -> Direction | None:
         """Make what runs a route; None where a stop came while its type was waited for.
@@ -163,6 +169,7 @@ class Wiring:
             self._consumer_properties(route.group(self._config.name)),
             route.source.kafka,
             route.source.start,
+            self._topic_ids,
             log,
             self._config.membership,
         )

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from harness import Bench, eventually, to_kafka, to_ros, totals, values
+from harness import Bench, eventually, lines, to_kafka, to_ros, totals, values
 from leave import Leave
 from spooled import arrived, numbers, on_disk, route
 from wall_clocks import WallClock
@@ -82,3 +82,29 @@ def test_what_is_in_the_spool_is_sent_though_the_clock_was_set_past_its_age(
         assert bridge.end() == 0
     assert numbers(own_bench, topic_name) == list(range(4 * COUNT))
     assert 'dropped' not in totals(bridge, 'to_kafka')
+
+
+def test_commands_wait_for_a_clock_that_is_not_set(
+    bench: Bench, clock: WallClock, topic_name: str, tmp_path: Path
+) -> None:
+    commands = tmp_path / 'commands'
+    bench.create_topic(topic_name, message_timestamp_after_max_ms=str(2**63 - 1))
+    now_ms = int(time.time() * 1000)
+    bench.produce(topic_name, [b'old'], timestamp=now_ms - int(HOUR_S * 1000))
+    bench.produce(topic_name, [b'in microseconds'], timestamp=now_ms * 1000)
+    new = [f'new {number}' for number in range(10)]
+    bench.produce(topic_name, [text.encode() for text in new])
+    config = bench.config([to_ros(topic_name, '/commands', max_age_s=HOUR_S / 2)])
+    clock.set_ahead(-SINCE_1970_S)
+    with (
+        bench.subscriber('/commands', commands),
+        bench.bridge(config, python=PYTHON, **clock.environ) as bridge,
+    ):
+        bridge.wait_for("max_age_s: this machine's clock says 1970-01-02, and this version")
+        assert not lines(commands)
+        clock.set_ahead(0.0)
+        eventually(lambda: len(lines(commands)) == len(new), 60, bridge.output)
+        assert bridge.end() == 0
+    assert lines(commands) == new
+    counted = totals(bridge)
+    assert (counted['confirmed'], counted['dropped'], counted['dead-lettered']) == (10, 1, 1)

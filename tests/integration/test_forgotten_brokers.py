@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 import pytest
-from nobody import Nobody
+from nobody import NO_IDS, Nobody
 from patience import patient
 
 from ros2_kafka_bridge.errors import RouteError
@@ -66,7 +66,11 @@ def test_a_consumer_without_brokers_has_another_and_then_the_route_begins_anew(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     source = KafkaSource(
-        consumer_properties(NO_BROKERS, client_id='test', group='test'), 't', 'earliest', LOG
+        consumer_properties(NO_BROKERS, client_id='test', group='test'),
+        't',
+        'earliest',
+        NO_IDS,
+        LOG,
     )
     source.open(Nobody())
     with (

@@ -205,23 +205,39 @@ def test_guarantee_1_a_topic_with_transactions_is_committed_over_their_marks_to_
 
 
 def test_guarantee_1_a_topic_made_anew_while_running_is_read_from_its_beginning(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic_name: str, arrived: Path
 ) -> None:
-    arrived = tmp_path / 'arrived'
-    route = to_ros(topic_name, '/numbers')
-    route['from']['start'] = 'latest'
-    bench.create_topic(topic_name)
-    with bench.subscriber('/numbers', arrived), bench.bridge(bench.config([route])) as bridge:
-        bridge.wait_for('first start of this group')
-        bench.produce(topic_name, [b'old %d' % number for number in range(20)])
-        eventually(lambda: len(lines(arrived)) == 20, 30, bridge.output)
+    """Whether it holds less by then than the old one, as much, or more."""
+    held = {f'{topic_name}.{count}': count for count in (5, 20, 50)}
+    routes = [to_ros(topic, '/numbers', f'route_{count}') for topic, count in held.items()]
+    for route in routes:
+        route['from']['start'] = 'latest'
+    for topic in held:
+        bench.create_topic(topic)
+    with bench.subscriber('/numbers', arrived), bench.bridge(bench.config(routes)) as bridge:
+        begun = 'first start of this group'
+        eventually(lambda: bridge.output().count(begun) == len(held), 60, bridge.output)
+        for topic in held:
+            bench.produce(topic, [b'old'] * 20)
+        eventually(lambda: len(lines(arrived)) == 60, 30, bridge.output)
         admin = bench.admin()
-        admin.delete_topics([topic_name])[topic_name].result(patient(60))
-        eventually(partial(created, bench, topic_name), 30, bridge.output)
-        bench.produce(topic_name, [b'new %d' % number for number in range(5)])
-        eventually(lambda: lines(arrived)[-1:] == ['new 4'], 60, bridge.output)
+        for deleted in admin.delete_topics(list(held)).values():
+            deleted.result(patient(60))
+        for topic, count in held.items():
+            eventually(partial(created, bench, topic), 30, bridge.output)
+            bench.produce(topic, [f'{topic} {number}'.encode() for number in range(count)])
+        new = {f'{topic} {number}' for topic, count in held.items() for number in range(count)}
+        eventually(lambda: set(lines(arrived)) == {'old'} | new, 60, bridge.output)
+        for topic, count in held.items():
+            group = f'{bench.name}.route_{count}'
+            eventually(partial(has_committed, bench, group, topic, count), 60, bridge.output)
         assert bridge.end() == 0
-    assert lines(arrived)[20:] == [f'new {number}' for number in range(5)]
+    for topic in held:
+        assert bridge.output().count(f'{topic} was made anew: the offsets') == 1
+
+
+def has_committed(bench: Bench, group: str, topic: str, offset: int) -> bool:
+    return bench.committed(group, topic) == offset
 
 
 def created(bench: Bench, topic: str) -> bool:

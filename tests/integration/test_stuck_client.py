@@ -11,6 +11,7 @@ from nobody import Nobody
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.properties import consumer_properties
+from ros2_kafka_bridge.kafka.topic_id import TopicIds
 from ros2_kafka_bridge.kafka.watchdog import Watchdog
 
 LOG = logging.LoggerAdapter(logging.getLogger('test.stuck'), {})
@@ -35,7 +36,7 @@ def test_a_client_that_is_given_up_says_how_it_was_assigned_and_what_it_made_of_
     bench.produce(topic_name, [b'first'])
     servers = {'bootstrap.servers': bench.bootstrap_servers}
     properties = consumer_properties(servers, client_id='test', group=unique('group'))
-    source = KafkaSource(properties, topic_name, 'earliest', LOG)
+    source = KafkaSource(properties, topic_name, 'earliest', TopicIds(servers), LOG)
     source.open(Nobody())
     caplog.set_level(logging.INFO, 'test.stuck')
     with contextlib.closing(source):

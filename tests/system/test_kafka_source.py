@@ -15,6 +15,7 @@ from patience import patient
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.properties import consumer_properties
+from ros2_kafka_bridge.kafka.topic_id import TopicIds
 
 LOG = logging.LoggerAdapter(logging.getLogger('test.source'), {})
 
@@ -23,10 +24,9 @@ LOG = logging.LoggerAdapter(logging.getLogger('test.source'), {})
 def opened(bench: Bench, topic: str) -> Iterator[KafkaSource]:
     """A source from the earliest record on that holds little which was fetched before."""
     small = {'queued.max.messages.kbytes': 64, 'max.partition.fetch.bytes': 16_384}
-    properties = consumer_properties(
-        {'bootstrap.servers': bench.bootstrap_servers, **small}, client_id='test', group='test'
-    )
-    source = KafkaSource(properties, topic, 'earliest', LOG)
+    servers = {'bootstrap.servers': bench.bootstrap_servers}
+    properties = consumer_properties({**servers, **small}, client_id='test', group='test')
+    source = KafkaSource(properties, topic, 'earliest', TopicIds(servers), LOG)
     source.open(Nobody())
     try:
         yield source
@@ -120,7 +120,7 @@ def test_a_source_whose_name_in_the_group_was_taken_closes_and_reads_on_when_ope
     bench.produce(topic_name, [b'first'])
     servers = {'bootstrap.servers': bench.bootstrap_servers}
     properties = consumer_properties(servers, client_id='test', group=unique('group'))
-    source = KafkaSource(properties, topic_name, 'earliest', LOG)
+    source = KafkaSource(properties, topic_name, 'earliest', TopicIds(servers), LOG)
     source.open(Nobody())
     taken: list[bytes | None] = []
 
@@ -168,7 +168,11 @@ def test_a_client_of_no_use_has_another_and_what_was_confirmed_does_not_come_aga
     servers = {'bootstrap.servers': bench.bootstrap_servers}
     group = unique('group')
     source = KafkaSource(
-        consumer_properties(servers, client_id='test', group=group), topic_name, 'earliest', LOG
+        consumer_properties(servers, client_id='test', group=group),
+        topic_name,
+        'earliest',
+        TopicIds(servers),
+        LOG,
     )
     taken: list[bytes | None] = []
 

@@ -11,6 +11,7 @@ from nobody import Nobody
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.kafka.properties import Membership, consumer_properties
+from ros2_kafka_bridge.kafka.topic_id import TopicIds
 
 LOG = logging.LoggerAdapter(logging.getLogger('test.membership'), {})
 PARTITIONS = 4
@@ -38,7 +39,8 @@ def test_a_bridge_that_stops_leaves_its_partitions_to_the_other_one_long_before_
         {**servers, **own, **session}, client_id='test', group=unique('group')
     )
     first, second = (
-        KafkaSource(properties, topic_name, 'earliest', LOG, membership) for _ in range(2)
+        KafkaSource(properties, topic_name, 'earliest', TopicIds(servers), LOG, membership)
+        for _ in range(2)
     )
 
     def has(source: KafkaSource, count: int) -> bool:

@@ -28,6 +28,7 @@ from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.kafka.partitions import Partitions
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.tail import KafkaTail
+from ros2_kafka_bridge.kafka.topic_id import TopicIds
 from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode
@@ -65,7 +66,7 @@ def kafka_source(client: Library) -> Iterator[Callable[[], object]]:
     client.get_watermark_offsets.return_value = (0, 9)
     client.position.return_value = [HERE]
     client.list_topics.return_value.topics = {'t': MagicMock(error=None, partitions=[0])}
-    source = KafkaSource(KAFKA, 't', 'earliest', LOG)
+    source = KafkaSource(KAFKA, 't', 'earliest', TopicIds(KAFKA), LOG)
     yield lambda: source.open(MagicMock())
     yield lambda: call_back(client, 'on_assign')
     yield lambda: source.poll(10, 0.0)

@@ -253,3 +253,83 @@ def test_a_drain_commits_nothing_behind_a_record_that_was_not_published(between:
     house.direction.run(stop)
     assert house.source.committed.get(0, 0) == 0
     assert house.direction.snapshot.balanced
+
+
+def test_what_was_taken_of_a_topic_that_is_gone_still_goes_out_and_moves_no_position() -> None:
+    house = House()
+    house.sink.matched = 0
+    house.give(b'a', b'b')
+    house.give(b'c', partition=1)
+    house.steps()
+    house.source.make_anew(frozenset({0, 1}))
+    house.give(b'new', b'last')
+    house.sink.matched = 1
+    house.steps()
+    assert house.sink.published == [b'cdr:a', b'cdr:b', b'cdr:c', b'cdr:new', b'cdr:last']
+    assert house.positions() == {0: 2}
+    assert house.confirmed() == 5
+
+
+def test_what_was_taken_of_a_topic_that_is_gone_is_given_up_at_a_stop(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """Nobody can read it again: what was published of it is waited for, as always."""
+    house = House(drain_s=0.1)
+    house.sink.acknowledging = False
+    house.give(b'published')
+    house.steps()
+    house.sink.room = 0
+    house.give(b'a', b'b', first=1)
+    house.steps()
+    house.source.make_anew(frozenset({0}))
+    stop = Stop()
+    stop.ask()
+    house.sink.acknowledge(1)
+    house.direction.run(stop)
+    snapshot = house.direction.snapshot
+    assert (snapshot.confirmed, snapshot.given_up, snapshot.returned) == (1, 2, 0)
+    assert snapshot.balanced
+    assert '2 records of a topic that is gone: given up' in caplog.text
+    assert house.source.committed == {0: 0}
+
+
+def test_what_has_ended_of_a_topic_that_is_gone_is_not_given_up() -> None:
+    house = House(drain_s=0.1)
+    house.sink.acknowledging = False
+    house.give(b'a', b'bad', b'b')
+    house.steps()
+    house.source.make_anew(frozenset({0}))
+    with pytest.raises(RouteError), house.direction._opened():
+        raise RouteError('no permission')
+    snapshot = house.direction.counters.snapshot(0)
+    assert (snapshot.dead_lettered, snapshot.given_up) == (1, 2)
+    assert snapshot.balanced
+
+
+def test_what_is_dropped_of_a_topic_that_is_gone_moves_no_position_and_holds_back_none() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=2)
+    house.sink.matched = 0
+    house.give(*(b'old' for _ in range(4)))
+    house.steps()
+    house.source.make_anew(frozenset({0}))
+    house.give(*(b'%d' % number for number in range(6)))
+    house.steps(20)
+    house.sink.matched = 1
+    house.steps()
+    assert house.sink.published == [b'cdr:4', b'cdr:5']
+    assert house.positions() == {0: 6}
+    assert house.direction.counters.snapshot(0).balanced
+
+
+def test_a_hand_over_does_not_wait_for_what_is_of_a_topic_that_is_gone() -> None:
+    house = House()
+    house.sink.acknowledging = False
+    house.give(b'a')
+    house.steps()
+    house.source.make_anew(frozenset({0}))
+    began_s = time.monotonic()
+    house.direction.revoked(frozenset({0}))
+    assert time.monotonic() - began_s < kafka_to_ros.REVOKE_S / 2
+    house.sink.acknowledging = True
+    house.steps()
+    assert house.confirmed() == 1

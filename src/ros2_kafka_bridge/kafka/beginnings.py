@@ -20,7 +20,7 @@ class Beginning(NamedTuple):
 
     Args:
         offset: Of the next record, or OFFSET_BEGINNING.
-        anew: Whether it is another topic of the same name: nothing known of the old one counts.
+        anew: Whether nothing counts that is known of what was there before.
     """
 
     offset: int
@@ -45,8 +45,9 @@ class Beginnings:
         self._occasional = summed(log)
 
     def expect_new_topic(self) -> None:
-        """Note that the topic is not there: once it is, all that it holds is new."""
+        """Note that the topic is gone: once it is there again, all that it holds is new."""
         self._start = 'earliest'
+        self._counted.clear()
 
     def find(
         self,
@@ -148,8 +149,7 @@ class Beginnings:
         if committed <= high:
             return Beginning(committed)  # meanwhile, at the first start of the group
         self._say_not_there(partition, committed, low, high)
-        partition.rewind(low)  # committed soon: the log may grow past the offset of the group
-        return Beginning(low)
+        return Beginning(low, anew=True)
 
     def _count(self, number: int, missing: range) -> None:
         # A route that fails before it has committed meets the same gap again.

@@ -60,15 +60,19 @@ class ClientHealth:
         """For how long Kafka has been away; 0 where it is not."""
         return time.monotonic() - self._away_since_s if self.away else 0.0
 
+    @property
+    def has_failed(self) -> bool:
+        """Whether something has made the client useless."""
+        return self._failure is not None
+
     def on_open(self) -> None:
         """Forget what the client before has said: this one speaks for itself."""
-        self._failure = None
         self.away = self._said = ''
         self.on_new_client()
 
     def on_new_client(self) -> None:
         """Note that another client has taken the place of one that was of no use any more."""
-        self._without_since_s = self._suspect = None
+        self._failure = self._without_since_s = self._suspect = None
         self.has_lost_brokers = self.is_connected = self.is_heard = False
 
     def on_statistics(self, statistics: Statistics) -> None:
@@ -139,6 +143,15 @@ class ClientHealth:
         if self.is_connected:
             self.on_contact()
         return self.is_connected
+
+    def fail(self, error: KafkaError, what: str) -> None:
+        """Take what has made the client useless, whatever it is.
+
+        Args:
+            error: Of the client.
+            what: It means.
+        """
+        self._failure = self._failure or KafkaError(error.code(), f'{what}: {error.str()}')
 
     def forget_failure(self) -> None:
         """Forget what had made the client useless: it is of use again."""

@@ -10,7 +10,8 @@ from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
 
 from ros2_kafka_bridge.kafka.client_health import ClientHealth
 from ros2_kafka_bridge.kafka.draining import close
-from ros2_kafka_bridge.kafka.partitions import Partitions
+from ros2_kafka_bridge.kafka.partitions import Committed, Partitions
+from ros2_kafka_bridge.kafka.topic_id import TopicId
 from ros2_kafka_bridge.threads import unattended
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 _AGAIN_S: Final = 0.5
 _LAST_LOOK_S: Final = 1.0
 _DRAIN_S: Final = 2.0
+_BEGIN_S: Final = 5.0
 # Offsets of a group by KIP-848 age from their own commit: that of a quiet partition would be gone
 # as soon as its last member has left (offsets.retention.minutes, 7 days).
 _RENEW_S: Final = 3600.0
@@ -74,7 +76,7 @@ class Commits:
         Raises:
             KafkaException: That is not possible.
         """
-        self._client.commit(offsets=topic_partitions(self._topic, offsets), asynchronous=True)
+        self._client.commit(offsets=self._places(offsets), asynchronous=True)
         self._is_at_work = True
 
     def now(self, timeout_s: float) -> bool:
@@ -119,12 +121,11 @@ class Commits:
             KafkaException: It was refused, or took too long: then it may still be done.
         """
         problems: list[KafkaException] = []
+        places = self._places(offsets)
 
         def commit() -> None:
             try:
-                self._client.commit(
-                    offsets=topic_partitions(self._topic, offsets), asynchronous=False
-                )
+                self._client.commit(offsets=places, asynchronous=False)
             except KafkaException as error:
                 problems.append(error)
 
@@ -137,13 +138,29 @@ class Commits:
             self._late.append(thread)
             text = f'the broker has not answered a commit within {seconds:g} s'
             raise _failure(KafkaError._TIMED_OUT, text)  # noqa: SLF001 (its public name)
-        if problems:
+        if problems and self._note_refusal(problems[0].args[0]):
+            self.within(seconds, offsets)
+        elif problems:
             raise problems[0]
+
+    def begin_anew(self, of: TopicId | None) -> None:
+        """Forget all partitions, and commit that they begin at 0: their topic was made anew.
+
+        Args:
+            of: The topic that is there now.
+        """
+        begin = dict.fromkeys(self._partitions.numbers, 0)
+        self._partitions.begin_anew(of)
+        # Without an offset, whoever reads them next would begin where `start` says.
+        with contextlib.suppress(KafkaException):
+            self.within(_BEGIN_S, begin)
+        self._partitions.clear()
 
     def on_answer(self, error: KafkaError | None, answers: Sequence[TopicPartition]) -> None:
         """Take what became of a commit that was not waited for (librdkafka's `on_commit`)."""
         self._is_at_work = False
         if error is not None:
+            self._note_refusal(error)
             self._log.warning('cannot commit now: %s', error.str())
             return
         self._health.on_contact()
@@ -156,17 +173,32 @@ class Commits:
             thread.join()
         close(self._client, _DRAIN_S, has_left=False)
 
+    def close_client_within(self, seconds: float) -> None:
+        """Close the client, or leave it behind: one that is not in its group may wait for ever."""
+        try:
+            ended = unattended.ends_within(seconds, 'old consumer', self.close_client)
+        except RuntimeError:  # no more threads
+            ended = False
+        if not ended:
+            self._log.warning('the Kafka client of %s does not end: left behind', self._topic)
+
     def _news(self) -> dict[int, int]:
         return self._partitions.news
 
+    def _places(self, offsets: Mapping[int, int]) -> list[TopicPartition]:
+        metadata = self._partitions.metadata
+        return [TopicPartition(self._topic, n, at, metadata(n)) for n, at in offsets.items()]
 
-def topic_partitions(topic: str, offsets: Mapping[int, int]) -> list[TopicPartition]:
-    """Offsets of a topic's partitions, as the client wants them."""
-    return [TopicPartition(topic, number, offset) for number, offset in offsets.items()]
+    def _note_refusal(self, error: KafkaError) -> bool:
+        """Whether another commit may be taken: without metadata (offset.metadata.max.bytes)."""
+        is_too_large = error.code() == KafkaError.OFFSET_METADATA_TOO_LARGE
+        may_be_taken = is_too_large and self._partitions.have_metadata
+        self._partitions.have_metadata = self._partitions.have_metadata and not is_too_large
+        return may_be_taken
 
 
-def offsets_of(answers: Iterable[TopicPartition]) -> dict[int, int]:
-    """The committed offsets that a group has, by partition; those without one are left out.
+def committed_of(answers: Iterable[TopicPartition]) -> dict[int, Committed]:
+    """What a group has got, by partition; those of which it has nothing are left out.
 
     Raises:
         KafkaException: It was not told of one of them, which is not to have none.
@@ -175,7 +207,16 @@ def offsets_of(answers: Iterable[TopicPartition]) -> dict[int, int]:
     for answer in told:
         if answer.error is not None:
             raise KafkaException(answer.error)
-    return {answer.partition: answer.offset for answer in told if answer.offset >= 0}
+    return {
+        answer.partition: Committed(answer.offset, TopicId.of_metadata(answer.metadata))
+        for answer in told
+        if answer.offset >= 0
+    }
+
+
+def offsets_of(answers: Iterable[TopicPartition]) -> dict[int, int]:
+    """The offsets alone; what it raises is that of `committed_of`."""
+    return {number: told.offset for number, told in committed_of(answers).items()}
 
 
 def _failure(code: int, text: str) -> KafkaException:

@@ -22,6 +22,8 @@ from ros2_kafka_bridge.kafka.partitions import Partition, Partitions
 from ros2_kafka_bridge.kafka.properties import Membership, member_name
 from ros2_kafka_bridge.kafka.recorder import with_recording
 from ros2_kafka_bridge.kafka.statistics import with_statistics
+from ros2_kafka_bridge.kafka.topic_id import TopicIds
+from ros2_kafka_bridge.kafka.topic_watch import TopicWatch
 
 _REJOIN_MS: Final = 30_000
 
@@ -33,6 +35,7 @@ class KafkaSource:
         properties: librdkafka properties of a consumer with its group.
         topic: The topic to read.
         start: `latest` or `earliest`: where a topic begins that the group never read.
+        ids: Tells whether the topic was made anew.
         log: Where to say what happens.
         membership: Of the group.
     """
@@ -42,6 +45,7 @@ class KafkaSource:
         properties: Mapping[str, Any],
         topic: str,
         start: str,
+        ids: TopicIds,
         log: logging.LoggerAdapter[logging.Logger],
         membership: Membership = 'static',
     ) -> None:
@@ -59,7 +63,9 @@ class KafkaSource:
         self._partitions = Partitions()
         self._beginnings = Beginnings(topic, start, log)
         self._lag = Lag(topic, self._partitions)
-        self._member = Member(properties, topic, self._partitions, self._health, log)
+        on_new = self._beginnings.expect_new_topic
+        watch = TopicWatch(topic, ids, self._partitions, log, on_new)
+        self._member = Member(properties, topic, self._partitions, watch, self._health, log)
 
     @property
     def lost_upstream(self) -> int:
@@ -129,7 +135,13 @@ class KafkaSource:
         self._member.commits.soon()
 
     def commit_now(self, timeout_s: float) -> bool:
-        """Commit and wait; False when it was not confirmed in time, or the partitions are lost."""
+        """Commit and wait; False when it was not confirmed in time, or the partitions are lost.
+
+        At a stop: Kafka deletes the offsets of the group with a topic, and without one the next
+        run would begin where `start` says.
+        """
+        if timeout_s > 0 and self._member.is_topic_replaced(at_once=True):
+            self._member.forget_old_topic()
         return self._member.commits.now(timeout_s) and not self._member.is_outside
 
     def commit_before_revoke(self) -> None:
@@ -186,20 +198,23 @@ class KafkaSource:
         return cast('Sequence[Record]', batch)
 
     def _records(self, batch: list[Message]) -> list[Message]:
-        """Pick the records out of what the client tells in their midst, and heed the rest."""
+        """Pick the records out of what the client tells in their midst, and act on the rest."""
         records = [message for message in batch if message.error() is None]
         # First: a partition is at its end only where these have ended, too.
         self._partitions.hand_out(records)
+        client = self._member.client
         for message in batch:
+            if self._member.client is not client:
+                return []  # it has left a topic that is gone: nothing of that counts any more
             error = message.error()
             if error is None:
                 self._health.on_contact()
                 self._note_reached(message)
             else:
-                self._heed(message, error)
-        return records
+                self._take_event(message, error)
+        return records if self._member.client is client else []
 
-    def _heed(self, message: Message, error: KafkaError) -> None:
+    def _take_event(self, message: Message, error: KafkaError) -> None:
         number, offset = message.partition() or 0, message.offset()
         if error.code() == KafkaError._AUTO_OFFSET_RESET:  # noqa: SLF001 (its public name)
             if number in self._partitions:
@@ -225,6 +240,8 @@ class KafkaSource:
     def _set_beginning(self, partition: Partition, wanted: int | None) -> None:
         """Set where to read a partition whose stored offset is missing or out of range."""
         member = self._member
+        if wanted is not None and member.leave_old_topic(at_once=True):
+            return
         with self._translating(partition):
             partition.end = None
             beginning = self._beginnings.find(member.client, member.commits, partition, wanted)

@@ -2,6 +2,7 @@
 
 import contextlib
 import time
+from collections.abc import Callable
 from typing import Final
 
 from confluent_kafka import Consumer, KafkaException
@@ -14,6 +15,14 @@ def close(client: Consumer, within_s: float, *, has_left: bool) -> None:
     drain(client, within_s, has_left=has_left)
     with contextlib.suppress(KafkaException):  # fatal for the client, and known
         client.close()
+
+
+def poll_while(client: Consumer, condition: Callable[[], bool], within_s: float) -> None:
+    """Let a client work for a moment, without taking records."""
+    deadline_s = time.monotonic() + within_s
+    with contextlib.suppress(KafkaException):  # fatal for the client, and known
+        while condition() and time.monotonic() < deadline_s:
+            client.poll(_STEP_S)
 
 
 def drain(client: Consumer, within_s: float, *, has_left: bool) -> None:

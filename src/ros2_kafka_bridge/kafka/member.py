@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 from confluent_kafka import (
-    OFFSET_INVALID,
+    OFFSET_BEGINNING,
     Consumer,
     KafkaError,
     KafkaException,
@@ -21,13 +21,15 @@ from confluent_kafka import (
 from ros2_kafka_bridge.endpoints import Rebalance
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth
-from ros2_kafka_bridge.kafka.commits import Commits, topic_partitions
-from ros2_kafka_bridge.kafka.draining import drain
+from ros2_kafka_bridge.kafka.commits import Commits, committed_of
+from ros2_kafka_bridge.kafka.draining import drain, poll_while
 from ros2_kafka_bridge.kafka.held_back import HeldBack
 from ros2_kafka_bridge.kafka.partitions import Partitions
 from ros2_kafka_bridge.kafka.recorder import Recorder
 from ros2_kafka_bridge.kafka.statistics import read
 from ros2_kafka_bridge.kafka.tls import check_files
+from ros2_kafka_bridge.kafka.topic_partitions import at, at_stored, in_words, numbers_of
+from ros2_kafka_bridge.kafka.topic_watch import TopicWatch
 from ros2_kafka_bridge.kafka.watchdog import Watchdog
 from ros2_kafka_bridge.threads import unattended
 
@@ -51,6 +53,7 @@ class Member:
         properties: librdkafka properties of a consumer with its group.
         topic: That it reads.
         partitions: Where to keep what it is given.
+        watch: Of the topic.
         health: What the client says of itself.
         log: Where to say what happens.
     """
@@ -60,6 +63,7 @@ class Member:
         properties: Mapping[str, Any],
         topic: str,
         partitions: Partitions,
+        watch: TopicWatch,
         health: ClientHealth,
         log: logging.LoggerAdapter[logging.Logger],
     ) -> None:
@@ -68,6 +72,7 @@ class Member:
         self._properties = dict(properties)
         self._topic = topic
         self._partitions = partitions
+        self._watch = watch
         self._health = health
         self._log = log
         self._watchdog = Watchdog(topic, float(properties.get('fetch.wait.max.ms', 500)) / 1000)
@@ -145,6 +150,7 @@ class Member:
         """Join the group with a new client."""
         self._clients += 1
         self._watchdog.begin()
+        self._watch.begin()
         self._recorder = Recorder(logging.getLogger(f'{__name__}.librdkafka'))
         self._is_leaving = self._is_paused = self._has_joined = self._is_shut_out = False
         callbacks = {
@@ -180,31 +186,15 @@ class Member:
             return
         self._is_leaving = True
         # Who leaves while it joins stays a member for Kafka: the next one would wait for it.
-        self._poll_while(lambda: not self._has_joined and not self._health.away)
+        poll_while(self.client, lambda: not (self._has_joined or self._health.away), _LEAVE_S)
         self._clients += 1  # its callbacks have no say any more
         # A member with a name stays in the group when it closes, but not when it unsubscribes.
         with contextlib.suppress(KafkaException):  # fatal for the client, and known
             self._consumer.unsubscribe()
         drain(self._consumer, _LEAVE_S, has_left=True)
-        self._close_client()
+        self.commits.close_client_within(_CLOSE_S)
         self._consumer = None
         self._partitions.clear()
-
-    def _poll_while(self, condition: Callable[[], bool]) -> None:
-        """Let the client work for a moment, without taking records."""
-        deadline_s = time.monotonic() + _LEAVE_S
-        with contextlib.suppress(KafkaException):  # fatal for the client, and known
-            while condition() and time.monotonic() < deadline_s:
-                self.client.poll(0.01)
-
-    def _close_client(self) -> None:
-        """Close a client, or leave it behind: one that is not in its group may wait for ever."""
-        try:
-            ended = unattended.ends_within(_CLOSE_S, 'old consumer', self.commits.close_client)
-        except RuntimeError:  # no more threads
-            ended = False
-        if not ended:
-            self._log.warning('the Kafka client of %s does not end: left behind', self._topic)
 
     # To read, or not
 
@@ -215,15 +205,19 @@ class Member:
             KafkaException: The client is of no use any more.
             RouteError: That was found out otherwise.
         """
+        if self.leave_old_topic():
+            return None
         try:
             first = self.client.poll(timeout_s)
         except KafkaException as error:  # fatal for the client
             if not self._note_whether_shut_out(error.args[0]):
                 raise
             first = None
+        if self._health.has_failed and self.leave_old_topic(at_once=True):
+            return None  # a partition that the new topic has not, for one
         self._health.raise_failure()
         if self._is_shut_out or (first is None and self._health.has_lost_brokers):
-            self._replace_client(self.client)
+            self._replace_useless_client(_SHUT_OUT if self._is_shut_out else BROKERS_LOST)
             return None
         if first is None:
             self._look_for_broker()
@@ -244,13 +238,13 @@ class Member:
 
     def begin_at(self, number: int, offset: int) -> None:
         """Read a partition from an offset on."""
-        self.client.incremental_unassign(self._topic_partitions({number: OFFSET_INVALID}))
-        self.client.incremental_assign(self._topic_partitions({number: offset}))
+        self.client.incremental_unassign(at_stored(self._topic, [number]))
+        self.client.incremental_assign(at(self._topic, {number: offset}))
         self._reads_some = True
 
     def forget_one(self, number: int) -> None:
         """Forget what is known of a partition that it keeps: its topic was made anew."""
-        self._rebalance.lost(frozenset({number}))
+        self._rebalance.detached(frozenset({number}))
         self._resume([number])
         self._partitions.reset(number)
 
@@ -261,26 +255,27 @@ class Member:
         self.rebalances += bool(assigned)
         self._watchdog.on_assign()
         self._health.on_contact()
-        numbers = _numbers(assigned)
+        numbers = numbers_of(assigned)
         self._partitions.assign(numbers)
-        self._log.info('reads %s', self._names(numbers))
-        self._go_on(numbers)
+        self._log.info('reads %s', in_words(self._topic, numbers))
+        if numbers:
+            self._set_places(numbers)
 
     def _on_revoke(self, _: Consumer, revoked: list[TopicPartition]) -> None:
         if self._is_leaving:
             return
         self.rebalances += bool(revoked)
-        numbers = _numbers(revoked)
-        self._log.info('hands over %s', self._names(numbers))
+        numbers = numbers_of(revoked)
+        self._log.info('hands over %s', in_words(self._topic, numbers))
         self._rebalance.revoked(numbers)
         self._resume(numbers)
         self._partitions.forget(numbers)
 
     def _on_lost(self, _: Consumer, lost: list[TopicPartition]) -> None:
-        numbers = _numbers(lost)
+        numbers = numbers_of(lost)
         self._log.warning(
             'lost %s: Kafka has not heard of this bridge, another may read on',
-            self._names(numbers),
+            in_words(self._topic, numbers),
         )
         self._lose(numbers)
 
@@ -291,33 +286,26 @@ class Member:
         self._resume(numbers)
         self._partitions.lose(numbers)
 
-    def _go_on(self, numbers: frozenset[int]) -> None:
-        """Begin at once more assigned partitions where they were lost, if nobody read on there."""
-        lost = self._partitions.take_lost(numbers)
-        if not lost:
-            return
+    def _set_places(self, numbers: frozenset[int]) -> None:
+        """Go on where partitions were lost and nobody read on, and at 0 of a topic made anew."""
         try:
-            told = self.client.committed(
-                self._topic_partitions(dict.fromkeys(lost, OFFSET_INVALID)), timeout=_REQUEST_S
-            )
-            resumed = {
-                place.partition: position
-                for place in told
-                if (position := lost[place.partition].position) is not None
-                and (lost[place.partition].committed or 0) <= place.offset < position
-            }
+            committed = self.client.committed(at_stored(self._topic, numbers), timeout=_REQUEST_S)
+            told = committed_of(committed)
+            gone = self._watch.find_gone({n: told[n].of if n in told else None for n in numbers})
+            resumed = self._partitions.resume({n: told[n] for n in told.keys() - gone})
+            if others := resumed | dict.fromkeys(gone, OFFSET_BEGINNING):
+                rest = at_stored(self._topic, numbers - others.keys())
+                self.client.incremental_assign(rest + at(self._topic, others))
             if resumed:
-                stored = dict.fromkeys(numbers, OFFSET_INVALID)
-                self.client.incremental_assign(self._topic_partitions(stored | resumed))
-                self._partitions.advance(resumed)
                 self.commits.begin(resumed)
         except KafkaException as error:
-            self._log.warning('begins at the committed offsets: %s', error.args[0].str())
+            self._health.fail(error.args[0], 'the offsets of its group cannot be read')
+        self._partitions.forget_lost(numbers)
 
     def _resume(self, numbers: Iterable[int]) -> None:
         # librdkafka keeps a partition paused over its loss: it would come back and never be read.
         with contextlib.suppress(KafkaException):  # fatal for the client, and known
-            self.client.resume(self._topic_partitions(dict.fromkeys(numbers, OFFSET_INVALID)))
+            self.client.resume(at_stored(self._topic, numbers))
 
     # Whether the client is of use
 
@@ -336,6 +324,7 @@ class Member:
         if statistics.is_connected:
             self._health.on_contact()  # a quiet topic would not tell
         self._held_back.on_ends(statistics.ends)
+        self._watch.on_metadata(statistics.metadata_age_s)
 
     def _note_whether_shut_out(self, error: KafkaError) -> bool:
         """Whether the group has shut this client out: for a late request, its name is its own."""
@@ -363,21 +352,41 @@ class Member:
             self._recorder.tell(self._log)
             raise
 
-    def _replace_client(self, old: Consumer) -> None:
-        """Put another client in the place of one that is of no use any more.
+    def is_topic_replaced(self, *, at_once: bool) -> bool:
+        """Whether the topic that it reads was made anew, as `TopicWatch.is_replaced`."""
+        return not self._health.away and self._watch.is_replaced(at_once=at_once)
+
+    def leave_old_topic(self, *, at_once: bool = False) -> bool:
+        """Begin anew with another client where its topic was: this one knows the old one."""
+        if not self.is_topic_replaced(at_once=at_once):
+            return False
+        self.forget_old_topic()
+        self._replace_client('its topic was made anew: begins anew with another Kafka client')
+        return True
+
+    def forget_old_topic(self) -> None:
+        """Forget all of a topic that is gone, and tell the group to begin at 0."""
+        self._rebalance.detached(self._partitions.numbers)
+        self.commits.begin_anew(self._watch.now)
+
+    def _replace_useless_client(self, reason: str) -> None:
+        """Put another client in the place of one that has failed.
 
         What it read and the route has confirmed is not read again, unless another bridge reads on.
 
         Raises:
-            RouteError: The last one was of no use either.
+            RouteError: The last one has failed, too.
         """
-        reason = _SHUT_OUT if self._is_shut_out else BROKERS_LOST
         before_s, self._anew_at_s = self._anew_at_s, time.monotonic()
         if self._anew_at_s - before_s < _AT_ONCE_S:
             raise RouteError(f'topic {self._topic}: {reason}')
+        self._replace_client(reason)
+
+    def _replace_client(self, reason: str) -> None:
+        old = self.client
         self._log.warning('%s', reason)
         if self._partitions:
-            self._lose(frozenset(partition.number for partition in self._partitions))
+            self._lose(self._partitions.numbers)
         self._health.on_new_client()
         commits = self.commits
         try:
@@ -388,13 +397,3 @@ class Member:
             if self._consumer is not old:
                 with contextlib.suppress(RuntimeError):  # no more threads: left behind
                     unattended.start('old consumer', commits.close_client)
-
-    def _topic_partitions(self, offsets: Mapping[int, int]) -> list[TopicPartition]:
-        return topic_partitions(self._topic, offsets)
-
-    def _names(self, numbers: Iterable[int]) -> str:
-        return f'{self._topic}[{", ".join(map(str, sorted(numbers)))}]'
-
-
-def _numbers(partitions: Iterable[TopicPartition]) -> frozenset[int]:
-    return frozenset(p.partition for p in partitions)

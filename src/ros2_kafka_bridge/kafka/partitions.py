@@ -6,7 +6,9 @@ beginning asks here.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
+
+from ros2_kafka_bridge.kafka.topic_id import TopicId
 
 
 class _HasOffset(Protocol):
@@ -19,6 +21,18 @@ class _HasOffset(Protocol):
     def offset(self) -> int | None:
         """Its offset in the partition."""
         ...
+
+
+class Committed(NamedTuple):
+    """What a group has got of a partition.
+
+    Args:
+        offset: Of the next record to read.
+        of: The topic that it is of; None where whoever has committed it did not say so.
+    """
+
+    offset: int
+    of: TopicId | None
 
 
 @dataclass(slots=True)
@@ -35,6 +49,7 @@ class Partition:
             are no records.
         told_end: Where it ended when the broker was asked last.
         wanted: Of the first record that was deleted before it was read, until one behind it is.
+        of: The topic that these offsets are of.
     """
 
     number: int
@@ -44,6 +59,7 @@ class Partition:
     end: int | None = None
     told_end: int | None = None
     wanted: int | None = None
+    of: TopicId | None = None
 
     @property
     def next(self) -> int | None:
@@ -82,15 +98,12 @@ class Partition:
         if self.read is None or self.read <= self.position:
             self.position = max(self.position, self.end)
 
-    def rewind(self, position: int) -> None:
-        """Begin again at `position`: the log has become shorter than it was."""
-        self.position, self.read, self.end, self.wanted = position, None, None, None
-
 
 class Partitions:
     """The partitions that a source has, and how far those had come that it has lost."""
 
     def __init__(self) -> None:
+        self.have_metadata = True  # what is committed; False where a broker takes none so long
         self._here: dict[int, Partition] = {}
         self._lost: dict[int, Partition] = {}
 
@@ -109,6 +122,11 @@ class Partitions:
     def get(self, number: int | None) -> Partition | None:
         """Where one stands; None where it is not here."""
         return None if number is None else self._here.get(number)
+
+    @property
+    def numbers(self) -> frozenset[int]:
+        """Which are here."""
+        return frozenset(self._here)
 
     @property
     def are_lost(self) -> bool:
@@ -140,6 +158,13 @@ class Partitions:
         """How far each was read where that is known."""
         return {p.number: p.reached for p in self if p.reached is not None}
 
+    def metadata(self, number: int) -> str:
+        """What is committed beside an offset; of one that is not here, that of the others."""
+        known = self._here.get(number) or next(iter(self), None)
+        if known is None or known.of is None or not self.have_metadata:
+            return ''
+        return known.of.metadata
+
     # What comes and goes
 
     def assign(self, numbers: Iterable[int]) -> None:
@@ -149,7 +174,12 @@ class Partitions:
 
     def reset(self, number: int) -> None:
         """Forget what is known of one that stays."""
-        self._here[number] = Partition(number)
+        self._here[number] = Partition(number, of=self._here[number].of)
+
+    def begin_anew(self, of: TopicId | None) -> None:
+        """Forget all that is known of those that are here: another topic has them now."""
+        for number in self._here:
+            self._here[number] = Partition(number, of=of)
 
     def forget(self, numbers: Iterable[int]) -> None:
         """Forget partitions that were handed over."""
@@ -163,9 +193,31 @@ class Partitions:
             if partition is not None and partition.position is not None:
                 self._lost[number] = partition
 
-    def take_lost(self, numbers: Iterable[int]) -> dict[int, Partition]:
-        """Take back what is known of lost ones, which is forgotten then."""
-        return {number: self._lost.pop(number) for number in numbers if number in self._lost}
+    def resume(self, told: Mapping[int, Committed]) -> dict[int, int]:
+        """Note what the group has got; go on with those that were lost if nobody has read on.
+
+        Args:
+            told: What the group has got of partitions that are here or back.
+
+        Returns:
+            The positions of those that go on.
+        """
+        self.note_committed({number: it.offset for number, it in told.items()})
+        back = {number: self._lost.pop(number) for number in told if number in self._lost}
+        resumed = {
+            number: lost.position
+            for number, lost in back.items()
+            if lost.position is not None
+            and lost.of == self._here[number].of
+            and (lost.committed or 0) <= told[number].offset < lost.position
+        }
+        self.advance(resumed)
+        return resumed
+
+    def forget_lost(self, numbers: Iterable[int]) -> None:
+        """Forget lost ones that are back."""
+        for number in numbers:
+            self._lost.pop(number, None)
 
     def clear(self) -> None:
         """Forget all."""

@@ -46,12 +46,14 @@ class Statistics(NamedTuple):
         is_connected: Whether it is to one of the cluster: what answers at bootstrap.servers may
             name brokers that do not.
         ends: Where the partitions of its topic end, those that it fetches.
+        metadata_age_s: How long ago it was told of its topic; None where it never was.
     """
 
     round_trip_s: tuple[float, float] | None
     knows_brokers: bool
     is_connected: bool
     ends: Mapping[int, PartitionEnds] = MappingProxyType({})
+    metadata_age_s: float | None = None
 
 
 class _Times(msgspec.Struct, frozen=True):
@@ -82,6 +84,7 @@ class _Partition(msgspec.Struct, frozen=True):
 
 
 class _Topic(msgspec.Struct, frozen=True):
+    metadata_age: int = 0  # in milliseconds; 0 before there was any
     partitions: dict[int, _Partition] = {}
 
 
@@ -120,6 +123,10 @@ def read(text: str) -> Statistics:
         any(broker.source in _BROKERS for broker in brokers),
         any(broker.is_up for broker in brokers),
         _ends(told),
+        min(
+            (topic.metadata_age / 1000 for topic in told.topics.values() if topic.metadata_age),
+            default=None,
+        ),
     )
 
 

@@ -19,7 +19,9 @@ class Outcome(StrEnum):
     SKIPPED = 'skipped'
     RETURNED = 'returned'
     LOST = 'lost'  # on a damaged disk
-    GIVEN_UP = 'given_up'  # in flight when another bridge took the route over
+    GIVEN_UP = (
+        'given_up'  # nobody can read it again: its topic is gone, or another bridge has the route
+    )
 
 
 class State(StrEnum):

@@ -68,6 +68,7 @@ class RecordWindow:
         self.max_bytes = max_bytes
         self._advance = advance
         self._confirmed = 0  # of those published since a reader was lost last
+        self._gone: set[RecordEntry] = set()  # of topics that are
 
     def __len__(self) -> int:
         return len(self.entries)
@@ -138,13 +139,22 @@ class RecordWindow:
 
     def settle(self) -> list[RecordEntry]:
         """Let go of what has ended, and all before it has; their positions move on."""
-        entries = self.entries
-        ended = []
+        ended = self._settle_gone() if self._gone else []
+        entries, before = self.entries, len(ended)
         while entries and entries[0].outcome is not None:
             ended.append(entries.popleft())
-        if ended:
-            self._advance({entry.partition: entry.end for entry in ended})
-            self.size_bytes -= sum([entry.size_bytes for entry in ended])
+        if len(ended) > before:
+            self._advance({entry.partition: entry.end for entry in ended[before:]})
+            self.size_bytes -= sum([entry.size_bytes for entry in ended[before:]])
+        return ended
+
+    def _settle_gone(self) -> list[RecordEntry]:
+        """Let go of what has ended of topics that are gone: there is no position to wait for."""
+        ended = [entry for entry in self.entries if entry in self._gone and entry.outcome]
+        self._gone.difference_update(ended)
+        left = set(ended)
+        self.entries = deque(entry for entry in self.entries if entry not in left)
+        self.size_bytes -= sum([entry.size_bytes for entry in ended])
         return ended
 
     def drop_oldest(self) -> list[RecordEntry]:
@@ -171,25 +181,35 @@ class RecordWindow:
         last: dict[int, RecordEntry] = {}  # of each partition
         positions: dict[int, int] = {}
         for entry in self.entries:
+            is_gone = entry in self._gone
             if entry.outcome not in _PASSED:
                 kept.append(entry)
-                last[entry.partition] = entry
+                if not is_gone:
+                    last[entry.partition] = entry
                 continue
             left.append(entry)
+            if is_gone:
+                continue
             if entry.partition in last:
                 last[entry.partition].end = entry.end
             else:
                 positions[entry.partition] = entry.end
         self._advance(positions)
         self.entries = kept
+        self._gone.difference_update(left)
         self.size_bytes -= sum([entry.size_bytes for entry in left])
         return left
 
-    # What is given back to Kafka
+    # What is given back to Kafka, or cannot be
+
+    def detach(self, partitions: frozenset[int]) -> None:
+        """Let entries go their way without moving a position: their topic is gone."""
+        self._gone.update(self.of(partitions))
 
     def of(self, partitions: frozenset[int]) -> list[RecordEntry]:
-        """The entries of these partitions."""
-        return [entry for entry in self.entries if entry.partition in partitions]
+        """The entries of these partitions, as far as anybody could read them again."""
+        here = [entry for entry in self.entries if entry.partition in partitions]
+        return [entry for entry in here if entry not in self._gone] if self._gone else here
 
     def unpublished(self) -> list[RecordEntry]:
         """The entries that wait, and those behind them: they are read again with them."""
@@ -198,14 +218,24 @@ class RecordWindow:
         holes: set[int] = set()
         found = []
         for entry in self.entries:
-            if entry.outcome is None and entry.place is not SENT:
+            waits = entry.outcome is None and entry.place is not SENT
+            if entry in self._gone:
+                found += [entry] * waits
+                continue
+            if waits:
                 holes.add(entry.partition)
             if entry.partition in holes:
                 found.append(entry)
         return found
 
-    def give_back(self, entries: Iterable[RecordEntry]) -> None:
-        """Let go of entries without a position for them: they are read again."""
+    def give_back(self, entries: Iterable[RecordEntry]) -> int:
+        """Let go of entries without a position for them: they are read again.
+
+        Returns:
+            How many are not, for their topic is gone.
+        """
+        gone = self._gone.intersection(entries)
+        self._gone -= gone
         for entry in entries:
             entry.outcome = Outcome.RETURNED
             self.size_bytes -= entry.size_bytes
@@ -213,7 +243,9 @@ class RecordWindow:
         self.pending = deque(e for e in self.pending if e.outcome is None)
         if all(entry.place is not REFUSED for entry in self.entries):
             self.failure = None  # whoever reads again what was to end the route meets it anew
+        return len(gone)
 
     def holds_unconfirmed(self, partitions: frozenset[int]) -> bool:
         """Whether something of these partitions was published and has not ended."""
-        return any(e.outcome is None and e.partition in partitions for e in self.unconfirmed)
+        here = (entry for entry in self.unconfirmed if entry.partition in partitions)
+        return any(entry.outcome is None and entry not in self._gone for entry in here)

@@ -41,8 +41,8 @@ class Refused(NamedTuple):
 
     def policy(self, on_error: str) -> str:
         """What is done about it: what the route says, but a wrong clock or a bug drops nothing."""
-        is_sound = self.error.bug is not None or isinstance(self.error, TimestampError)
-        return 'dead_letter' if on_error == 'drop' and is_sound else on_error
+        may_be_good = self.error.bug is not None or isinstance(self.error, TimestampError)
+        return 'dead_letter' if on_error == 'drop' and may_be_good else on_error
 
     def tell(self, policy: str, sums: Summed) -> None:
         """Say what is done about it; one line for what all records may share."""

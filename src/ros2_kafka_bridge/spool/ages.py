@@ -59,9 +59,10 @@ class Ages:
     def age_s(self, number: int, taken_ns: int) -> float:
         """How long a row has waited."""
         stretch = next(it for it in reversed(self._stretches) if it.first <= number)
-        if stretch is self._stretches[0] and taken_ns < RELEASED_NS:
-            return (since_boot_ns() - self._began_ns) / _S_NS
-        return (since_boot_ns() + stretch.ahead_ns - taken_ns) / _S_NS
+        waited_ns = since_boot_ns() + stretch.ahead_ns - taken_ns
+        if taken_ns < RELEASED_NS:
+            waited_ns = min(waited_ns, since_boot_ns() - self._began_ns)
+        return waited_ns / _S_NS
 
     def older_than(self, age_s: float, end: int) -> Iterator[Older]:
         """Tell, for rows below a number in turn, when those were taken that are older."""

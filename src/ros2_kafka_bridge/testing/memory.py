@@ -122,6 +122,12 @@ class MemoryRecordSource:
         self.rebalance.revoked(partitions)
         self._partitions.forget(partitions)
 
+    def make_anew(self, partitions: frozenset[int]) -> None:
+        """Let partitions be those of a topic that was deleted and made again."""
+        assert self.rebalance is not None, 'the source is open'
+        self.rebalance.detached(partitions)
+        self._partitions.forget(partitions)
+
     def advance(self, positions: Mapping[int, int]) -> None:
         """Note how far partitions have come."""
         self._partitions.advance(positions)

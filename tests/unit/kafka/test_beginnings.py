@@ -19,6 +19,7 @@ class Answer:
 
     def __init__(self, partition: int, offset: int, error: KafkaError | None = None) -> None:
         self.partition, self.offset, self.error = partition, offset, error
+        self.metadata = None
 
 
 def client(

@@ -7,10 +7,12 @@ from unittest.mock import MagicMock
 import pytest
 from confluent_kafka import KafkaError
 from hypothesis import given, strategies
+from nobody import NO_IDS
 
 from ros2_kafka_bridge.kafka import member
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
-from ros2_kafka_bridge.kafka.partitions import Partitions
+from ros2_kafka_bridge.kafka.partitions import Committed, Partitions
+from ros2_kafka_bridge.kafka.topic_id import TopicId
 from ros2_kafka_bridge.testing.memory import MemoryRecord
 
 HERE = frozenset({0, 1})
@@ -90,16 +92,16 @@ def test_guarantee_1_a_position_is_never_behind_a_record_that_has_not_ended(
             assert partitions.positions.get(0, offset) == offset
 
 
-def test_a_log_that_became_shorter_is_read_from_its_beginning_and_the_group_is_told() -> None:
+def test_of_a_topic_made_anew_nothing_is_known_but_which_it_is() -> None:
     partitions = having(0)
     partitions.hand_out(records(99))
     partitions.advance({0: 100})
     partitions.note_committed({0: 100})
-    partitions[0].rewind(3)
-    assert partitions.news == {0: 3}
+    partitions.begin_anew(ANOTHER)
+    assert (partitions.news, partitions.reached) == ({}, {})
+    assert partitions[0].of == ANOTHER
     partitions.hand_out(records(3))
-    partitions.reach_end(0, 9)
-    assert partitions.positions == {0: 3}
+    assert partitions.news == {0: 3}
 
 
 def test_an_end_is_passed_where_nothing_was_read_since_a_loss() -> None:
@@ -127,10 +129,38 @@ def test_a_loss_leaves_how_far_the_route_had_come_and_only_once() -> None:
     partitions.lose({0, 1})
     assert (len(partitions), partitions.are_lost, partitions.owe_lost) == (0, True, True)
     partitions.assign({0, 1})
-    lost = partitions.take_lost({0, 1})
-    assert [(p.number, p.committed, p.position) for p in lost.values()] == [(0, 4, 5)]
+    told = {0: Committed(4, None), 1: Committed(0, None)}
+    assert partitions.resume(told) == partitions.positions == {0: 5}
     assert not partitions.are_lost
-    assert partitions.positions == {}
+    assert partitions.resume(told) == {}
+
+
+ANOTHER = TopicId('cluster', 'another')
+
+
+@pytest.mark.parametrize(('offset', 'now'), [(3, None), (5, None), (4, ANOTHER)])
+def test_a_loss_is_forgotten_where_others_have_committed_or_the_topic_is_another(
+    offset: int, now: TopicId | None
+) -> None:
+    partitions = having(0)
+    partitions.hand_out(records(4))
+    partitions.note_committed({0: 4})
+    partitions.advance({0: 5})
+    partitions.lose({0})
+    partitions.assign({0})
+    partitions[0].of = now
+    assert partitions.resume({0: Committed(offset, None)}) == partitions.positions == {}
+    assert not partitions.are_lost
+
+
+def test_what_is_committed_says_of_which_topic_it_is() -> None:
+    partitions = having(0, 1)
+    assert partitions.metadata(0) == ''
+    partitions[0].of, partitions[1].of = TopicId('cluster', 'old'), ANOTHER
+    for number, of in ((0, partitions[0].of), (1, ANOTHER), (7, partitions[0].of)):
+        assert TopicId.of_metadata(partitions.metadata(number)) == of
+    partitions.reset(1)
+    assert partitions[1].of == ANOTHER
 
 
 def test_what_was_lost_with_all_committed_is_owed_to_nobody() -> None:
@@ -163,7 +193,7 @@ def source(monkeypatch: pytest.MonkeyPatch) -> Callable[..., KafkaSource]:
         client = MagicMock()
         client.poll.return_value, client.consume.return_value = batch[0], list(batch[1:])
         monkeypatch.setattr(member, 'Consumer', lambda *_, **__: client)
-        made = KafkaSource({'group.id': 'g'}, 't', 'earliest', MagicMock())
+        made = KafkaSource({'group.id': 'g'}, 't', 'earliest', NO_IDS, MagicMock())
         made.open(MagicMock())
         made._partitions.assign(HERE)
         return made
