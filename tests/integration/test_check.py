@@ -1,16 +1,20 @@
 """`check --connect` as a user meets it: what it prints of a broker and a graph."""
 
+import contextlib
 import re
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from typing import Any
 
+from confluent_kafka import Consumer, TopicPartition
 from ending import ended
 from harness import Bench, eventually, lines, to_kafka, to_ros
 from patience import patient
 from terminal import on_terminal, without_colours
 
+from ros2_kafka_bridge.kafka.topic_id import TopicId, TopicIds
 from ros2_kafka_bridge.testing.local_kafka import free_port
 
 Unique = Callable[[str], str]
@@ -39,8 +43,9 @@ def test_all_is_well_at_a_real_broker_and_graph(bench: Bench, topic_name: str) -
     assert re.search(rf'  ok   rclpy of \S+, rmw_fastrtps_cpp, {domain}', out)
     assert f'  ok   topic {topic_name} has 3 partitions' in out
     assert f'  ok   topic {topic_name}.dead-letters has 1 partition\n' in out
-    start = '(it is new, or they have expired): start is earliest, all that the topic holds'
-    assert f'  ok   group {bench.group} has no committed offsets {start} (3 records)' in out
+    none = f'group {bench.group} has no committed offsets (it is new, they have expired, or went'
+    start = 'start is earliest, all that the topic holds (3 records)'
+    assert f'  ok   {none} with a topic that was deleted): {start}' in out
     assert '  ok   1 subscriber of /orders matches' in out
     assert 'if one is, set max_rate' in out
     assert 'BAD' not in out
@@ -101,8 +106,32 @@ def test_it_says_how_much_a_group_has_to_deliver(bench: Bench, topic_name: str) 
             eventually(lambda: len(lines(bench.place / 'received')) == 10, 60)
             assert bridge.end() == 0
         bench.produce(topic_name, [b'10', b'11'])
+        ids = TopicIds({'bootstrap.servers': bench.bootstrap_servers})
+        now = ids.answer(ids.ask(topic_name), 30.0)
+        assert now is not None
+        others = [
+            of_group(bench, topic_name, 'gone', TopicId(now.cluster_id, 'gone')),
+            of_group(bench, topic_name, 'elsewhere', TopicId('elsewhere', 'gone')),
+        ]
+        file = bench.config([to_ros(topic_name, '/orders'), *others])
         _, out, _ = bench.command('check', str(file), '--connect')
     assert f'group {bench.group} goes on at its committed offsets, 2 records to deliver' in out
+    offsets = rf'  note the offsets of group {bench.name}\.\w+ at {topic_name}\[0\] are of'
+    all_of_it = 'the bridge reads all that is there now, 12 records to deliver'
+    assert re.search(f'{offsets} a topic of this name that is gone: {all_of_it}', out)
+    here = f'and this is cluster {now.cluster_id}: the bridge goes on at them, 2 records'
+    assert re.search(f'{offsets} cluster elsewhere, {here} to deliver; where .* --reset', out)
+
+
+def of_group(bench: Bench, topic: str, name: str, of: TopicId) -> dict[str, Any]:
+    """A route to ROS whose group has read ten records of a topic of this name."""
+    group = f'{bench.name}.{name}'
+    places = [TopicPartition(topic, 0, 10, of.metadata)]
+    servers = {'bootstrap.servers': bench.bootstrap_servers}
+    with contextlib.closing(Consumer({**servers, 'group.id': group})) as client:
+        client.commit(offsets=places, asynchronous=False)
+    source = {'kafka': topic, 'group': group}
+    return to_ros(topic, '/orders', name=name, **{'from': source})
 
 
 def test_without_a_broker_it_says_so_and_still_looks_at_ros(bench: Bench) -> None:

@@ -23,9 +23,11 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka.admin import Admin
-from ros2_kafka_bridge.kafka.commits import offsets_of
+from ros2_kafka_bridge.kafka.commits import committed_of
 from ros2_kafka_bridge.kafka.errors import is_missing_topic, translate
+from ros2_kafka_bridge.kafka.partitions import Committed
 from ros2_kafka_bridge.kafka.properties import consumer_properties
+from ros2_kafka_bridge.kafka.topic_id import known_id
 from ros2_kafka_bridge.logs.lines import client_log
 from ros2_kafka_bridge.logs.text import count
 
@@ -55,12 +57,14 @@ class TopicView(NamedTuple):
         rights: Operations that this user may do (READ, WRITE, ...); None if the broker does not
             tell.
         problem: Why it is not there, or is not known to be.
+        topic_id: Which of all that ever had its name it is; empty if the broker does not tell.
     """
 
     exists: bool | None
     partitions: int
     rights: frozenset[str] | None
     problem: str
+    topic_id: str = ''
 
 
 class TopicState(NamedTuple):
@@ -175,7 +179,13 @@ class Overview:
             return TopicView(_is_there(error), 0, None, str(error.args[0].str()))
         rights = answer.authorized_operations
         names = None if rights is None else frozenset(right.name for right in rights)
-        return TopicView(exists=True, partitions=len(answer.partitions), rights=names, problem='')
+        return TopicView(
+            exists=True,
+            partitions=len(answer.partitions),
+            rights=names,
+            problem='',
+            topic_id=known_id(answer.topic_id),
+        )
 
     def look(self, topics: Collection[str]) -> ClusterState:
         """Ask for brokers and these topics: not for all that a cluster has, and creating none.
@@ -205,8 +215,8 @@ class Overview:
         """The offset behind the last record of each partition, as `begins`."""
         return self._offsets(topics, OffsetSpec.latest())  # type: ignore[no-untyped-call]
 
-    def committed(self, group: str, topic: str, partitions: int) -> dict[int, int]:
-        """Look up the committed offsets of a group.
+    def committed(self, group: str, topic: str, partitions: int) -> dict[int, Committed]:
+        """Look up the committed offsets of a group, and which topic they are of.
 
         Raises:
             RouteError: This user may not see the group.
@@ -224,7 +234,7 @@ class Overview:
         with contextlib.closing(client):
             while True:
                 try:
-                    return offsets_of(client.committed(asked, timeout=_REQUEST_S))
+                    return committed_of(client.committed(asked, timeout=_REQUEST_S))
                 except KafkaException as error:
                     problem = translate(error.args[0], 'its offsets cannot be read')
                     if not isinstance(problem, TransportError) or time.monotonic() > deadline_s:

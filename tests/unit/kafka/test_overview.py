@@ -6,11 +6,14 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
-from confluent_kafka import KafkaError, KafkaException, TopicPartition
+from confluent_kafka import KafkaError, KafkaException, TopicPartition, Uuid
+from confluent_kafka.admin import TopicDescription  # type: ignore[attr-defined]  # as in overview
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka import admin, overview
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
+from ros2_kafka_bridge.kafka.partitions import Committed
+from ros2_kafka_bridge.kafka.topic_id import TopicId
 
 
 def failed(code: int, text: str = '') -> 'Future[Any]':
@@ -55,6 +58,32 @@ def test_only_the_word_of_a_broker_says_that_a_topic_is_not_there(
     library.describe_topics.return_value = {'orders': failed(code, 'as it said')}
     view = look(library).topic('orders')
     assert (view.exists, view.problem) == (exists, 'as it said')
+
+
+@pytest.mark.parametrize(
+    ('told', 'known'),
+    [
+        pytest.param(Uuid(1, 2), 'AAAAAAAAAAEAAAAAAAAAAg', id='of now'),
+        pytest.param(Uuid(0, 0), '', id='before 2.8'),
+    ],
+)
+def test_which_topic_it_is_comes_with_the_look_at_it(library: Any, told: Uuid, known: str) -> None:
+    described = TopicDescription('orders', told, is_internal=False, partitions=[])
+    library.describe_topics.return_value = {'orders': done(described)}
+    assert look(library).topic('orders').topic_id == known
+    assert library.describe_topics.call_count == 1
+    assert not library.describe_cluster.called
+
+
+def test_committed_offsets_say_which_topic_they_are_of(library: Any) -> None:
+    of = TopicId('cluster', 'topic')
+    library.committed.return_value = [
+        TopicPartition('orders', 0, 5, of.metadata),
+        TopicPartition('orders', 1, 7),
+        TopicPartition('orders', 2, -1001),
+    ]
+    found = look(library).committed('group', 'orders', 3)
+    assert found == {0: Committed(5, of), 1: Committed(7, None)}
 
 
 def test_an_end_that_is_told_without_a_leader_is_none(library: Any) -> None:

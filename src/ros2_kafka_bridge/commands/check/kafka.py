@@ -1,7 +1,7 @@
 """What `check` finds at the broker: who answers, and what a route would meet there."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.commands.screen import Finding
@@ -11,9 +11,20 @@ from ros2_kafka_bridge.errors import BridgeError, TransportError
 from ros2_kafka_bridge.kafka.cures import OWN_GROUP
 from ros2_kafka_bridge.kafka.names import lock_group, lock_topic
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, TopicView, records
+from ros2_kafka_bridge.kafka.partitions import Committed
 from ros2_kafka_bridge.kafka.properties import common_properties
+from ros2_kafka_bridge.kafka.topic_id import TopicId
+from ros2_kafka_bridge.kafka.topic_partitions import in_words
 from ros2_kafka_bridge.logs.text import count
 
+_NONE_COMMITTED: Final = (
+    'has no committed offsets (it is new, they have expired, or went with a topic that was '
+    'deleted)'
+)
+_SET_OFFSETS: Final = (
+    'where they do not fit, set others while the bridge is stopped (kafka-consumer-groups.sh '
+    '--reset-offsets)'
+)
 _MEND_LISTENERS: Final = (
     'mend its advertised.listeners, or make that address known to this machine'
 )
@@ -25,11 +36,38 @@ class CheckedCluster(NamedTuple):
     Args:
         problem: Why it cannot be asked; empty if it answers.
         creates_topics: Whether it creates what is written to; None where it does not tell.
+        cluster_id: Which one it is; empty if it does not answer.
     """
 
     overview: Overview
     problem: str
     creates_topics: bool | None
+    cluster_id: str
+
+
+class _Reach(NamedTuple):
+    """A topic that a group would read, and how far it reaches.
+
+    Args:
+        begins: The first offset of each partition that tells it.
+        ends: The offset behind the last record, as `begins`.
+    """
+
+    group: str
+    topic: KafkaTopic
+    begins: Mapping[tuple[str, int], int]
+    ends: Mapping[tuple[str, int], int]
+
+    def ahead(self, offsets: Mapping[int, int]) -> set[int]:
+        """Partitions that end before their offset."""
+        name = self.topic.name
+        return {number for number, at in offsets.items() if at > self.ends.get((name, number), at)}
+
+    def behind(self, offsets: Mapping[int, int]) -> int | None:
+        """How many records are left from these offsets on; all of a partition without one."""
+        places = {(self.topic.name, number): at for number, at in offsets.items()}
+        there = {place: max(at, self.begins.get(place, at)) for place, at in places.items()}
+        return records(self.topic, {**self.begins, **there}, self.ends)
 
 
 def ask(config: Config) -> tuple[CheckedCluster, list[Finding]]:
@@ -42,13 +80,13 @@ def ask(config: Config) -> tuple[CheckedCluster, list[Finding]]:
         where = config.kafka.get('bootstrap.servers')
         away = isinstance(error, TransportError) and 'bootstrap.servers' not in str(error)
         cure = f'is bootstrap.servers ({where}) right, does the broker run?' if away else ''
-        kafka = CheckedCluster(overview, str(error), None)
+        kafka = CheckedCluster(overview, str(error), None, '')
         return kafka, [Finding('bad', 'brokers', str(error), cure)]
     found = [Finding('bad', 'brokers', text, _MEND_LISTENERS) for text in greeting.unreached]
     if not greeting.brokers:
         problem = next(iter(greeting.unreached), 'the cluster names no broker of its own')
-        return CheckedCluster(overview, problem, None), found
-    kafka = CheckedCluster(overview, '', overview.creates_topics())
+        return CheckedCluster(overview, problem, None, greeting.cluster_id), found
+    kafka = CheckedCluster(overview, '', overview.creates_topics(), greeting.cluster_id)
     return kafka, [Finding('ok', 'brokers', str(greeting)), *found]
 
 
@@ -67,30 +105,74 @@ def source_findings(
     except BridgeError as error:
         yield _unseen_group('group', group, error)
         return
-    begins_anew = f'group {group} has no committed offsets (it is new, or they have expired)'
     held = KafkaTopic(topic, view.partitions, '')
-    begins, ends = kafka.overview.begins([held]), kafka.overview.ends([held])
+    reach = _Reach(group, held, kafka.overview.begins([held]), kafka.overview.ends([held]))
     if committed:
-        places = {(topic, partition): offset for partition, offset in committed.items()}
-        behind = records(held, {**begins, **places}, ends)
-        told = '' if behind is None else f', {count(behind, "record")} to deliver'
-        gone = sorted(place[1] for place, at in places.items() if at > ends.get(place, at))
-        if gone:
-            text = (
-                f'group {group} is ahead of {topic}{gone}: it was made anew or cut off, and the '
-                'bridge reads all that it holds now'
-            )
-            yield Finding('note', 'group', text)
-        else:
-            yield Finding('ok', 'group', f'group {group} goes on at its committed offsets{told}')
-    elif route.source.start == 'earliest':
-        size = records(held, begins, ends)
-        told = '' if size is None else f' ({count(size, "record")})'
-        text = f'{begins_anew}: start is earliest, all that the topic holds{told}'
-        yield Finding('ok', 'group', text)
+        now = TopicId(kafka.cluster_id, view.topic_id) if view.topic_id else None
+        yield from _committed_findings(reach, committed, now)
     else:
-        yield Finding('ok', 'group', f'{begins_anew}: start is latest, only new ones')
+        yield _first_start(reach, route.source.start)
     yield from _member_findings(group, config, kafka)
+
+
+def _committed_findings(
+    reach: _Reach, committed: Mapping[int, Committed], now: TopicId | None
+) -> list[Finding]:
+    """Where a group goes on that has offsets, as the bridge does (kafka/topic_watch.py).
+
+    Args:
+        reach: Of the topic that is there.
+        committed: What the group has got.
+        now: Which topic is there; None where that is not told.
+    """
+    group, topic = reach.group, reach.topic.name
+    gone = {n for n, it in committed.items() if now is not None and now.has_replaced(it.of)}
+    offsets = {n: it.offset for n, it in committed.items() if n not in gone}
+    ahead = reach.ahead(offsets)
+    kept = {n: at for n, at in offsets.items() if n not in ahead}
+    size = reach.behind(kept)
+    told = '' if size is None else f', {count(size, "record")} to deliver'
+    texts = []
+    if gone:
+        texts.append(
+            f'the offsets of group {group} at {in_words(topic, gone)} are of a topic of this name '
+            f'that is gone: the bridge reads all that is there now{told}'
+        )
+    if ahead:
+        texts.append(
+            f'group {group} is ahead of {in_words(topic, ahead)}: it was made anew or cut off, '
+            f'and the bridge reads all that it holds now{told}'
+        )
+    found = [Finding('note', 'group', text) for text in texts]
+    foreign = {n: of for n in kept if (of := committed[n].of) and now and now.is_elsewhere(of)}
+    if now and foreign:
+        found.append(_foreign_finding(reach, foreign, now, told))
+    return found or [
+        Finding('ok', 'group', f'group {group} goes on at its committed offsets{told}')
+    ]
+
+
+def _foreign_finding(
+    reach: _Reach, foreign: Mapping[int, TopicId], now: TopicId, told: str
+) -> Finding:
+    """What becomes of offsets of another cluster."""
+    clusters = ', '.join(sorted({of.cluster_id for of in foreign.values()}))
+    where = in_words(reach.topic.name, foreign)
+    text = (
+        f'the offsets of group {reach.group} at {where} are of cluster {clusters}, and this is '
+        f'cluster {now.cluster_id}: the bridge goes on at them{told}'
+    )
+    return Finding('note', 'group', text, _SET_OFFSETS)
+
+
+def _first_start(reach: _Reach, start: str) -> Finding:
+    """Where a group begins that has none."""
+    text = f'group {reach.group} {_NONE_COMMITTED}: start is {start}, '
+    if start != 'earliest':
+        return Finding('ok', 'group', f'{text}only new ones')
+    size = reach.behind({})
+    told = '' if size is None else f' ({count(size, "record")})'
+    return Finding('ok', 'group', f'{text}all that the topic holds{told}')
 
 
 def _member_findings(group: str, config: Config, kafka: CheckedCluster) -> Iterator[Finding]:

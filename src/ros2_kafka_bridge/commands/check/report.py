@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from ros2_kafka_bridge.commands.check import clock as check_clock
 from ros2_kafka_bridge.commands.check import formats as check_format
 from ros2_kafka_bridge.commands.check import kafka as check_kafka
 from ros2_kafka_bridge.commands.check import ros as check_ros
@@ -51,9 +52,9 @@ def report(config: Config, file: Path, *, connect: bool) -> int:
         for name, value in shown.get(section, {}).items():
             console.print(f'  {word} {name}: {value}')
     show_notes(console, [*warnings(config), *tracing_notes(config, os.environ)])
+    failed = _show_clock(console, config)
     if connect:
-        return _report_connected(console, config)
-    failed = False
+        return _report_connected(console, config) or int(failed)
     for route in config.routes:
         console.print(f'  {_way(route)}')
         bad = [
@@ -65,6 +66,16 @@ def report(config: Config, file: Path, *, connect: bool) -> int:
             show_line(console, f'    BAD {finding.text}', 'bold red')
         failed = failed or bool(bad)
     return 1 if failed else 0
+
+
+def _show_clock(console: Console, config: Config) -> bool:
+    """Say what a wrong clock does; tells whether routes would wait for it."""
+    found = list(check_clock.clock_findings(config))
+    show_notes(console, [it.text for it in found if it.level == 'note'])
+    bad = [it.text for it in found if it.level == 'bad']
+    for text in bad:
+        show_line(console, f'  BAD  {text}', 'bold red')
+    return bool(bad)
 
 
 def tracing_notes(config: Config, environ: Mapping[str, str]) -> Iterator[str]:
@@ -157,6 +168,7 @@ def _route_findings(
             *check_format.registry_findings(route, config, route.sink.type),
             *check_ros.reader_findings(route, config, node),
             _pace_finding(route),
+            *check_clock.age_findings(route),
         ]
     else:
         publishers = check_ros.publishers(route, config, node)
