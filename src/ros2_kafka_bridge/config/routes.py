@@ -109,7 +109,9 @@ class KafkaToRosRoute(Route):
         default=1, description='Subscribers to wait for before publishing; with 0 to nobody, too.'
     )
     max_age_s: Positive | None = setting(
-        default=None, description='Age at which a record is dropped, not published, in seconds.'
+        default=None,
+        description='Age at which a record is dropped, not published, in seconds. It counts from '
+        'the timestamp of the record; one that cannot be right is a dead letter.',
     )
     max_rate: Positive | None = setting(
         default=None, description='Messages per second at most, for readers with keep_last.'
