@@ -2,7 +2,7 @@
 
 import contextlib
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Self
 
 import pytest
@@ -124,6 +124,16 @@ def reads_group(reader: Reader, caplog: pytest.LogCaptureFixture) -> None:
         return 'first start of this group' in caplog.text
 
     eventually(begun, 60)
+
+
+@contextlib.contextmanager
+def reading_old(bench: Bench, topic: str, caplog: pytest.LogCaptureFixture) -> Iterator[Reader]:
+    """A reader that has read the 20 records of a topic, from the latest on."""
+    bench.create_topic(topic)
+    with Reader(bench, topic, 'latest') as reader:
+        reads_group(reader, caplog)
+        reader.until(len(fill(bench, topic, 'old', {0: 20})))
+        yield reader
 
 
 def consumer(bench: Bench, group: str) -> Consumer:

@@ -8,7 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from anew import Reader, committed, consumer, fill, make_anew, reads_group, topic_id
+from anew import (
+    Reader,
+    committed,
+    consumer,
+    fill,
+    make_anew,
+    reading_old,
+    reads_group,
+    topic_id,
+)
 from calm_kafka import CALM
 from confluent_kafka import ConsumerGroupTopicPartitions, TopicPartition
 from harness import Bench, eventually
@@ -128,10 +137,7 @@ def reads_one(topic: str, caplog: pytest.LogCaptureFixture) -> bool:
 def test_guarantee_1_a_topic_made_anew_while_nothing_is_read_is_read_from_its_beginning(
     bench: Bench, topic_name: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    bench.create_topic(topic_name)
-    with Reader(bench, topic_name, 'latest') as reader:
-        reads_group(reader, caplog)
-        reader.until(len(fill(bench, topic_name, 'old', {0: 20})))
+    with reading_old(bench, topic_name, caplog) as reader:
         reader.read(pausing=True)
         make_anew(bench, topic_name)
         now = fill(bench, topic_name, 'new', {0: 20})
@@ -148,10 +154,7 @@ def test_guarantee_1_a_topic_made_anew_while_nothing_is_read_is_read_from_its_be
 def test_guarantee_1_a_topic_made_anew_again_and_again_is_read_each_time(
     bench: Bench, topic_name: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    bench.create_topic(topic_name)
-    with Reader(bench, topic_name, 'latest') as reader:
-        reads_group(reader, caplog)
-        reader.until(len(fill(bench, topic_name, 'old', {0: 20})))
+    with reading_old(bench, topic_name, caplog) as reader:
         for kind in 'abc':
             reader.values.clear()
             make_anew(bench, topic_name)
@@ -185,10 +188,8 @@ def test_guarantee_1_offsets_that_a_tool_has_set_are_obeyed(
     bench: Bench, topic_name: str, caplog: pytest.LogCaptureFixture, offset: int
 ) -> None:
     """Also those of a group that has read a topic which is gone by then."""
-    bench.create_topic(topic_name)
-    with Reader(bench, topic_name, 'latest') as reader:
-        reads_group(reader, caplog)
-        reader.until(len(fill(bench, topic_name, 'old', {0: 20})))
+    with reading_old(bench, topic_name, caplog):
+        pass
     make_anew(bench, topic_name)
     fill(bench, topic_name, 'new', {0: 20})
     places = ConsumerGroupTopicPartitions(topic_name, [TopicPartition(topic_name, 0, offset)])
@@ -282,10 +283,7 @@ def test_guarantee_1_who_takes_over_reads_a_topic_that_was_made_anew_from_its_be
 def test_guarantee_1_a_stop_before_a_topic_made_anew_was_noticed_passes_over_nothing(
     bench: Bench, topic_name: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    bench.create_topic(topic_name)
-    with Reader(bench, topic_name, 'latest') as reader:
-        reads_group(reader, caplog)
-        reader.until(len(fill(bench, topic_name, 'old', {0: 20})))
+    with reading_old(bench, topic_name, caplog) as reader:
         make_anew(bench, topic_name)
         now = fill(bench, topic_name, 'new', {0: 20})
     with Reader(bench, topic_name, 'latest') as reader:

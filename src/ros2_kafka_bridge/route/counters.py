@@ -19,9 +19,7 @@ class Outcome(StrEnum):
     SKIPPED = 'skipped'
     RETURNED = 'returned'
     LOST = 'lost'  # on a damaged disk
-    GIVEN_UP = (
-        'given_up'  # nobody can read it again: its topic is gone, or another bridge has the route
-    )
+    GIVEN_UP = 'given_up'  # in flight at an end, of a topic that is gone or of a route handed over
 
 
 class State(StrEnum):

@@ -219,12 +219,10 @@ class RecordWindow:
         found = []
         for entry in self.entries:
             waits = entry.outcome is None and entry.place is not SENT
-            if entry in self._gone:
-                found += [entry] * waits
-                continue
-            if waits:
+            is_gone = entry in self._gone  # then none behind it has to come with it
+            if waits and not is_gone:
                 holes.add(entry.partition)
-            if entry.partition in holes:
+            if waits if is_gone else entry.partition in holes:
                 found.append(entry)
         return found
 
