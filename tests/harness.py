@@ -373,8 +373,8 @@ def totals(bridge: Process, route: str = 'to_ros') -> dict[str, int]:
     parts = [part.split(' ', 1) for part in line.partition('stopped: ')[2].split(', ')]
     found = {name: int(count) for count, name in parts}
     ends = (
-        'confirmed', 'dead-lettered', 'dropped', 'skipped', 'returned', 'given up', 'spooled',
-        'lost on a damaged disk',
+        'confirmed', 'only published', 'dead-lettered', 'dropped', 'skipped', 'returned',
+        'given up', 'spooled', 'lost on a damaged disk',
     )  # fmt: skip
     assert found['taken'] == sum(found.get(end, 0) for end in ends), line
     return found

@@ -22,15 +22,16 @@ ORDERS, RETURNED = 'orders', 'returned'
 # In the log and in a report: a route that has told nothing, and one that runs badly.
 SILENT = RouteReport(1, None, 0.0, Counters(ORDERS).nothing_told)
 BAD_MEASURES = Measures(
-    bytes_taken=90, bytes_confirmed=10, errors={'DecodeError': 9}, waited_s=70.0, rebalances=8,
-    kafka_up=False, matched=0, mismatched=2, queued=500, queue_limit=500, spool_bytes=4_900_000,
+    bytes_taken=90, bytes_confirmed=10, bytes_published=30, errors={'DecodeError': 9},
+    waited_s=70.0, rebalances=8, kafka_up=False, matched=0, mismatched=2, queued=500,
+    queue_limit=500, spool_bytes=4_900_000,
     published=SLOW, in_bridge=SLOW, end_to_end=SLOW, round_trip=SLOW,
     broker_round_trip_s=(3.0, 9.0), troubles=(Trouble(1.0, 'DecodeError', 'no JSON', 9),),
 )  # fmt: skip
 BAD = {
-    'taken': 60, 'confirmed': 10, 'dead_lettered': 9, 'dropped': 8, 'skipped': 1, 'returned': 2,
-    'lost': 3, 'given_up': 4, 'spooled': 16, 'in_flight': 7, 'lost_upstream': 5, 'repeated': 6,
-    'unproved': 2, 'measures': BAD_MEASURES,
+    'taken': 72, 'confirmed': 10, 'published': 12, 'dead_lettered': 9, 'dropped': 8, 'skipped': 1,
+    'returned': 2, 'lost': 3, 'given_up': 4, 'spooled': 16, 'in_flight': 7, 'lost_upstream': 5,
+    'repeated': 6, 'unproved': 2, 'measures': BAD_MEASURES,
 }  # fmt: skip
 
 

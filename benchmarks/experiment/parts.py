@@ -166,7 +166,7 @@ class Run:
         """How many orders a bridge says that it has moved."""
         children = {'kafka_to_ros': self._kafka_ros, 'ros_to_kafka': self._ros_kafka}
         told = children[child].snapshots.get(child)
-        return told.confirmed if told else 0
+        return told.carried if told else 0
 
     def _wait(self, done: Callable[[], object], limit_s: float, what: str) -> None:
         deadline_s = time.monotonic() + limit_s

@@ -298,7 +298,9 @@ class Readers(NamedTuple):
         matched: How many there are.
         come: How many have come since the sink was opened, whether they are there still or not.
         lost: Whether one has gone since the last look: publish again what is not confirmed.
-        confirmed: How many of the messages published since the last loss are confirmed.
+        confirmed: How many of the messages published since the last loss are done with: all
+            readers that acknowledge have them.
+        acknowledged: Whether there is a reader that acknowledges, and the middleware tells.
         misread: Who would read the fields of what is published now into others, and what would
             help; empty where nobody does.
     """
@@ -307,6 +309,7 @@ class Readers(NamedTuple):
     come: int
     lost: bool
     confirmed: int
+    acknowledged: bool
     misread: str = ''
 
 

@@ -263,7 +263,7 @@ class KafkaToRos:
         if again := self._publishing.confirm():
             self.counters.repeated += again
             self._log.warning(
-                'a subscriber of %s has gone: %d messages that it had not acknowledged are '
+                'a subscriber of %s has gone: %d messages that it may not have received are '
                 'published again',
                 self._route.sink.ros, again,
             )  # fmt: skip
@@ -284,7 +284,7 @@ class KafkaToRos:
             return
         for entry in ended:
             if entry.outcome is not None and entry.outcome is not good:
-                self._meter.bytes_taken += entry.value_bytes
+                self._meter.end_record(entry)
                 self.counters.end(entry.outcome)
 
     def _tick(self, obstacle: Obstacle | None) -> None:

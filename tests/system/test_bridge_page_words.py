@@ -240,6 +240,33 @@ def test_while_a_lag_is_not_known_its_chart_shows_nothing_else(browser: Browser)
         expect(page.locator('#drawer .chart .note').last).to_have_text(f'now {DASH}, most 50')
 
 
+def test_what_was_published_and_nobody_confirms_is_shown_as_that_alone(browser: Browser) -> None:
+    now_s = time.time()
+    told = [
+        report(
+            snapshot('orders', published=2000 * second, measures=Measures(bytes_published=2048)),
+            snapshot('returned', confirmed=1000 * second),
+            time_s=now_s + second,
+        )
+        for second in range(2)
+    ]
+    facts = '#drawer section:first-child dt, #drawer section:first-child dd'
+    with shown(browser, MadeUp(CONFIG, *told)) as page:
+        expect(tile(page, 'Messages a second').locator('.value')).to_have_text('3,000')
+        page.locator('#routes .link', has_text='orders').click()
+        expect(page.locator(facts)).to_have_text(
+            [
+                'taken', '0', 'confirmed', '0', 'published, not confirmed', '2,000',
+                'dead-lettered', '0', 'in flight', '0', 'bytes confirmed', '0 B',
+                'bytes published', '2.0 KiB',
+            ]
+        )  # fmt: skip
+        page.keyboard.press('Escape')
+        page.locator('#routes .link', has_text='returned').click()
+        expect(page.locator('#drawer h2')).to_have_text('returned')
+        expect(page.locator('#drawer .groups')).not_to_contain_text('published')
+
+
 def test_what_is_not_known_is_drawn_as_no_number(
     browser: Browser, tmp_path: Path, ros_domain: int
 ) -> None:

@@ -134,6 +134,22 @@ def test_min_subscribers_0_publishes_to_nobody() -> None:
     assert house.sink.published == [b'cdr:a']
 
 
+def test_guarantee_6c_what_nothing_confirms_is_published_and_its_offset_follows() -> None:
+    house = House()
+    house.sink.tells = False
+    house.give(b'a', b'bad', b'ccc')
+    house.steps()
+    assert house.positions() == {0: 3}
+    house.sink.tells = True
+    house.give(b'd', first=3)
+    house.steps()
+    counters, meter = house.direction.counters.snapshot(0), house.direction._meter
+    assert (counters.published, counters.confirmed, counters.dead_lettered) == (2, 1, 1)
+    assert counters.carried == 3
+    assert (meter.bytes_published, meter.bytes_confirmed, meter.bytes_taken) == (4, 1, 8)
+    assert sum(meter.in_bridge.distribution().counts) == 1, 'the time to a confirmation'
+
+
 @pytest.mark.parametrize(('reaction', 'out'), [('wait', 0), ('publish', 1)])
 def test_what_would_be_misread_waits_or_not_as_the_route_says(reaction: str, out: int) -> None:
     house = House(when_misread=reaction)

@@ -185,7 +185,7 @@ class Trip:
 
     def _confirmed(self, route: str) -> int | None:
         snapshot = self._snapshot(route)
-        return None if snapshot is None else max(0, snapshot.confirmed - 1)  # but for the probe
+        return None if snapshot is None else max(0, snapshot.carried - 1)  # but for the probe
 
     def _deleted(self) -> int:
         """Orders that the broker had deleted before a contestant or the receiver read them."""

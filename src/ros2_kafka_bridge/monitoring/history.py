@@ -20,7 +20,7 @@ class Point(NamedTuple):
 
     Args:
         time_s: Since 1970.
-        rate: Confirmed a second, since the point before; None where there is none.
+        rate: Carried a second, since the point before; None where there is none.
         held: The lag of a route from Kafka; what another has in flight and on disk. None while
             that is not known.
     """
@@ -34,8 +34,8 @@ class RouteStatistics(NamedTuple):
     """A route in the last seconds; None where that is not known yet.
 
     Args:
-        rate: Confirmed a second.
-        bytes_rate: Bytes confirmed a second.
+        rate: Carried a second.
+        bytes_rate: Bytes carried a second.
         delay: The 50th and 99th percentile in seconds; None also where nothing came on.
         in_bridge: The same.
         end_to_end: The same.
@@ -98,8 +98,8 @@ class History:
         first = seen[0][1].measures
         last = now.measures
         return RouteStatistics(
-            rate=_gain(now.confirmed, then.confirmed) / passed_s,
-            bytes_rate=_gain(last.bytes_confirmed, then.measures.bytes_confirmed) / passed_s,
+            rate=_gain(now.carried, then.carried) / passed_s,
+            bytes_rate=_gain(last.bytes_carried, then.measures.bytes_carried) / passed_s,
             delay=percentiles(last.delay, first.delay),
             in_bridge=percentiles(last.in_bridge, first.in_bridge),
             end_to_end=percentiles(last.end_to_end, first.end_to_end),
@@ -144,7 +144,7 @@ def _extend(track: _Track, time_s: float, snapshot: Snapshot, held: int | None) 
         track.snapshots.clear()
     if track.snapshots:
         then_s, then = track.snapshots[-1]
-        rate = _gain(snapshot.confirmed, then.confirmed) / max(time_s - then_s, 0.1)
+        rate = _gain(snapshot.carried, then.carried) / max(time_s - then_s, 0.1)
     track.points.append(Point(time_s, rate, held))
     track.snapshots.append((time_s, snapshot))
     while time_s - track.snapshots[0][0] > _WINDOW_S:

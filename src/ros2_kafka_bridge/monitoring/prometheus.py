@@ -227,6 +227,11 @@ METRICS: Final = (
         _of_routes(lambda told: told.snapshot.measures.bytes_confirmed),
     ),
     MetricDefinition(
+        'bytes_published', 'counter', 'Bytes of what was published to ROS where nothing confirms '
+        'it, as it was taken.', _ROUTE,
+        _of_routes(lambda told: told.snapshot.measures.bytes_published),
+    ),
+    MetricDefinition(
         'spool_bytes', 'gauge', 'Bytes that wait on disk.', _ROUTE,
         _of_routes(lambda told: told.snapshot.measures.spool_bytes),
     ),

@@ -18,7 +18,7 @@ from ros2_kafka_bridge.route.counters import Outcome
 _MOST_TROUBLES = 100
 _COUNTERS = (
     'taken', 'in_flight', 'lost_upstream', 'repeated', 'unproved', 'bytes_taken',
-    'bytes_confirmed', 'waited_s', 'rebalances', 'errors',
+    'bytes_confirmed', 'bytes_published', 'waited_s', 'rebalances', 'errors',
 )  # fmt: skip
 
 Json = dict[str, Any]
@@ -133,6 +133,7 @@ def _numbers(told: RouteReport, recent: RouteStatistics) -> Json:
         'broker_round_trip_s': _both(measures.broker_round_trip_s),
         'bytes_taken': measures.bytes_taken,
         'bytes_confirmed': measures.bytes_confirmed,
+        'bytes_published': measures.bytes_published,
         'spool_bytes': measures.spool_bytes,
         'waited_s': round(measures.waited_s, 1),
         'rebalances': measures.rebalances,

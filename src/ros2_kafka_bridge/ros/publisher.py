@@ -68,6 +68,7 @@ class RosSink:
         self._published = 0
         self._acknowledged = 0
         self._confirmed = 0
+        self._has_reader = self._is_acknowledged = self._is_confirmed = False
         self._gone = 0
         self._come_before = 0  # to publishers that this one has replaced
         self._come = 0
@@ -156,12 +157,20 @@ class RosSink:
         if gone != self._gone:
             self._gone = gone
             self._published = self._acknowledged = self._confirmed = 0
-            return Readers(matched, come, lost=True, confirmed=0, misread=self._misread)
+            return Readers(
+                matched, come, lost=True, confirmed=0, acknowledged=False, misread=self._misread
+            )
         if now_s >= self._look_at_s:
             self._look_at_s = now_s + _AGE_S
-            self._confirmed = self._acknowledged
+            self._confirmed, self._is_confirmed = self._acknowledged, self._is_acknowledged
             self._acknowledged = self._count_acknowledged()
-        return Readers(matched, come, lost=False, confirmed=self._confirmed, misread=self._misread)
+            # What was published since the last look went to who was there by then.
+            had_reader, self._has_reader = self._has_reader, bool(self.holders)
+            self._is_acknowledged = self._waits and had_reader and self._has_reader
+        return Readers(
+            matched, come, lost=False, confirmed=self._confirmed,
+            acknowledged=self._is_confirmed, misread=self._misread,
+        )  # fmt: skip
 
     def close(self) -> None:
         """Destroy the publisher."""
@@ -200,6 +209,7 @@ class RosSink:
             # Of those who have come since the last look that could be, nothing is known.
             if come != self._come_known and self._message_type.type_hash:
                 self._misread = f'perhaps a subscriber would misread: {error}'
+            self.holders = []  # whether one of them acknowledges is not known, either
             self._occasional.warning(f'{error}')
         else:
             self._come_known = come

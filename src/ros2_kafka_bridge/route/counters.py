@@ -14,6 +14,7 @@ class Outcome(StrEnum):
     """What became of a record or message that was taken. Each ends in exactly one."""
 
     CONFIRMED = 'confirmed'
+    PUBLISHED = 'published'  # to ROS, where nothing tells what has arrived
     DEAD_LETTERED = 'dead_lettered'
     DROPPED = 'dropped'
     SKIPPED = 'skipped'
@@ -86,6 +87,7 @@ class Measures(NamedTuple):
         bytes_taken: Of values of records, or CDR bytes of messages.
         bytes_confirmed: Of what was confirmed, as it was taken; what has come back from disk
             counts with the length of its record's value.
+        bytes_published: Of what was published and never is confirmed, as it was taken.
         errors: How many of each class of `errors.py`.
         waited_s: For how long the sink held the route back.
         rebalances: How often partitions came or went (Kafka -> ROS).
@@ -124,12 +126,14 @@ class Measures(NamedTuple):
     round_trip: Distribution = Distribution()
     broker_round_trip_s: tuple[float, float] | None = None
     troubles: tuple[Trouble, ...] = ()
+    bytes_published: int = 0
 
     def plus(self, now: 'Measures') -> 'Measures':
         """Add what was measured later; what is a state and no sum is as it is now."""
         return now._replace(
             bytes_taken=self.bytes_taken + now.bytes_taken,
             bytes_confirmed=self.bytes_confirmed + now.bytes_confirmed,
+            bytes_published=self.bytes_published + now.bytes_published,
             errors={
                 error: self.errors.get(error, 0) + now.errors.get(error, 0)
                 for error in self.errors | now.errors
@@ -142,6 +146,11 @@ class Measures(NamedTuple):
             round_trip=self.round_trip.plus(now.round_trip),
             troubles=_last_of((*self.troubles, *now.troubles)),
         )
+
+    @property
+    def bytes_carried(self) -> int:
+        """Of what has come on, as `Snapshot.carried` counts it."""
+        return self.bytes_confirmed + self.bytes_published
 
     @property
     def delay(self) -> Distribution:
@@ -175,7 +184,7 @@ def _last_of(troubles: Iterable[Trouble]) -> tuple[Trouble, ...]:
 class Snapshot(NamedTuple):
     """The counters of one route at one moment, made by the route's own thread.
 
-    `taken` equals the seven outcomes plus `spooled` plus `in_flight`, always. What an earlier life
+    `taken` equals the eight outcomes plus `spooled` plus `in_flight`, always. What an earlier life
     of the bridge has left on disk counts as taken when it is found. `spooled` waits on disk, None
     until the file was opened: then nothing of it is in `taken`. `in_flight` is the length of what
     the route holds, not a difference. `lag` is in records (Kafka -> ROS only), `lost_upstream`
@@ -209,6 +218,12 @@ class Snapshot(NamedTuple):
     beat_s: float = 0.0
     measures: Measures = Measures()
     unproved: int = 0
+    published: int = 0
+
+    @property
+    def carried(self) -> int:
+        """What has come on: confirmed, or published where nothing can confirm it."""
+        return self.confirmed + self.published
 
     @property
     def balanced(self) -> bool:
@@ -295,6 +310,7 @@ class Counters:
             beat_s=0.0 if self.state is State.STOPPED else now_s,
             measures=measures,
             unproved=self.unproved,
+            published=self.ended[Outcome.PUBLISHED],
         )
 
 

@@ -12,6 +12,7 @@ from ros2_kafka_bridge.route.counters import (
     MOST_TROUBLES,
     Distribution,
     Measures,
+    Outcome,
     Trouble,
 )
 from ros2_kafka_bridge.route.message_window import MessageEntry
@@ -95,6 +96,7 @@ class Meter:
     def __init__(self) -> None:
         self.bytes_taken = 0
         self.bytes_confirmed = 0
+        self.bytes_published = 0
         self.waited_s = 0.0
         self.published = Histogram()
         self.in_bridge = Histogram()
@@ -123,6 +125,12 @@ class Meter:
         self.bytes_taken += size_bytes
         self.bytes_confirmed += size_bytes
         self.in_bridge.add_since([entry.taken_s for entry in confirmed], time.monotonic())
+
+    def end_record(self, entry: RecordEntry) -> None:
+        """Measure a record that has ended otherwise."""
+        self.bytes_taken += entry.value_bytes
+        if entry.outcome is Outcome.PUBLISHED:
+            self.bytes_published += entry.value_bytes
 
     def confirm_messages(self, confirmed: Sequence[MessageEntry]) -> None:
         """Measure a batch of messages that Kafka has confirmed."""
@@ -158,6 +166,7 @@ class Meter:
         return self.troubles.measures()._replace(
             bytes_taken=self.bytes_taken + bytes_held,
             bytes_confirmed=self.bytes_confirmed,
+            bytes_published=self.bytes_published,
             waited_s=self.waited_s,
             rebalances=rebalances,
             kafka_up=self.kafka_up,

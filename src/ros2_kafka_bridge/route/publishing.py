@@ -65,5 +65,6 @@ class Publishing:
         readers = self._sink.readers()
         self._settling.look(readers)
         again = self._window.take_back() if readers.lost else 0
-        self._window.confirm(readers.confirmed)
+        outcome = Outcome.CONFIRMED if readers.acknowledged else Outcome.PUBLISHED
+        self._window.confirm(readers.confirmed, outcome)
         return again

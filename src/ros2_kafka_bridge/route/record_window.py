@@ -112,13 +112,14 @@ class RecordWindow:
 
     # What the readers have
 
-    def confirm(self, confirmed: int) -> None:
+    def confirm(self, confirmed: int, outcome: Outcome) -> None:
         """End the oldest entries that were published.
 
         Args:
             confirmed: How many every reader has, of those published since one was lost last.
+            outcome: What became of them.
         """
-        unconfirmed, outcome = self.unconfirmed, Outcome.CONFIRMED
+        unconfirmed = self.unconfirmed
         for _ in range(confirmed - self._confirmed):
             entry = unconfirmed.popleft()
             if entry.outcome is None:

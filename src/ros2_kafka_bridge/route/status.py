@@ -13,11 +13,11 @@ _PERIOD_S: Final = 10.0
 _OLD_S: Final = 3.0  # a route tells its numbers each second
 
 
-def confirmed_per_s(now: Snapshot, before: Snapshot, period_s: float) -> float:
-    """How many were confirmed in a second."""
+def carried_per_s(now: Snapshot, before: Snapshot, period_s: float) -> float:
+    """How many came on in a second."""
     # What runs a route again after its process had died counts from 0.
-    earlier = before.confirmed if before.confirmed <= now.confirmed else 0
-    return (now.confirmed - earlier) / period_s
+    earlier = before.carried if before.carried <= now.carried else 0
+    return (now.carried - earlier) / period_s
 
 
 def figures(now: Snapshot, rate: float) -> dict[str, str | float | None]:
@@ -25,6 +25,7 @@ def figures(now: Snapshot, rate: float) -> dict[str, str | float | None]:
     return {
         'state': str(now.state),
         'confirmed': now.confirmed,
+        'published': now.published,
         'rate': round(rate, 1),
         'in_flight': now.in_flight,
         'lag': now.lag,
@@ -38,7 +39,7 @@ def status_line(now: Snapshot, rate: float) -> str:
     lag = '' if now.lag is None else f', lag {now.lag}'
     given_up = f', {now.given_up} given up' if now.given_up else ''
     return (
-        f'{state}: {now.confirmed} confirmed, {rate:.0f}/s, {now.in_flight} in flight{lag}, '
+        f'{state}: {_carried(now)}, {rate:.0f}/s, {now.in_flight} in flight{lag}, '
         f'{now.dead_lettered} dead-lettered{given_up}{_rare(now)}'
     )
 
@@ -47,9 +48,14 @@ def totals(snapshot: Snapshot) -> str:
     """One line that says what became of everything a route has taken."""
     given_up = snapshot.in_flight + snapshot.given_up
     return (
-        f'{snapshot.taken} taken, {snapshot.confirmed} confirmed, '
+        f'{snapshot.taken} taken, {_carried(snapshot)}, '
         f'{snapshot.dead_lettered} dead-lettered, {given_up} given up{_rare(snapshot)}'
     )
+
+
+def _carried(now: Snapshot) -> str:
+    published = f', {now.published} only published' if now.published else ''
+    return f'{now.confirmed} confirmed{published}'
 
 
 def left(snapshot: Snapshot, *, to_ros: bool) -> str:
@@ -131,7 +137,7 @@ class StatusLog:
         now = {snapshot.route: snapshot for snapshot in self._snapshots()}
         for route, snapshot in now.items():
             before = self._before.get(route) or Counters(route).snapshot(0)
-            per_s = confirmed_per_s(snapshot, before, period_s)
+            per_s = carried_per_s(snapshot, before, period_s)
             told = {'figures': figures(snapshot, per_s)}
             route_log(route).info('%s', status_line(snapshot, per_s), extra=told)
         self._before, self._said_s = now, now_s

@@ -281,6 +281,7 @@ class MemoryMessageSink:
         acknowledging: Whether they acknowledge what is published.
         holders: Their nodes.
         misread: Which of them would misread what is published.
+        tells: Whether it is told what they have acknowledged.
     """
 
     room: int = 1_000_000
@@ -290,6 +291,7 @@ class MemoryMessageSink:
     mismatched: int = 0
     holders: Sequence[str] = ()
     misread: str = ''
+    tells: bool = True
     _come: int = 0
     _known: int = 0
     _since_loss: int = 0
@@ -336,13 +338,17 @@ class MemoryMessageSink:
         self._known = self.matched
         if self._lost:
             self._lost = False
-            return Readers(self.matched, self._come, lost=True, confirmed=0, misread=self.misread)
+            return Readers(
+                self.matched, self._come, lost=True, confirmed=0, acknowledged=False,
+                misread=self.misread,
+            )  # fmt: skip
         if self.acknowledging:
             self._confirmed = self._since_loss
         confirmed = self._confirmed
         return Readers(
-            self.matched, self._come, lost=False, confirmed=confirmed, misread=self.misread
-        )
+            self.matched, self._come, lost=False, confirmed=confirmed, acknowledged=self.tells,
+            misread=self.misread,
+        )  # fmt: skip
 
     def close(self) -> None:
         """Destroy the publisher."""

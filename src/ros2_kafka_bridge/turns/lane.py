@@ -126,13 +126,13 @@ class Lane:
         """Note what has failed, and whether it is tried again."""
         self._work = self._work.troubled(error)
         self._life = self._life.failed(
-            error, time.monotonic(), self._confirmed, stops=self.stop.asked, over=stop.over
+            error, time.monotonic(), self._carried, stops=self.stop.asked, over=stop.over
         )
 
     def fail_meanwhile(self, error: BridgeError) -> None:
         """Note what has failed while another bridge runs the route: that is always tried again."""
         self._work = self._work.troubled(error)
-        self._life = self._life.failed_meanwhile(error, time.monotonic(), self._confirmed)
+        self._life = self._life.failed_meanwhile(error, time.monotonic(), self._carried)
 
     @property
     def again_s(self) -> float:
@@ -189,8 +189,8 @@ class Lane:
         return None if failure is None else failure.holder
 
     @property
-    def _confirmed(self) -> int:
-        return self._work.now.confirmed
+    def _carried(self) -> int:
+        return self._work.now.carried
 
     # What it waits for
 
@@ -250,7 +250,7 @@ class Lane:
             self._life = self._life.owing(Owed(now_s + _BACKLOG_S))
             return
         self._work = self._work.troubled(error)
-        self._life = self._life.undelivered(error, now_s, self._confirmed)
+        self._life = self._life.undelivered(error, now_s, self._carried)
         self.say_failure()
 
     # What others are told
@@ -273,5 +273,5 @@ class Lane:
             reason = f'{failure.text}; tried again now'
             return total.at_rest._replace(state=State.FAILED, reason=reason)
         if total.state is State.WAITING:
-            return total._replace(reason=total.reason + life.past.says(total.confirmed))
+            return total._replace(reason=total.reason + life.past.says(total.carried))
         return total.at_rest if total.state is State.STOPPED else total

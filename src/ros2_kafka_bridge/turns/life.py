@@ -132,25 +132,25 @@ class Past(NamedTuple):
 
     Args:
         failure: The last; None where it never has failed.
-        confirmed: How many messages were confirmed by then.
+        carried: How many messages were carried by then.
         since_s: Since when it has failed in this term, and has not been well in between.
         backoff: How long to wait after the last.
     """
 
     failure: Failure | None = None
-    confirmed: int = 0
+    carried: int = 0
     since_s: float | None = None
     backoff: Backoff = Backoff()
 
-    def after(self, failure: Failure, now_s: float, ran_s: float, confirmed: int) -> Self:
+    def after(self, failure: Failure, now_s: float, ran_s: float, carried: int) -> Self:
         """What they say after one more."""
-        was_well = confirmed > self.confirmed or ran_s > _WELL_S
+        was_well = carried > self.carried or ran_s > _WELL_S
         since_s = now_s if self.since_s is None or was_well else self.since_s
-        return self.__class__(failure, confirmed, since_s, self.backoff.after(ran_s))
+        return self.__class__(failure, carried, since_s, self.backoff.after(ran_s))
 
-    def says(self, confirmed: int) -> str:
-        """What is said of the last while the route waits, and has confirmed nothing since."""
-        if self.failure is None or confirmed != self.confirmed:
+    def says(self, carried: int) -> str:
+        """What is said of the last while the route waits, and has carried nothing since."""
+        if self.failure is None or carried != self.carried:
             return ''
         return f'; has failed before: {self.failure.text}'
 
@@ -231,14 +231,14 @@ class Life(NamedTuple):
         return self._replace(stage=Running())
 
     def failed(
-        self, error: BridgeError, now_s: float, confirmed: int, *, stops: bool, over: bool
+        self, error: BridgeError, now_s: float, carried: int, *, stops: bool, over: bool
     ) -> Self:
         """It has failed.
 
         Args:
             error: What is in the way.
             now_s: The time.
-            confirmed: How many messages are by now.
+            carried: How many messages are by now.
             stops: Whether a stop is asked for.
             over: Whether another bridge has its lock: then nothing is for good.
         """
@@ -249,18 +249,18 @@ class Life(NamedTuple):
             stage = FailedForGood(failure)
         else:
             stage = Failed(failure, self.owed, self._wait_after(failure))
-        return self._after(failure, now_s, confirmed)._replace(stage=stage, retries=True)
+        return self._after(failure, now_s, carried)._replace(stage=stage, retries=True)
 
     def _wait_after(self, failure: Failure) -> SpoolWait:
         return self.wait if failure.holder is None else self.wait._replace(since_s=None)
 
-    def _after(self, failure: Failure, now_s: float, confirmed: int) -> Self:
-        past = self.past.after(failure, now_s, now_s - self.began_s, confirmed)
+    def _after(self, failure: Failure, now_s: float, carried: int) -> Self:
+        past = self.past.after(failure, now_s, now_s - self.began_s, carried)
         return self._replace(past=past)
 
     # What happens while another bridge runs it
 
-    def failed_meanwhile(self, error: BridgeError, now_s: float, confirmed: int) -> Self:
+    def failed_meanwhile(self, error: BridgeError, now_s: float, carried: int) -> Self:
         """This bridge could not wait for its turn: that is tried again, whatever it is.
 
         One that stood by still does: Kafka has told nothing else.
@@ -269,7 +269,7 @@ class Life(NamedTuple):
         stage: Stage = Failed(failure, self.owed, SpoolWait())
         if isinstance(self.stage, StandingBy):
             stage = StandingBy(self.owed, failure)
-        return self._after(failure, now_s, confirmed)._replace(stage=stage)
+        return self._after(failure, now_s, carried)._replace(stage=stage)
 
     def heard(self, *, joined: bool, away: str) -> Self:
         """The lock is not held.
@@ -291,10 +291,10 @@ class Life(NamedTuple):
         """It stands by, and has looked for what it has on disk."""
         return self._replace(stage=StandingBy(owed, self.failure))
 
-    def undelivered(self, error: BridgeError, now_s: float, confirmed: int) -> Self:
+    def undelivered(self, error: BridgeError, now_s: float, carried: int) -> Self:
         """It stands by, and could not deliver what it has on disk: that is tried again."""
         failure = Failure.of(error)
-        after = self._after(failure, now_s, confirmed)
+        after = self._after(failure, now_s, carried)
         owed = Owed(now_s + after.past.backoff.wait_s, failure)
         return after._replace(stage=StandingBy(owed, failure))
 

@@ -199,8 +199,8 @@ def test_the_status_of_a_route_has_its_figures_in_fields_of_their_own(
     told = json.loads(capfd.readouterr().err)
     before = {'time', 'level', 'pid', 'thread', 'route', 'message'}
     assert {name: value for name, value in told.items() if name not in before} == {
-        'state': 'waiting', 'confirmed': 15, 'rate': 1.5, 'in_flight': 12, 'dead_lettered': 3,
-        **also,
+        'state': 'waiting', 'confirmed': 15, 'published': 0, 'rate': 1.5, 'in_flight': 12,
+        'dead_lettered': 3, **also,
     }  # fmt: skip
     assert told['message'].startswith('waiting (Kafka is away): 15 confirmed, 2/s, 12 in flight')
 

@@ -27,7 +27,7 @@ from .conftest import Told
 METRIC_ROWS: Final = {
     # Without a sample where nobody knows; then the worst value of both routes.
     'build_info': (ALWAYS, 1),
-    'messages_taken': (NONE, 60),
+    'messages_taken': (NONE, 72),
     'messages_ended': (NONE, 10),
     'messages_in_flight': (NONE, 7),
     'messages_spooled': (NONE, 16),
@@ -36,6 +36,7 @@ METRIC_ROWS: Final = {
     'messages_unproved': (NONE, 2),
     'bytes_taken': (NONE, 90),
     'bytes_confirmed': (NONE, 10),
+    'bytes_published': (NONE, 30),
     'spool_bytes': (NONE, 4_900_000),
     'spool_limit_bytes': (NONE, 5_000_000),
     'errors': (NONE, 9),
@@ -116,8 +117,9 @@ COUNTED: Final = {
     'state': ('starting', 'failed'),
     'worker': ('1', '1'),
     'rate (1/s)': (NONE, '0.0'),
-    'taken': (NONE, '60'),
+    'taken': (NONE, '72'),
     'confirmed': (NONE, '10'),
+    'published': (NONE, '12'),
     'dead lettered': (NONE, '9'),
     'dropped': (NONE, '8'),
     'skipped': (NONE, '1'),
@@ -162,8 +164,8 @@ def test_a_value_of_the_diagnostics_is_left_out_where_it_is_not_known_and_shown_
 
 
 FIGURES: Final = {
-    'state': ('starting', 'failed'), 'confirmed': (0, 10), 'rate': (0.0, 0.0),
-    'in_flight': (0, 7), 'lag': (NONE, 500), 'dead_lettered': (0, 9),
+    'state': ('starting', 'failed'), 'confirmed': (0, 10), 'published': (0, 12),
+    'rate': (0.0, 0.0), 'in_flight': (0, 7), 'lag': (NONE, 500), 'dead_lettered': (0, 9),
 }  # fmt: skip
 
 

@@ -82,6 +82,15 @@ def test_what_was_taken_is_what_has_ended_and_what_is_held(told: Told) -> None:
         assert of(told, 'messages_taken_total', route=route) == ended + held
 
 
+def test_what_was_published_is_not_told_as_confirmed(told: Told) -> None:
+    measures = Measures(bytes_confirmed=40, bytes_published=700)
+    told.tell(report(snapshot('orders', taken=9, confirmed=2, published=7, measures=measures)))
+    assert of(told, 'messages_ended_total', route='orders', outcome='confirmed') == 2
+    assert of(told, 'messages_ended_total', route='orders', outcome='published') == 7
+    assert of(told, 'bytes_confirmed_total', route='orders') == 40
+    assert of(told, 'bytes_published_total', route='orders') == 700
+
+
 def test_durations_are_cumulated_in_their_buckets(told: Told) -> None:
     measures = Measures(in_bridge=distribution(100, 0.01))
     told.tell(report(snapshot('orders', measures=measures)))

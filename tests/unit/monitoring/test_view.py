@@ -37,6 +37,14 @@ def test_what_a_route_does_not_know_is_null() -> None:
     assert (found['in_flight'], found['ended']['confirmed']) == (0, 0)
 
 
+def test_what_was_published_is_shown_and_not_among_what_is_confirmed() -> None:
+    measures = Measures(bytes_confirmed=40, bytes_published=700)
+    now = snapshot('orders', taken=9, confirmed=2, published=7, measures=measures)
+    [found] = routes(Told(), report(now))
+    assert (found['ended']['confirmed'], found['ended']['published']) == (2, 7)
+    assert (found['bytes_confirmed'], found['bytes_published']) == (40, 700)
+
+
 def test_a_route_that_has_told_nothing_has_no_numbers() -> None:
     silent = RouteReport(1, None, 0.0, snapshot('orders', State.STARTING, spooled=None))
     told = Told()

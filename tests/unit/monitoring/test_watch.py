@@ -145,6 +145,17 @@ def test_the_board_tells_only_what_has_changed() -> None:
     assert board.newer(seen) == b'{"a":[2]}'
 
 
+def test_what_was_published_and_nobody_confirms_counts_as_moving() -> None:
+    history = History()
+    for second in range(3):
+        measures = Measures(bytes_confirmed=second * 100, bytes_published=second * 300)
+        now = snapshot('a', confirmed=second * 10, published=second * 30, measures=measures)
+        history.add(report(now, time_s=1000.0 + second))
+    recent = history.recent('a')
+    assert (recent.rate, recent.bytes_rate) == pytest.approx((40, 400))
+    assert history.spark('a') == [(1000, 40, 0)]
+
+
 def test_measures_are_shown_as_they_were_told() -> None:
     history = History()
     for second in range(3):

@@ -36,8 +36,9 @@ class Topic:
 
     def look(self) -> str | None:
         readers = Readers(
-            len(self.there), self.come, lost=self.lost, confirmed=0, misread=self.misread
-        )
+            len(self.there), self.come, lost=self.lost, confirmed=0, acknowledged=True,
+            misread=self.misread,
+        )  # fmt: skip
         self.settling.look(readers)
         if self.lost:
             self.lost_with = list(self.there)
@@ -85,7 +86,11 @@ def test_nothing_is_published_while_a_reader_would_misread_it(
 
 def test_it_is_published_all_the_same_where_the_route_says_so() -> None:
     lenient = Settling(0, may_misread=True)
-    lenient.look(Readers(1, 1, lost=False, confirmed=0, misread='/picker would misread it'))
+    lenient.look(
+        Readers(
+            1, 1, lost=False, confirmed=0, acknowledged=True, misread='/picker would misread it'
+        )
+    )
     assert lenient.obstacle is None
 
 

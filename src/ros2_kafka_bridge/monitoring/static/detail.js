@@ -29,7 +29,7 @@ export class Detail {
         h('button', { type: 'button', class: 'close', 'aria-label': 'Close', onclick: () => this.node.close() }, '×')),
       p.ends, h('div', { class: 'why' }, p.reason, p.advice),
       h('div', { class: 'actions' }, p.button, p.hint),
-      h('h3', {}, 'Confirmed a second'), h('div', { class: 'chart' }, p.rate, p.rateTimes, p.rateWord),
+      h('h3', {}, 'Messages a second'), h('div', { class: 'chart' }, p.rate, p.rateTimes, p.rateWord),
       p.heldTitle, h('div', { class: 'chart' }, p.held, p.heldTimes, p.heldWord),
       p.facts, h('h3', {}, 'Last errors'), p.errors,
     );
@@ -90,6 +90,7 @@ export class Detail {
         ['sent though their number is there', route.unproved ? count(route.unproved) : null],
         ['lost before the bridge', route.lost_upstream ? count(route.lost_upstream) : null],
         ['bytes confirmed', bytes(route.bytes_confirmed)],
+        ['bytes published', route.bytes_published || route.ended.published ? bytes(route.bytes_published) : null],
       ],
       'Times, p50 / p99 of the last minute': [
         [about?.direction === 'ros_to_kafka' ? 'until Kafka has it' : 'until published', both(route.delay_s)],

@@ -194,7 +194,7 @@ function drawTiles(view) {
   });
 }
 
-const TILES = ['Routes running', 'Confirmed a second', 'In flight', 'Lag in Kafka', 'Slowest p99', 'Dead letters'];
+const TILES = ['Routes running', 'Messages a second', 'In flight', 'Lag in Kafka', 'Slowest p99', 'Dead letters'];
 const UNTOLD = TILES.map((word) => [word, '–', 'not known yet', '']);
 
 function ofRoutes({ routes, about, letters }) {

@@ -48,7 +48,8 @@ export const TONES = {
 };
 export const ORDER = ['failed', 'stopped', 'starting', 'waiting', 'paused', 'running'];
 export const OUTCOMES = {
-  confirmed: 'confirmed', dead_lettered: 'dead-lettered', dropped: 'dropped', skipped: 'skipped (own records)',
+  confirmed: 'confirmed', published: 'published, not confirmed', dead_lettered: 'dead-lettered',
+  dropped: 'dropped', skipped: 'skipped (own records)',
   returned: 'returned at a rebalance', lost: 'lost on a damaged disk', given_up: 'given up at a take-over',
 };
 // What a route from ROS holds; not known while its disk is not.

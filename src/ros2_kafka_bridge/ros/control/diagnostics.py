@@ -54,7 +54,7 @@ class Change(NamedTuple):
     """What has become of a route lately.
 
     Args:
-        rate: Confirmed messages per second, over ten seconds.
+        rate: Messages carried per second, over ten seconds.
         dead_lettered: Within the last minute, as are those that were lost.
         delay_s: The 50th and 99th percentile within the last minute; None where nothing came on.
     """
@@ -68,7 +68,7 @@ class Change(NamedTuple):
 
 class _Mark(NamedTuple):
     at_s: float
-    confirmed: int
+    carried: int
     dead_lettered: int
     lost: int
     lost_upstream: int
@@ -77,7 +77,7 @@ class _Mark(NamedTuple):
     @classmethod
     def of(cls, at_s: float, told: Snapshot) -> '_Mark':
         letters, delay = told.dead_lettered, told.measures.delay
-        return cls(at_s, told.confirmed, letters, told.lost, told.lost_upstream, delay)
+        return cls(at_s, told.carried, letters, told.lost, told.lost_upstream, delay)
 
     def began_again(self, before: '_Mark') -> bool:
         """Whether the process of the route was started again: then a counter falls."""
@@ -86,7 +86,7 @@ class _Mark(NamedTuple):
     @property
     def counters(self) -> tuple[int, ...]:
         """What never falls."""
-        return self.confirmed, self.dead_lettered, self.lost, self.lost_upstream
+        return self.carried, self.dead_lettered, self.lost, self.lost_upstream
 
 
 class RecentCounters:
@@ -118,7 +118,7 @@ class RecentCounters:
         lately = next(mark for mark in marks if mark.at_s >= last.at_s - _RATE_S)
         period_s = last.at_s - lately.at_s
         return Change(
-            rate=(last.confirmed - lately.confirmed) / period_s if period_s > 0 else None,
+            rate=(last.carried - lately.carried) / period_s if period_s > 0 else None,
             dead_lettered=last.dead_lettered - first.dead_lettered,
             lost=last.lost - first.lost,
             lost_upstream=last.lost_upstream - first.lost_upstream,
