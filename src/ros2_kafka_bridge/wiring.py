@@ -27,13 +27,14 @@ from ros2_kafka_bridge.kafka.tail import KafkaTail
 from ros2_kafka_bridge.kafka.topic_id import TopicIds
 from ros2_kafka_bridge.kafka.topics import ensure_topic
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
+from ros2_kafka_bridge.ros.confirmation import Confirmation, asks_readers
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.subscription import RosSource, wait_for_type
 from ros2_kafka_bridge.ros.successor import RosSuccessor
-from ros2_kafka_bridge.ros.types import MessageType, TypeLoader, load_type
+from ros2_kafka_bridge.ros.types import TypeLoader
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.route.format import asks_registry, check_of, decode_of, encode_of
 from ros2_kafka_bridge.route.identity import Author, make_identify
@@ -92,6 +93,7 @@ class Wiring:
         self._config = config
         self._node = node
         self._abilities = abilities
+        self._confirmation = Confirmation(node, abilities)
         self._histories = histories
         self._tracing = tracing
         self._types = TypeLoader()
@@ -162,9 +164,6 @@ class Wiring:
     def _kafka_to_ros(
         self, route: KafkaToRosRoute, log: Log, stop: Stop, stack: ExitStack
     ) -> KafkaToRos | None:
-        message_type = self._types.load(route.sink.type, stop)
-        if message_type is None:
-            return None
         source = KafkaSource(
             self._consumer_properties(route.group(self._config.name)),
             route.source.kafka,
@@ -173,8 +172,8 @@ class Wiring:
             log,
             self._config.membership,
         )
-        direction = self._to_ros(route, message_type, source, log, stack)
-        if route.max_rate is None:
+        direction = self.to_ros(route, source, log, stop, stack)
+        if direction is not None and route.max_rate is None:
             log.info(
                 'a subscriber of %s that is KEEP_LAST can overwrite its own queue unseen: '
                 'max_rate is the cure',
@@ -183,31 +182,26 @@ class Wiring:
         return direction
 
     def to_ros(
-        self,
-        route: KafkaToRosRoute,
-        source: RecordSource,
-        log: Log,
-        stack: ExitStack,
-    ) -> KafkaToRos:
+        self, route: KafkaToRosRoute, source: RecordSource, log: Log, stop: Stop, stack: ExitStack
+    ) -> KafkaToRos | None:
         """Make what carries the records of any source to the ROS topic of a route.
 
-        Its ROS endpoint is open until the stack closes.
+        Its ROS endpoint is open until the stack closes. None where a stop came first.
 
         Raises:
             RouteError: The route cannot run now.
         """
-        return self._to_ros(route, load_type(route.sink.type), source, log, stack)
-
-    def _to_ros(
-        self,
-        route: KafkaToRosRoute,
-        message_type: MessageType,
-        source: RecordSource,
-        log: Log,
-        stack: ExitStack,
-    ) -> KafkaToRos:
-        room = self._histories.writers[route.sink.ros] if self._abilities.bounded else None
-        sink = RosSink(self._node, route.sink.ros, message_type, route.sink.qos, room, log)
+        message_type = self._types.load(route.sink.type, stop)
+        if message_type is None:
+            return None
+        asks = asks_readers(route, self._config)
+        if asks and not self._confirmation.require(stop):
+            return None
+        topic = route.sink.ros
+        room, bounded = self._histories.writers[topic], self._abilities.bounded
+        sink = RosSink(
+            self._node, topic, message_type, route.sink.qos, room, log, asks=asks, bounded=bounded
+        )
         decode = decode_of(route, self._config, message_type.layout)
         stack.enter_context(_open(sink))
         return KafkaToRos(
@@ -253,7 +247,7 @@ class Wiring:
             message_type,
             route.source.qos,
             log,
-            has_gid=self._abilities.gid,
+            has_gid=self._abilities.gid and self._abilities.seq,
             on_offer=produced.look,
         )
         asks = asks_registry(route)

@@ -140,7 +140,9 @@ def ros_sink(handle: Library) -> Iterator[Callable[[], object]]:
     handle.get_subscriptions_info_by_topic.return_value = []
     event = handle.EventHandle.return_value
     event.take_event.return_value = MagicMock(current_count=1, total_count=1)
-    sink = RosSink(RosNode(handle, handle.context), '/t', TYPE, QoS(), 5, LOG)
+    sink = RosSink(
+        RosNode(handle, handle.context), '/t', TYPE, QoS(), 5, LOG, asks=True, bounded=True
+    )
     yield sink.open
     yield sink.readers
     yield lambda: sink.publish(b'')
@@ -300,7 +302,9 @@ def test_guarantee_5_a_publisher_that_fails_is_replaced_and_its_readers_are_new(
     handle.get_subscriptions_info_by_topic.return_value = []
     event = handle.EventHandle.return_value
     event.take_event.return_value = MagicMock(current_count=2, total_count=2)
-    sink = RosSink(RosNode(handle, handle.context), '/t', TYPE, QoS(), 5, LOG)
+    sink = RosSink(
+        RosNode(handle, handle.context), '/t', TYPE, QoS(), 5, LOG, asks=True, bounded=True
+    )
     sink.open()
     assert sink.readers().come == 2
     publisher = handle.create_publisher.return_value
@@ -326,7 +330,9 @@ def test_a_look_at_the_readers_that_fails_once_costs_no_history_of_a_publisher(
     event = handle.EventHandle.return_value
     good = MagicMock(current_count=0, total_count=0)
     bad = _rclpy.RCLError('no')
-    sink = RosSink(RosNode(handle, handle.context), '/t', TYPE, QoS(), 5, LOG)
+    sink = RosSink(
+        RosNode(handle, handle.context), '/t', TYPE, QoS(), 5, LOG, asks=True, bounded=True
+    )
     sink.open()
     for looks, publishers in (([bad, good, bad, good], 1), ([bad, bad, good], 2)):
         event.take_event.side_effect = looks
@@ -361,7 +367,7 @@ def test_guarantee_4_a_route_that_cannot_be_made_leaves_no_reader_behind(
             ],
         },
     )
-    abilities = Abilities(bounded=True, gid=True, seq=True, own=b'')
+    abilities = Abilities(bounded=True, gid=True, seq=True, denies=True, own=b'')
     wiring = Wiring(config, MagicMock(), abilities, Histories({}, {}, None), MagicMock())
     with contextlib.ExitStack() as stack:
         with pytest.raises(RouteError):

@@ -128,7 +128,7 @@ def test_nodes_that_come_and_go_fill_neither_memory_nor_log(
     peers: list[Peer] = []
     node: Any = SimpleNamespace(subscribers=lambda _: peers)
     message_type = MessageType('p/msg/T', object, Layout('p/msg/T', ()), None)
-    sink = RosSink(node, '/t', message_type, QoS(), None, LOG)
+    sink = RosSink(node, '/t', message_type, QoS(), 5, LOG, asks=True, bounded=True)
     source = RosSource(node, '/t', message_type, QoS(), LOG)
     for number in range(50):
         peers = [Peer(f'/{number}', 'p/msg/X', bytes(16), '', 'reliable', 'volatile', None)]

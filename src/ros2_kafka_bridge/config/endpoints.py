@@ -75,6 +75,13 @@ class RosSettings(Settings):
         description='Time after which a silent participant is gone, in seconds. '
         "Without it the middleware's own.",
     )
+    confirmation: Literal['acknowledged', 'none'] = setting(
+        default='acknowledged',
+        description='When a message to ROS has arrived. acknowledged: its readers have said so; '
+        'where the middleware does not tell, routes to ROS fail. none: nobody asks, offsets '
+        'follow the publication, what is lost from there on stays lost, and what is published '
+        'counts as such, not as confirmed.',
+    )
     message_path: list[MessageFolder] = setting(
         default_factory=list,
         description='Folders of .msg files, relative to this file: message types that are not '

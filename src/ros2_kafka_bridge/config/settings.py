@@ -296,6 +296,12 @@ def warnings(config: Config) -> list[str]:
     found = [f'kafka.{text}' for text in checks.weaker_properties(config.kafka)]
     if config.schema_registry is not None and config.schema_registry.ssl_ca is False:
         found.append('schema_registry.ssl.ca.location: false: nobody checks who the registry is')
+    to_ros = any(isinstance(route, KafkaToRosRoute) for route in config.routes)
+    if to_ros and config.ros.confirmation == 'none':
+        found.append(
+            'ros.confirmation: none: guarantee 1 falls: offsets follow the publication, and what '
+            'is lost on its way to a reader, or in the writer at a stop, stays lost'
+        )
     for number, route in enumerate(config.routes):
         path = f'routes[{number}]'
         if isinstance(route, RosToKafkaRoute):
@@ -312,5 +318,7 @@ def _weaker_qos(qos: QoS, guarantee: int) -> Iterator[str]:
         yield f'reliability: best_effort: guarantee {guarantee} falls: what is lost stays lost'
     if qos.history == 'keep_last':
         yield 'history: keep_last: guarantee 4 (full means wait) falls: a full history overwrites'
+        if guarantee == 1:
+            yield 'history: keep_last: guarantee 1 falls: nothing tells what has arrived'
     if qos.lifespan_s is not None:
         yield f'lifespan_s: guarantee {guarantee} falls: what waits longer is dropped'

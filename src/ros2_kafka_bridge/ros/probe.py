@@ -19,7 +19,9 @@ from ros2_kafka_bridge.ros.types import load_type
 SAMPLES = 4
 """Length of the probe's history and of its reader's cache, for the profile."""
 
-_MESSAGE = b'\x00\x01\x00\x00' + bytes(8)
+MESSAGE = b'\x00\x01\x00\x00' + bytes(8)
+"""A `builtin_interfaces/msg/Time` as CDR."""
+
 _ANSWER_S = 5.0
 _PATIENCE_S = 0.03
 _PREFIX_BYTES = 12  # of a GUID: its participant; four more tell the endpoint (RTPS 2.5, 9.3.1)
@@ -33,12 +35,15 @@ class Abilities(NamedTuple):
         gid: A message tells its publisher.
         seq: A message tells its number at its publisher.
         own: What the gids of all endpoints of this process begin with; empty where none is told.
+        denies: It has said of a full history that not all is acknowledged; else that it tells the
+            truth has to be shown otherwise.
     """
 
     bounded: bool
     gid: bool
     seq: bool
     own: bytes
+    denies: bool
 
 
 def probe_topic() -> str:
@@ -78,19 +83,33 @@ def _try(publisher: Any, subscription: Any) -> Abilities:
     while not events.look()[0] and time.monotonic() < deadline_s:
         time.sleep(0.002)
     accepted = sum(_accepts(publisher) for _ in range(3 * SAMPLES))
+    bounded = SAMPLES <= accepted <= 2 * SAMPLES
+    denied = bounded and denies(publisher)  # the reader has refused all that is in there
     deadline_s = time.monotonic() + _ANSWER_S
     while not (taken := take(subscription, 1)[0]) and time.monotonic() < deadline_s:
         time.sleep(0.002)
     events.close()
     info = taken[0][1] if taken else {}
     return Abilities(
-        bounded=SAMPLES <= accepted <= 2 * SAMPLES,
+        bounded=bounded,
         gid='publisher_gid' in info,
         seq=bool(info.get('publication_sequence_number')),
         own=bytes(info['publisher_gid']['data'])[:_PREFIX_BYTES]
         if 'publisher_gid' in info
         else b'',
+        denies=denied,
     )
+
+
+def denies(publisher: Any) -> bool:
+    """Whether the middleware says that not all is acknowledged which was published."""
+    from rclpy.duration import Duration  # noqa: PLC0415 (heavy)
+    from rclpy.impl.implementation_singleton import rclpy_implementation  # noqa: PLC0415
+
+    try:
+        return not publisher.wait_for_all_acked(Duration())
+    except rclpy_implementation.RCLError:
+        return False  # one that cannot be asked tells nothing
 
 
 def _accepts(publisher: Any) -> bool:
@@ -99,7 +118,7 @@ def _accepts(publisher: Any) -> bool:
     deadline_s = time.monotonic() + _PATIENCE_S
     while True:
         try:
-            publisher.publish(_MESSAGE)
+            publisher.publish(MESSAGE)
         except rclpy_implementation.RCLError:
             if time.monotonic() > deadline_s:
                 return False
@@ -113,8 +132,9 @@ def limits(abilities: Abilities) -> list[str]:
     said = []
     if not abilities.bounded:
         said.append(
-            'this middleware does not bound a KEEP_ALL history: a slow subscriber takes memory '
-            'instead of waiting (guarantee 4), and confirmation waits for pauses'
+            'this middleware does not bound a KEEP_ALL history: a slow subscriber may take memory '
+            'or hold up all routes of a process (guarantee 4), and routes to ROS publish no more '
+            'than max_in_flight messages until all are acknowledged'
         )
     if not abilities.gid or not abilities.seq:
         said.append(

@@ -1,6 +1,7 @@
 """Publishing to ROS, and knowing what has arrived."""
 
 import logging
+import math
 import time
 from typing import Any
 
@@ -10,7 +11,7 @@ from ros2_kafka_bridge.errors import BridgeError, blamed
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.ros.errors import left_behind, translate, translated
 from ros2_kafka_bridge.ros.node import Peer, RosNode
-from ros2_kafka_bridge.ros.qos import mismatch, profile, waits
+from ros2_kafka_bridge.ros.qos import mismatch, profile
 from ros2_kafka_bridge.ros.types import MessageType
 
 _AGE_S = 0.05
@@ -24,8 +25,11 @@ class RosSink:
 
     A KEEP_ALL history of `room` samples cannot overwrite: when message k was accepted, message
     k - room is acknowledged by every matched reader. At a pause, all are when the middleware says
-    so. Acknowledged counts as confirmed only after it has aged with no reader going away: a
-    reader that dies is forgotten by the history a moment before it is reported as gone, and then
+    so. Where it bounds no history there would be no pause while messages flow: then no more than
+    `room` are published until all are acknowledged.
+
+    Acknowledged counts as confirmed only after it has aged with no reader going away: a reader
+    that dies is forgotten by the history a moment before it is reported as gone, and then
     everything looks acknowledged.
 
     Args:
@@ -33,8 +37,10 @@ class RosSink:
         topic: The ROS topic.
         message_type: What is published.
         qos: What the route says about QoS.
-        room: Samples of the writer's history; None where it is not known to be bounded.
+        room: Samples of the writer's history.
         log: Where to say which subscribers do not match, misread, or do not acknowledge.
+        asks: Whether to ask the middleware what has arrived; else all has that was published.
+        bounded: Whether the history refuses what is beyond its room.
     """
 
     def __init__(
@@ -43,8 +49,11 @@ class RosSink:
         topic: str,
         message_type: MessageType,
         qos: QoS,
-        room: int | None,
+        room: int,
         log: logging.LoggerAdapter[logging.Logger],
+        *,
+        asks: bool,
+        bounded: bool,
     ) -> None:
         self._node = node
         self._topic = topic
@@ -60,7 +69,9 @@ class RosSink:
         self._misread = ''
         self.holders: list[str] = []
         self._graph_at_s = 0.0
-        self._waits = waits(qos)
+        self._asks = asks
+        self._bounded = bounded
+        self._limit = room if asks and not bounded else math.inf
         self._publisher: Any = None
         self._publisher_qos: Any = None
         self._events: Any = None
@@ -101,7 +112,7 @@ class RosSink:
     def load(self) -> Load:
         """What its history holds, as far as its readers have told."""
         held = self._published - self._acknowledged
-        return Load(held if self._room is None else min(held, self._room), self._room)
+        return Load(min(held, self._room), self._room)
 
     @property
     def matches(self) -> Matches:
@@ -114,6 +125,8 @@ class RosSink:
         Raises:
             RouteError: ROS has failed. Another publisher takes the place of this one.
         """
+        if self._published - self._acknowledged >= self._limit:
+            return False
         try:
             self._publisher.publish(cdr)
         except Exception as error:
@@ -166,7 +179,7 @@ class RosSink:
             self._acknowledged = self._count_acknowledged()
             # What was published since the last look went to who was there by then.
             had_reader, self._has_reader = self._has_reader, bool(self.holders)
-            self._is_acknowledged = self._waits and had_reader and self._has_reader
+            self._is_acknowledged = self._asks and had_reader and self._has_reader
         return Readers(
             matched, come, lost=False, confirmed=self._confirmed,
             acknowledged=self._is_confirmed, misread=self._misread,
@@ -195,9 +208,9 @@ class RosSink:
 
     def _count_acknowledged(self) -> int:
         """Tell how many messages are acknowledged."""
-        if not self._waits or self._publisher.wait_for_all_acked(self._zero):
+        if not self._asks or self._publisher.wait_for_all_acked(self._zero):
             return self._published
-        if self._room is None:
+        if not self._bounded:
             return self._acknowledged
         return max(self._acknowledged, self._published - self._room)
 

@@ -86,5 +86,5 @@ def test_a_route_that_waits_for_the_clock_is_not_said_to_run(text: str, says: st
     node.subscribers.return_value = []
     kafka = CheckedCluster(cast('Overview', MagicMock(spec=Overview)), 'not asked', None, '')
     orders, _ = config.routes
-    found = report._route_findings(orders, config, cast('RosNode', node), kafka)
+    found = report._route_findings(orders, config, cast('RosNode', node), kafka, '')
     assert report.summary({'orders': found}) == says

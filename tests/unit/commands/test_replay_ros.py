@@ -180,3 +180,14 @@ def test_a_subscriber_that_would_misread_the_letters_is_named(
     with pytest.raises(TransportError, match=r'^/orders: /old would misread it$'):
         to.deliver(letters(b'1'))
     assert to.delivered == 0
+
+
+def test_guarantee_6c_letters_that_no_reliable_reader_takes_are_not_delivered() -> None:
+    readers = Readers(tells=False)
+    to = channel(readers)
+    with pytest.raises(TransportError, match='/orders has no reliable subscriber'):
+        to.deliver(letters(b'1', b'2'))
+    assert to.delivered == 0
+    readers.tells = True
+    to.deliver(letters(b'1', b'2'))
+    assert to.delivered == 2

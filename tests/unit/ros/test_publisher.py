@@ -8,7 +8,9 @@ from unittest.mock import MagicMock
 import pytest
 
 from ros2_kafka_bridge.config.settings import QoS
+from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.ros import publisher
 from ros2_kafka_bridge.ros.node import Peer
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.qos import profile
@@ -17,20 +19,29 @@ from ros2_kafka_bridge.ros.types import MessageType
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 KIND = 'acme_msgs/msg/Crane'
 OURS, THEIRS = 'RIHS01_aa', 'RIHS01_bb'
+ROOM = 5
 MISREAD = f'/old would misread {KIND}: install the same version of the package on both sides'
 
 
 class Graph:
     """A topic with subscribers, some of which the middleware has matched."""
 
-    def __init__(self, type_hash: str | None = OURS) -> None:
+    def __init__(
+        self, type_hash: str | None = OURS, *, asks: bool = True, bounded: bool = True
+    ) -> None:
         self.peers: list[Peer] = []
         self.matched = self.come = 0
-        node: Any = SimpleNamespace(subscribers=lambda _: self.peers)
+        self.strangers = False
+        node: Any = SimpleNamespace(subscribers=self._subscribers)
         kind = MessageType(KIND, object, Layout(KIND, ()), type_hash)
-        self.sink = RosSink(node, '/crane', kind, QoS(), None, LOG)
+        self.sink = RosSink(node, '/crane', kind, QoS(), ROOM, LOG, asks=asks, bounded=bounded)
         self.sink._publisher, self.sink._publisher_qos = MagicMock(), profile(QoS())
         self.sink._events = SimpleNamespace(look=lambda: (self.matched, self.come))
+
+    def _subscribers(self, _topic: str) -> list[Peer]:
+        if self.strangers:
+            raise RouteError('somebody tells what cannot be read')
+        return self.peers
 
     def enter(self, node: str, type_hash: str, kind: str = KIND, qos: QoS | None = None) -> None:
         self.peers.append(Peer.of_qos(node, kind, bytes(16), type_hash, profile(qos or QoS())))
@@ -95,3 +106,95 @@ def test_one_whose_qos_does_not_match_gets_nothing_to_misread() -> None:
     graph = Graph()
     graph.enter('/old', THEIRS, qos=QoS(durability='transient_local'))
     assert graph.misread == ''
+
+
+BEST_EFFORT = QoS(reliability='best_effort')
+
+
+@pytest.fixture
+def _no_age(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(publisher, '_AGE_S', 0.0)
+
+
+def ended(graph: Graph, looks: int = 3) -> list[tuple[int, bool]]:
+    """What each of some looks tells of what was published: how many, whether acknowledged."""
+    found = [graph.sink.readers() for _ in range(looks)]
+    return [(told.confirmed, told.acknowledged) for told in found]
+
+
+@pytest.mark.usefixtures('_no_age')
+@pytest.mark.parametrize(
+    ('asks', 'readers', 'acknowledged'),
+    [
+        (True, [QoS()], True),
+        (True, [QoS(), BEST_EFFORT], True),
+        (True, [BEST_EFFORT], False),
+        (True, [], False),
+        (False, [QoS()], False),
+    ],
+    ids=['reliable', 'both', 'best effort', 'nobody', 'nobody asks'],
+)
+def test_guarantee_6c_only_what_a_reader_acknowledges_counts_as_acknowledged(
+    *, asks: bool, readers: list[QoS], acknowledged: bool
+) -> None:
+    graph = Graph(asks=asks)
+    for number, qos in enumerate(readers):
+        graph.enter(f'/reader_{number}', OURS, qos=qos)
+    graph.sink.readers()
+    graph.sink.publish(b'a')
+    assert ended(graph) == [(0, False), (1, acknowledged), (1, acknowledged)]
+
+
+@pytest.mark.usefixtures('_no_age')
+def test_guarantee_6c_what_was_published_before_a_reliable_reader_came_it_has_not() -> None:
+    graph = Graph()
+    graph.enter('/lossy', OURS, qos=BEST_EFFORT)
+    graph.sink.readers()
+    graph.sink.publish(b'before')
+    graph.enter('/reliable', OURS)
+    assert ended(graph, 2) == [(0, False), (1, False)]
+    graph.sink.publish(b'then')
+    assert ended(graph, 2) == [(1, True), (2, True)]
+
+
+@pytest.mark.usefixtures('_no_age')
+def test_guarantee_6c_where_nobody_asks_offsets_follow_the_publication() -> None:
+    """And yet what a reader may have lost that has just gone is published again."""
+    graph = Graph(asks=False)
+    graph.sink._publisher.wait_for_all_acked.side_effect = AssertionError('it would lie')
+    graph.enter('/reader', OURS)
+    graph.sink.publish(b'a')
+    assert ended(graph, 2) == [(0, False), (1, False)]
+    graph.sink.publish(b'b')
+    graph.matched = 0
+    assert graph.sink.readers().lost
+
+
+@pytest.mark.usefixtures('_no_age')
+def test_guarantee_6c_who_reads_is_not_known_where_the_graph_cannot_be_read() -> None:
+    graph = Graph()
+    graph.enter('/reader', OURS)
+    graph.sink.readers()
+    graph.strangers = True
+    graph.sink._graph_at_s = 0.0
+    graph.sink.publish(b'a')
+    assert ended(graph, 2) == [(0, False), (1, False)]
+
+
+@pytest.mark.usefixtures('_no_age')
+@pytest.mark.parametrize(('bounded', 'taken'), [(True, 8), (False, ROOM)])
+def test_where_no_history_is_bounded_no_more_are_published_until_all_are_acknowledged(
+    *, bounded: bool, taken: int
+) -> None:
+    """A steady stream would have no pause, and no offset would ever follow."""
+    graph = Graph(bounded=bounded)
+    graph.enter('/reader', OURS)
+    acknowledges = graph.sink._publisher.wait_for_all_acked
+    acknowledges.return_value = False
+    graph.sink.readers()
+    assert [graph.sink.publish(b'x') for _ in range(8)].count(True) == taken
+    assert graph.sink.readers().confirmed == 0
+    assert graph.sink.load == (ROOM, ROOM)
+    acknowledges.return_value = True
+    assert [graph.sink.readers().confirmed for _ in range(2)][-1] == taken
+    assert graph.sink.publish(b'x')

@@ -34,7 +34,7 @@ from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.matching import type_of
 from ros2_kafka_bridge.ros.node import RosNode, open_node
-from ros2_kafka_bridge.ros.probe import SAMPLES, probe_topic
+from ros2_kafka_bridge.ros.probe import SAMPLES, probe, probe_topic
 from ros2_kafka_bridge.ros_to_kafka import BATCH as TO_KAFKA_BATCH
 
 
@@ -101,9 +101,14 @@ def _report_connected(console: Console, config: Config) -> int:
     topic = probe_topic()
     histories = Histories({topic: SAMPLES}, {topic: SAMPLES}, config.ros.lease_s)
     with open_node(f'{config.name}_check', config.ros.domain_id, histories) as node:
-        _show(console, 'ROS', check_ros.graph_findings(node, topic, config))
+        abilities = probe(node, topic)
+        _show(console, 'ROS', check_ros.graph_findings(abilities, config))
+        unconfirmed = check_ros.confirmation_problem(node, abilities, config)
         wait_for_discovery()
-        found = {route.name: _findings(route, config, node, kafka) for route in config.routes}
+        found = {
+            route.name: _findings(route, config, node, kafka, unconfirmed)
+            for route in config.routes
+        }
     for route in config.routes:
         _show(console, _way(route), found[route.name])
     if kafka.problem:
@@ -147,18 +152,29 @@ def _way(route: AnyRoute) -> str:
 
 
 def _findings(
-    route: AnyRoute, config: Config, node: RosNode, kafka: check_kafka.CheckedCluster
+    route: AnyRoute,
+    config: Config,
+    node: RosNode,
+    kafka: check_kafka.CheckedCluster,
+    unconfirmed: str,
 ) -> list[Finding]:
     try:
-        return _route_findings(route, config, node, kafka)
+        return _route_findings(route, config, node, kafka, unconfirmed)
     except BridgeError as error:  # of the ROS graph, of what others tell there
         return [Finding('bad', 'graph', str(error))]
 
 
 def _route_findings(
-    route: AnyRoute, config: Config, node: RosNode, kafka: check_kafka.CheckedCluster
+    route: AnyRoute,
+    config: Config,
+    node: RosNode,
+    kafka: check_kafka.CheckedCluster,
+    unconfirmed: str,
 ) -> list[Finding]:
-    """What is found of a route, in the order in which a message meets it."""
+    """What is found of a route, in the order in which a message meets it.
+
+    `unconfirmed` is why no route to ROS would know what has arrived.
+    """
     asks = not kafka.problem
     if isinstance(route, KafkaToRosRoute):
         found = [
@@ -167,6 +183,7 @@ def _route_findings(
             *check_format.format_findings(route, config, route.sink.type),
             *check_format.registry_findings(route, config, route.sink.type),
             *check_ros.reader_findings(route, config, node),
+            check_ros.confirmation_finding(route, config, unconfirmed),
             _pace_finding(route),
             *check_clock.age_findings(route),
         ]

@@ -4,9 +4,10 @@ from collections.abc import Iterator
 
 from ros2_kafka_bridge.commands.screen import Finding
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
-from ros2_kafka_bridge.errors import BridgeError, ConfigError
+from ros2_kafka_bridge.errors import BridgeError, ConfigError, RouteError
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.message_types.layout import is_bulk
+from ros2_kafka_bridge.ros.confirmation import Confirmation, asks_readers
 from ros2_kafka_bridge.ros.matching import (
     is_own,
     others,
@@ -16,16 +17,39 @@ from ros2_kafka_bridge.ros.matching import (
     reader_problem,
 )
 from ros2_kafka_bridge.ros.node import Peer, RosNode, domain_in_words, middleware, rclpy_folder
-from ros2_kafka_bridge.ros.probe import limits, probe
+from ros2_kafka_bridge.ros.probe import Abilities, limits
 from ros2_kafka_bridge.ros.sockets import receive_buffer_bytes
+from ros2_kafka_bridge.threads.stop import Stop
 
 
-def graph_findings(node: RosNode, topic: str, config: Config) -> list[Finding]:
+def graph_findings(abilities: Abilities, config: Config) -> list[Finding]:
     """Which ROS is in use, and what it cannot do."""
     domain = domain_in_words(config.ros.domain_id)
     place = f'rclpy of {rclpy_folder()}, {middleware()}, {domain}'
     found = [Finding('ok', 'graph', place)]
-    return found + [Finding('note', 'middleware', text) for text in limits(probe(node, topic))]
+    return found + [Finding('note', 'middleware', text) for text in limits(abilities)]
+
+
+def confirmation_problem(node: RosNode, abilities: Abilities, config: Config) -> str:
+    """Why no route to ROS would know what has arrived; empty where it would, or none asks."""
+    to_ros = [route for route in config.routes if isinstance(route, KafkaToRosRoute)]
+    try:
+        if any(asks_readers(route, config) for route in to_ros):
+            Confirmation(node, abilities).require(Stop())
+    except RouteError as error:
+        return str(error)
+    return ''
+
+
+def confirmation_finding(route: KafkaToRosRoute, config: Config, problem: str) -> Finding:
+    """Whether a route would know what has arrived; `problem` is why it could not."""
+    if not asks_readers(route, config):
+        why = 'ros.confirmation' if config.ros.confirmation == 'none' else 'to.qos'
+        text = f'nobody asks what has arrived ({why}): it counts as published, not as confirmed'
+        return Finding('note', 'confirmation', text)
+    if problem:
+        return Finding('bad', 'confirmation', problem)
+    return Finding('ok', 'confirmation', f'{middleware()} tells what has arrived (it was tried)')
 
 
 def reader_findings(route: KafkaToRosRoute, config: Config, node: RosNode) -> Iterator[Finding]:

@@ -43,6 +43,8 @@ def open_channels(
         config: With the routes.
         stop: Ends the waiting.
     """
+    # Whatever the routes do: what a reader has not acknowledged would be marked as sent.
+    config = replace(config, ros=replace(config.ros, confirmation='acknowledged'))
     probed = probe_topic()
     histories = histories_of(config.routes, probed, config.ros.lease_s)
     name = f'{config.name}_replay'
@@ -52,10 +54,22 @@ def open_channels(
         @cache
         def channel(route: KafkaToRosRoute) -> LetterChannel:
             check_described(route, config)
-            make = partial(wiring.to_ros, log=route_log(route.name), stack=stack)
+            make = partial(_make, wiring, stop, stack)
             return LetterChannel(route, make, stop)
 
         yield channel
+
+
+def _make(
+    wiring: Wiring, stop: Stop, stack: ExitStack, route: KafkaToRosRoute, source: RecordSource
+) -> KafkaToRos:
+    try:
+        direction = wiring.to_ros(route, source, route_log(route.name), stop, stack)
+    except RouteError as error:
+        raise RouteError(f'{error}; without --to ros letters go to their topic') from error
+    if direction is None:
+        raise TransportError(f'stopped before {route.sink.ros} was open')
+    return direction
 
 
 def check_described(route: KafkaToRosRoute, config: Config) -> None:
@@ -88,11 +102,15 @@ class LetterChannel:
         self._letters = LetterSource()
         self._direction = make(self._route, self._letters)
         self._stop = stop
+        self._published = 0  # of the letters given last, and not confirmed
 
     @property
     def delivered(self) -> int:
-        """How many of the letters given last every reader has acknowledged, the first of them."""
-        return self._letters.ended
+        """How many of the letters given last every reader has acknowledged, the first of them.
+
+        None where some were published to readers of which nothing tells what they have.
+        """
+        return 0 if self._published else self._letters.ended
 
     def deliver(self, letters: Sequence[Outgoing]) -> None:
         """Publish letters in order, and wait until every reader has acknowledged all of them.
@@ -105,11 +123,17 @@ class LetterChannel:
             RouteError: ROS refuses them; the same.
         """
         topic, needed = self._route.sink.ros, self._route.min_subscribers
+        before = self._direction.snapshot.published
         self._letters.hold(letters)
         with waiting(f'Waiting for the subscribers of {topic}'):
             patience = _Patience(self._stop, self._letters, self._direction)
             self._direction.run(patience)
         measures = self._direction.snapshot.measures
+        self._published = self._direction.snapshot.published - before
+        if self._published:
+            raise TransportError(
+                f'{topic} has no reliable subscriber: nothing tells what the others have received'
+            )
         if not self._letters.lag() or (self._stop.asked and not measures.queued):
             return
         if self._stop.asked:
@@ -150,7 +174,7 @@ class _Patience(Part):
         """Look at what has moved; tells whether to drain."""
         now_s, told = time.monotonic(), self._direction.snapshot
         self.reason = told.reason or self.reason
-        seen = told.confirmed, told.repeated, told.measures.queued
+        seen = told.carried, told.repeated, told.measures.queued
         if seen != self._seen:
             self._seen, self._until_s = seen, now_s + _PATIENCE_S
         self._now = now_s >= self._until_s

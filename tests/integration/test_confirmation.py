@@ -1,0 +1,52 @@
+"""A middleware whose acknowledgements prove nothing (`tests/peers/stranger.c`), in real bridges.
+
+`tests/system/test_confirmation.py` has those whose histories have no bound.
+"""
+
+from pathlib import Path
+
+import pytest
+from from_ros import publish, route, text
+from harness import Bench, to_ros, totals, values
+from strangers import stranger
+from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
+
+LIES = 'rmw_stranger does not tell what has arrived: it denied nothing of a message'
+
+
+@pytest.fixture
+def arrived(tmp_path: Path) -> Path:
+    """The file of a subscriber."""
+    return tmp_path / 'arrived'
+
+
+def test_guarantee_6c_where_acknowledgements_are_lies_nothing_is_committed_by_them(
+    bench: Bench, topic_name: str, arrived: Path
+) -> None:
+    """The route to ROS fails, that from ROS goes on."""
+    back = f'{topic_name}.back'
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, words(10))
+    config = bench.config([to_ros(topic_name, ROS_TOPIC), route('/back', back, None, 'back')])
+    lies = stranger(bench.place, 'lies')
+    with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config, **lies) as bridge:
+        bridge.wait_for(f'to_ros: failed: {LIES}')
+        with publish(bench, '/back', [text(b'a')], '--durability', 'transient_local'):
+            assert values(bench.records(back, 1)) == [text(b'a')]
+        assert bench.committed(bench.group, topic_name) < 0
+        assert bridge.end() == 0
+
+
+def test_guarantee_6c_with_confirmation_none_offsets_follow_and_nothing_counts_as_confirmed(
+    bench: Bench, topic_name: str, arrived: Path
+) -> None:
+    bench.create_topic(topic_name)
+    bench.produce(topic_name, words(100))
+    config = bench.config([to_ros(topic_name, ROS_TOPIC)], ros={'confirmation': 'none'})
+    lies = stranger(bench.place, 'lies')
+    with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config, **lies) as bridge:
+        bridge.wait_for('ros.confirmation: none: guarantee 1 falls')
+        wait_for(arrived, texts(words(100)), bridge)
+        wait_for_commit(bench, topic_name, 100, bridge)
+        assert bridge.end() == 0
+    assert (totals(bridge)['confirmed'], totals(bridge)['only published']) == (0, 100)
