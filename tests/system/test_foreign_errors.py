@@ -25,6 +25,7 @@ RARE = {
 SABOTAGED = (sys.executable, str(PEERS / 'sabotaged_bridge.py'))  # cold: it replaces imports
 
 
+@pytest.mark.timeout(600)  # some thirty lives of a bridge, each of nine seconds
 @pytest.mark.parametrize(
     ('kind', 'durability'), [('refused', 'volatile'), ('fatal', 'transient_local')]
 )

@@ -91,8 +91,13 @@ def test_a_partition_whose_leader_is_away_is_said_while_the_others_are_read(
     ):
         admin = bench.admin()
         admin.create_topics([NewTopic('orders', 3, 1)])['orders'].result(60)
-        metadata = admin.list_topics('orders', timeout=30)
-        leaders = {n: it.leader for n, it in metadata.topics['orders'].partitions.items()}
+
+        def leaders() -> dict[int, int]:
+            found = admin.list_topics('orders', timeout=30).topics['orders'].partitions
+            return {number: partition.leader for number, partition in found.items()}
+
+        # A broker hears a moment later of what another one has created.
+        eventually(lambda: sorted(leaders()) == [0, 1, 2], 30)
         bridge = watched(bench, [to_ros('orders', '/orders')])
         arrived = bench.place / 'arrived'
         with bridge.process as process, bench.subscriber('/orders', arrived) as reader:
@@ -112,8 +117,9 @@ def test_a_partition_whose_leader_is_away_is_said_while_the_others_are_read(
                 60,
                 process.output,
             )
-            away = leaders[0]
-            others = [number for number, leader in leaders.items() if leader != away]
+            led = leaders()
+            away = led[0]
+            others = [number for number, leader in led.items() if leader != away]
             assert others, 'each partition has a leader of its own'
             cluster.kill(away)
             text = 'orders[0]: the broker that leads it does not answer, since '
