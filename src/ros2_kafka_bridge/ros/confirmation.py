@@ -36,7 +36,7 @@ class Confirmation:
         self._node = node
         self._tells = True if abilities.denies else None
         self._lock = threading.Lock()
-        self._trial: Future[bool | None] | None = None
+        self._trial: Future[None] | None = None
 
     def require(self, stop: Stop) -> bool:
         """Let nothing be committed by acknowledgements that prove nothing.
@@ -59,7 +59,7 @@ class Confirmation:
                 if stop.look():
                     return False
                 wait([trial], _STEP_S)
-            self._tells = trial.result()
+            trial.result()
         if not self._tells:
             raise RouteError(
                 f'{middleware()} does not tell what has arrived: it denied nothing of a message '
@@ -69,14 +69,15 @@ class Confirmation:
             )
         return True
 
-    def _tried(self, stop: Stop) -> 'Future[bool | None]':
+    def _tried(self, stop: Stop) -> 'Future[None]':
         """Try it, or join a trial that is on: all routes that wait for one share its end."""
         with self._lock:
             if self._trial is not None:
                 return self._trial
             trial = self._trial = Future()
         try:
-            trial.set_result(denies_arrival(self._node, stop))
+            self._tells = denies_arrival(self._node, stop)
+            trial.set_result(None)
         except BaseException as error:  # noqa: BLE001 (raised by whoever waits)
             trial.set_exception(error)
         finally:

@@ -71,7 +71,8 @@ class RosSink:
         self._graph_at_s = 0.0
         self._asks = asks
         self._bounded = bounded
-        self._limit = room if asks and not bounded else math.inf
+        self._most = room if asks and not bounded else math.inf
+        self._limit = room if asks or bounded else None
         self._publisher: Any = None
         self._publisher_qos: Any = None
         self._events: Any = None
@@ -112,7 +113,7 @@ class RosSink:
     def load(self) -> Load:
         """What its history holds, as far as its readers have told."""
         held = self._published - self._acknowledged
-        return Load(min(held, self._room), self._room)
+        return Load(held if self._limit is None else min(held, self._limit), self._limit)
 
     @property
     def matches(self) -> Matches:
@@ -125,7 +126,7 @@ class RosSink:
         Raises:
             RouteError: ROS has failed. Another publisher takes the place of this one.
         """
-        if self._published - self._acknowledged >= self._limit:
+        if self._published - self._acknowledged >= self._most:
             return False
         try:
             self._publisher.publish(cdr)

@@ -43,7 +43,7 @@ def denies_arrival(node: RosNode, stop: Stop) -> bool | None:
 
     topic = probe_topic()
     time_class = load_type('builtin_interfaces/msg/Time').python_class
-    with ExitStack() as stack, translated('ROS'):
+    with translated('ROS'), ExitStack() as stack:
         publisher = node.handle.create_publisher(time_class, topic, profile(QoS()))
         stack.callback(node.handle.destroy_publisher, publisher)
         events = MatchEvents(publisher)

@@ -195,6 +195,7 @@ def test_where_no_history_is_bounded_no_more_are_published_until_all_are_acknowl
     assert [graph.sink.publish(b'x') for _ in range(8)].count(True) == taken
     assert graph.sink.readers().confirmed == 0
     assert graph.sink.load == (ROOM, ROOM)
+    assert Graph(asks=False, bounded=False).sink.load == (0, None), 'nothing bounds it'
     acknowledges.return_value = True
     assert [graph.sink.readers().confirmed for _ in range(2)][-1] == taken
     assert graph.sink.publish(b'x')

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from ros2_kafka_bridge.commands.screen import Finding
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
-from ros2_kafka_bridge.errors import BridgeError, ConfigError, RouteError
+from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.message_types.layout import is_bulk
 from ros2_kafka_bridge.ros.confirmation import Confirmation, asks_readers
@@ -36,7 +36,7 @@ def confirmation_problem(node: RosNode, abilities: Abilities, config: Config) ->
     try:
         if any(asks_readers(route, config) for route in to_ros):
             Confirmation(node, abilities).require(Stop())
-    except RouteError as error:
+    except BridgeError as error:
         return str(error)
     return ''
 
