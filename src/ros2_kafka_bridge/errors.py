@@ -18,6 +18,9 @@ where one record is decoded, or one message encoded, it is a RecordError that te
 
 What code of others raises, a message package for one, is no bug of the bridge, whatever it is:
 `blamed` says whose it is.
+
+What an error says may quote an address of the configuration, and goes to the log, to the page,
+into a dead letter: of its user and its query nothing is said (`masked_addresses`).
 """
 
 import threading
@@ -25,9 +28,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from ros2_kafka_bridge.outside.masking import masked_addresses
+
 if TYPE_CHECKING:
     from pathlib import Path
 
+
+REASON_CHARS: Final = 1000
+"""Of why a record is refused: names in a schema of others may be as long as they like."""
 
 _LONGEST: Final = 500
 _OWN: Final = __file__.removesuffix('errors.py')
@@ -58,15 +66,22 @@ class About(NamedTuple):
 
 
 class BridgeError(Exception):
-    """The root of everything that the bridge raises on purpose."""
+    """The root of everything that the bridge raises on purpose.
+
+    Args:
+        message: What happened; addresses in it are masked.
+    """
+
+    def __init__(self, message: str = '') -> None:
+        super().__init__(masked_addresses(message))
 
 
 class ConfigError(BridgeError):
     """The configuration is wrong; `problems` holds every mistake found, one line each."""
 
     def __init__(self, problems: list[str]) -> None:
-        super().__init__('\n'.join(problems))
-        self.problems = problems
+        self.problems = [masked_addresses(problem) for problem in problems]
+        super().__init__('\n'.join(self.problems))
 
 
 class RecordError(BridgeError):
@@ -78,7 +93,7 @@ class RecordError(BridgeError):
     """
 
     def __init__(self, message: str, *, bug: Exception | None = None) -> None:
-        super().__init__(message)
+        super().__init__(message[:REASON_CHARS])
         self.bug = bug
 
 

@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ros2_kafka_bridge.logs.text import printable, printable_lines
+from ros2_kafka_bridge.outside.masking import masked_addresses
 
 _DISCOVERY_S = 4.0  # Fast DDS announces a participant every 3 s: sometimes the first are missed
 
@@ -58,19 +59,26 @@ def show_findings(console: Console, title: str, findings: Sequence[Finding]) -> 
         return
     console.print(title)
     for level, _, text, cure, _ in findings:
-        console.print(f'  {_MARKS[level][0]:4} {printable(text)}{printable(cure and f"; {cure}")}')
+        told = f'{text}; {cure}' if cure else text
+        console.print(f'  {_MARKS[level][0]:4} {_shown(told)}')
 
 
 def show_notes(console: Console, notes: Sequence[str]) -> None:
     """Print what belongs to the whole, a line each."""
     word, colour = _MARKS['note']
     for note in notes:
-        console.print(Text.assemble('  ', (word, colour), ' ', printable(note)))
+        console.print(Text.assemble('  ', (word, colour), ' ', _shown(note)))
 
 
 def show_line(console: Console, text: str, style: str = '') -> None:
     """Print a sentence; on a terminal it is broken between words."""
-    console.print(Text(printable_lines(text), style), soft_wrap=not console.is_terminal)
+    console.print(
+        Text(printable_lines(masked_addresses(text)), style), soft_wrap=not console.is_terminal
+    )
+
+
+def _shown(text: str) -> str:
+    return printable(masked_addresses(text))
 
 
 def _findings_table(title: str, findings: Sequence[Finding]) -> Table:
@@ -80,7 +88,7 @@ def _findings_table(title: str, findings: Sequence[Finding]) -> Table:
     table.add_column(overflow='fold', ratio=1)
     for level, thing, text, cure, _ in findings:
         word, colour = _MARKS[level]
-        told = Text.assemble(printable(text), (f'\n-> {printable(cure)}', 'bold') if cure else '')
+        told = Text.assemble(_shown(text), (f'\n-> {_shown(cure)}', 'bold') if cure else '')
         table.add_row(Text(word, colour), thing, told)
     return table
 

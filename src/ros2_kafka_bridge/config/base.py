@@ -13,10 +13,10 @@ from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
 from ros2_kafka_bridge.config.mistakes import Mistake, field_names
 from ros2_kafka_bridge.kafka.properties import is_secret
+from ros2_kafka_bridge.outside.masking import MASK, masked_address, masked_query, masked_setting
 
-MASK = '***'
-
-_CREDENTIALS = re.compile(r'://[^/?#\s]*@')
+_ADDRESS = re.compile(r'(^|\.)(url|proxy|endpoint)$')
+_QUERY = re.compile(r'\.query$')
 _Class = TypeVar('_Class')
 
 
@@ -129,8 +129,7 @@ class Settings:
         shown = []
         for name, spelling in spelled.items():
             value = getattr(self, name)
-            secret = value is not None and is_secret(spelling)
-            shown.append(f'{name}={MASK if secret else masked_values(value)!r}')
+            shown.append(f'{name}={None if value is None else masked_value(spelling, value)!r}')
         return f'{type(self).__name__}({", ".join(shown)})'
 
 
@@ -145,9 +144,20 @@ def look(value: Any, *path: str) -> Any:
 
 
 def masked_values(value: Any) -> Any:
-    """The same value, every secret property in it masked, and passwords in addresses."""
+    """The same value, every secret in it masked: properties, and what addresses hold."""
     if isinstance(value, Mapping):
-        return {n: MASK if is_secret(str(n)) else masked_values(v) for n, v in value.items()}
+        return {name: masked_value(str(name), item) for name, item in value.items()}
     if isinstance(value, str):
-        return _CREDENTIALS.sub(f'://{MASK}@', value)
+        return masked_setting(value)
     return [masked_values(item) for item in value] if isinstance(value, list) else value
+
+
+def masked_value(name: str, value: Any) -> Any:
+    """The same of what has a name, which tells an address also where it has no scheme."""
+    if is_secret(name):
+        return MASK
+    if isinstance(value, str) and _ADDRESS.search(name):
+        return masked_address(value)
+    if isinstance(value, str) and _QUERY.search(name):
+        return masked_query(value)
+    return masked_values(value)

@@ -3,13 +3,12 @@
 import re
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final, Literal
-from urllib.parse import urlsplit
 
 from annotated_types import Ge, Le
 
 from ros2_kafka_bridge.config.base import After, Before, Settings, setting, settings
 from ros2_kafka_bridge.config.mistakes import Mistake
-from ros2_kafka_bridge.config.values import no_bool
+from ros2_kafka_bridge.config.values import is_web_address, no_bool
 
 ADDRESSES: Final = 'host:port such as 127.0.0.1:9464 or [::1]:9464'
 """How an address is written, for a sentence."""
@@ -60,8 +59,7 @@ def _token(value: str) -> str:
 
 
 def _endpoint(value: str) -> str:
-    parts = urlsplit(value)
-    if parts.scheme not in {'http', 'https'} or not parts.netloc:
+    if not is_web_address(value):
         raise ValueError('expected an address such as http://localhost:4318/v1/traces')
     return value
 

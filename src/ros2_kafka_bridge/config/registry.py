@@ -7,8 +7,14 @@ from urllib.parse import urlsplit
 
 from ros2_kafka_bridge.config.base import After, Before, Settings, setting, settings
 from ros2_kafka_bridge.config.mistakes import Mistake, field_names, kind_of
-from ros2_kafka_bridge.config.values import CountOrNone, NotNegative, Positive
+from ros2_kafka_bridge.config.values import (
+    CountOrNone,
+    NotNegative,
+    Positive,
+    is_web_address,
+)
 from ros2_kafka_bridge.kafka.properties import PropertyValue
+from ros2_kafka_bridge.outside.files import file_problem
 
 _NEEDED = {
     'OAUTHBEARER': (
@@ -31,16 +37,28 @@ _OPTIONAL = {
     'STATIC_TOKEN': ('bearer.auth.identity.pool.id',),
 }
 _SOURCE = 'bearer.auth.credentials.source'
+_PROXIES = ('http', 'https', 'socks5', 'socks5h')
 _FILES = ('ssl.ca.location', 'ssl.certificate.location', 'ssl.key.location')
 
 
 def _urls(value: str) -> str:
     for url in value.split(','):
-        parts = urlsplit(url.strip())
-        if parts.scheme not in {'http', 'https'} or not parts.netloc:
+        if not is_web_address(url.strip()):
             raise ValueError('expected addresses with commas, such as https://registry:8081')
-        if '@' in parts.netloc:
+        if '@' in urlsplit(url.strip()).netloc:
             raise ValueError('holds a user or a password: these belong in basic.auth.user.info')
+    return value
+
+
+def _issuer(value: str) -> str:
+    if not is_web_address(value):
+        raise ValueError('expected an address such as https://login.example.org/token')
+    return value
+
+
+def _proxy(value: str) -> str:
+    if not is_web_address(value, _PROXIES):
+        raise ValueError('expected an address such as http://proxy:3128')
     return value
 
 
@@ -57,6 +75,8 @@ def _authorities(value: object) -> object:
 
 
 Urls = Annotated[str, After(_urls)]
+Issuer = Annotated[str, After(_issuer)]
+Proxy = Annotated[str, After(_proxy)]
 UserInfo = Annotated[str, After(_user_info)]
 Authorities = Annotated[str | Literal[False], Before(_authorities)]
 
@@ -123,7 +143,7 @@ class SchemaRegistrySettings(Settings):
     bearer_scope: str | None = setting(
         default=None, spelled='bearer.auth.scope', description='The scope of a token.'
     )
-    bearer_endpoint: str | None = setting(
+    bearer_endpoint: Issuer | None = setting(
         default=None, spelled='bearer.auth.issuer.endpoint.url', description='Who issues tokens.'
     )
     bearer_query: str | None = setting(
@@ -141,7 +161,7 @@ class SchemaRegistrySettings(Settings):
         spelled='bearer.auth.identity.pool.id',
         description='Identity pools, with commas.',
     )
-    proxy: str | None = setting(default=None, description='Address of a proxy.')
+    proxy: Proxy | None = setting(default=None, description='Address of a proxy.')
     timeout: Positive | None = setting(
         default=None, description='Longest time for an answer, in seconds. The bridge chooses 5.'
     )
@@ -172,9 +192,9 @@ class SchemaRegistrySettings(Settings):
             yield Mistake((_SOURCE,), 'basic.auth.user.info is there: leave one of them out')
         yield from _bearer_mistakes(given)
         for name in _FILES if context.get('check_kafka') else ():
-            path = given.get(name)
-            if isinstance(path, str) and not Path(path).exists():
-                yield Mistake((name,), 'no such file')
+            path, is_ca = given.get(name), name == 'ssl.ca.location'
+            if isinstance(path, str) and (why := file_problem(Path(path), or_directory=is_ca)):
+                yield Mistake((name,), why)
 
     def properties(self) -> dict[str, PropertyValue]:
         """What the client is made with, secrets included."""

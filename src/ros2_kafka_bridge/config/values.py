@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import os
+import re
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
+from urllib.parse import urlsplit
 
 from annotated_types import Ge, Gt, Le
 
@@ -22,7 +25,8 @@ CheckType = Callable[[str, Sequence[Path]], str | None]
 CheckFormat = Callable[[str], str | None]
 """Name of a format, or tracing -> what it lacks here, None where it lacks nothing."""
 
-CheckKafka = Callable[[Mapping[str, object]], dict[str, str]]
+CheckKafka = Callable[[Mapping[str, object], Mapping[str, object] | None], dict[str, str]]
+"""Properties, and right ones that go with those of a sink -> what is wrong, by their names."""
 
 
 def no_bool(value: object) -> object:
@@ -34,6 +38,16 @@ def no_bool(value: object) -> object:
     if isinstance(value, bool):
         raise ValueError('expected a number, got true or false')  # noqa: TRY004  # pydantic's way
     return value
+
+
+def is_web_address(text: str, schemes: Container[str] = ('http', 'https')) -> bool:
+    """Whether a text is an address that a client would take; nothing of it is ever said."""
+    try:
+        parts = urlsplit(text)
+        _ = parts.port  # what is no number may be the beginning of a password that holds a /
+    except ValueError:
+        return False
+    return parts.scheme in schemes and bool(parts.hostname) and not re.search(r'\s', text)
 
 
 def _known_type(name: str, info: ValidationInfo) -> str:
@@ -51,7 +65,7 @@ def _folder(path: Path, info: ValidationInfo) -> Path:
     if directory is None:
         return path
     folder = directory / path
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # noqa: PTH112 (that of a path can raise)
         raise ValueError('no such folder')
     return folder.absolute()
 

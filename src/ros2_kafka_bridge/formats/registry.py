@@ -12,12 +12,19 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
-from urllib.parse import urlsplit, urlunsplit
+from urllib.parse import parse_qsl, unquote, urlsplit
 from weakref import finalize
 
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, DecodeError, RouteError
 from ros2_kafka_bridge.kafka.properties import PropertyValue, is_secret
 from ros2_kafka_bridge.message_types.definition import has_parser
+from ros2_kafka_bridge.outside.masking import (
+    MASK,
+    finding,
+    login,
+    masked_address,
+    masked_addresses,
+)
 
 if TYPE_CHECKING:
     from confluent_kafka.schema_registry import Schema, SchemaRegistryClient
@@ -37,6 +44,8 @@ _NO_REGISTRY: Final = (
     'no Schema Registry: add schema_registry: {url: ...} to the file, or '
     'schema: {registry: false} to the route'
 )
+_ADDRESSES: Final = ('url', 'proxy', 'bearer.auth.issuer.endpoint.url')
+_SHORTEST_SECRET: Final = 8
 _MAGIC: Final = 0
 _LONGEST_ANSWER: Final = 2000
 _LARGEST_ID: Final = 2**31 - 1  # an int of Java: no registry gives a larger one, or finds it
@@ -103,7 +112,7 @@ def open_registry(scope: 'Scope') -> 'Registry':
     if not scope.registry:
         raise ConfigError([_NO_REGISTRY])
     mask = _mask(scope.registry)
-    url = _without_password(str(scope.registry.get('url', '')))
+    url = masked_address(str(scope.registry.get('url', '')))
     client = _client(_DEFAULTS | dict(scope.registry), mask)
     from ros2_kafka_bridge.formats.answers import Bounds  # noqa: PLC0415 (as heavy as the client)
 
@@ -149,29 +158,30 @@ def _client(properties: dict[str, PropertyValue], mask: re.Pattern[str]) -> 'Sch
         ) from None
     except (ImportError, TypeError, ValueError, httpx.InvalidURL) as error:
         # Of a proxy, also one in the environment, whose protocol needs another package.
-        raise ConfigError([f'schema_registry: {mask.sub("***", str(error))}']) from None
+        raise ConfigError([f'schema_registry: {_shown(mask, error)}']) from None
 
 
 def _mask(properties: Mapping[str, PropertyValue]) -> re.Pattern[str]:
     """Finds what must never be shown."""
     secrets = [str(value) for name, value in properties.items() if is_secret(name)]
-    for url in _urls(f'{properties.get("url", "")},{properties.get("proxy", "")}'):
-        secrets += [url.password] if url.password else []
+    for url in _urls(','.join(str(properties.get(name, '')) for name in _ADDRESSES)):
+        secrets += [url.password, unquote(url.password)] if url.password else []
         secrets += [url.netloc.rpartition('@')[0]] * ('@' in url.netloc)
+        # A word as short as v1 or dev is in many a sentence.
+        secrets += [it for _, it in parse_qsl(url.query) if len(it) >= _SHORTEST_SECRET]
     # A password may be said without its user. The user is no secret, and one of a single letter
     # would hide half of what is said.
     secrets += [secret.partition(':')[2] for secret in secrets]
-    found = sorted({secret for secret in secrets if secret}, key=len, reverse=True)
-    return re.compile('|'.join(map(re.escape, found)) if found else r'(?!)')
+    logins = [str(properties.get('basic.auth.user.info', '')), login(properties, 'bearer.auth')]
+    return finding(secrets, logins)
 
 
 def _urls(urls: str) -> list[Any]:
     return [urlsplit(url.strip()) for url in urls.split(',')]
 
 
-def _without_password(urls: str) -> str:
-    shown = (url._replace(netloc=url.netloc.rpartition('@')[2]) for url in _urls(urls))
-    return ','.join(urlunsplit(url) for url in shown)
+def _shown(mask: re.Pattern[str], error: object) -> str:
+    return mask.sub(MASK, masked_addresses(str(error)))
 
 
 @dataclass(slots=True)
@@ -180,7 +190,7 @@ class Registry:
 
     Args:
         client: confluent-kafka's own.
-        url: As the user wrote it, without a password.
+        url: As the user wrote it, without what may be secret in it.
         mask: Finds what must never be shown.
         bounds: Of what it may answer.
     """
@@ -300,7 +310,7 @@ class Registry:
             ) from error
 
     def _shown(self, error: object) -> str:
-        return self.mask.sub('***', str(error))[:_LONGEST_ANSWER]
+        return _shown(self.mask, error)[:_LONGEST_ANSWER]
 
     def _refused(
         self, error: Any, about: str, missing: BridgeError | None, schema_id: int | None

@@ -5,6 +5,8 @@ import re
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
+from ros2_kafka_bridge.outside.masking import masked_addresses
+
 _ENTRY: Final = re.compile(
     r'(?:(?P<protocol>[^:/]+)://)?(?P<host>\[[^\]]*\]|[^:/]*)(?::(?P<port>[^:/]*))?(?:/.*)?'
 )
@@ -57,7 +59,12 @@ def servers_problem(servers: str, protocol: str | None = None) -> str:
     entries = list(_entries(servers))
     if not entries:
         return 'names no broker: write host:port, such as localhost:9092'
-    return next(filter(None, (_problem(entry, protocol) for entry in entries)), '')
+    if '@' in servers:  # nothing of it is said: a password may hold a comma
+        return (
+            'is no host:port, separated by commas: a user and a password, before @, belong in '
+            'sasl.username and sasl.password'
+        )
+    return masked_addresses(next(filter(None, (_problem(e, protocol) for e in entries)), ''))
 
 
 def _entries(servers: str) -> Iterator[str]:

@@ -10,7 +10,11 @@ from confluent_kafka import KafkaError
 from ros2_kafka_bridge.errors import BridgeError, RecordError, RouteError, TransportError
 from ros2_kafka_bridge.kafka.addresses import NamedBroker, broker_in, listed
 from ros2_kafka_bridge.kafka.cures import CURES, Cure
+from ros2_kafka_bridge.kafka.properties import is_secret
 from ros2_kafka_bridge.kafka.tls import address_in, distrust
+from ros2_kafka_bridge.outside.masking import MASK, finding, login, masked_address
+
+_SHORTEST_SECRET: Final = 4  # one letter would hide half of what is said
 
 _RECORD = """
     INVALID_MSG_SIZE INVALID_RECORD INVALID_TIMESTAMP MSG_SIZE_TOO_LARGE RECORD_LIST_TOO_LARGE
@@ -190,8 +194,17 @@ def _words(text: str, name: str, client: Client, reason: str) -> str:
         who = f'{address.host}:{address.port}: ' if address else ''
         return f'{who}{_DISTRUST}' + (f': {reason} (broker)' if reason else '')
     text = _REPEATED.sub(r'\1', _STATE.sub('', text))
-    url = client.properties.get('sasl.oauthbearer.token.endpoint.url')
-    return f'{text} ({url})' if url and 'OAUTHBEARER token' in text else text
+    text = _finding(client.properties).sub(MASK, text)  # whoever refuses them may repeat them
+    url = str(client.properties.get('sasl.oauthbearer.token.endpoint.url', ''))
+    shown = masked_address(url)
+    text = text.replace(url, shown) if url else text
+    return f'{text} ({shown})' if url and 'OAUTHBEARER token' in text else text
+
+
+def _finding(properties: Mapping[str, Any]) -> re.Pattern[str]:
+    secrets = [str(value) for name, value in properties.items() if is_secret(name)]
+    long = [secret for secret in secrets if len(secret) >= _SHORTEST_SECRET]
+    return finding(long, [login(properties, 'sasl.oauthbearer')])
 
 
 def _reason_of_distrust(error: KafkaError, client: Client) -> str:

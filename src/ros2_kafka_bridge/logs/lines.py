@@ -1,5 +1,6 @@
 """Logs: one line each, as text or JSON, with the route it is about."""
 
+import codecs
 import json
 import logging
 import os
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from ros2_kafka_bridge.logs.handler import LogHandler
 from ros2_kafka_bridge.logs.summed import FIRST, PERIOD_S, Summed
 from ros2_kafka_bridge.logs.text import printable, printable_lines
+from ros2_kafka_bridge.outside.masking import masked_addresses
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.errors import About
@@ -82,10 +84,10 @@ class _JsonFormatter(logging.Formatter):
             **({} if about is None else about._asdict()),
             'times': getattr(record, 'times', None),
             **getattr(record, 'figures', {}),
-            'message': printable(record.getMessage()),
+            'message': printable(masked_addresses(record.getMessage())),
         }
         if record.exc_info:
-            line['traceback'] = printable_lines(self.formatException(record.exc_info))
+            line['traceback'] = _shown_traceback(self.formatException(record.exc_info))
         return json.dumps({key: value for key, value in line.items() if value is not None})
 
 
@@ -98,16 +100,22 @@ class _TextFormatter(logging.Formatter):
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 (logging's name)
         about: About | None = getattr(record, 'about', None)
         trace = f' (trace {about.trace_id})' if about and about.trace_id else ''
-        record.message = printable(record.message) + trace
+        record.message = printable(masked_addresses(record.message)) + trace
         return super().formatMessage(record)
 
     def formatException(self, ei: Any) -> str:  # noqa: N802 (logging's name)
         # Behind blanks, no line of it looks like one of the log's own.
-        return textwrap.indent(printable_lines(super().formatException(ei)), '    ')
+        return textwrap.indent(_shown_traceback(super().formatException(ei)), '    ')
+
+
+def _shown_traceback(text: str) -> str:
+    return printable_lines(masked_addresses(text))
 
 
 def set_up(log_format: LogFormat, worker: int = 0) -> None:
     """Send the bridge's log to standard error, from the level INFO on.
+
+    There the warnings of libraries come out as well, which Python would write as they are.
 
     Args:
         log_format: How a line looks.
@@ -124,6 +132,8 @@ def set_up(log_format: LogFormat, worker: int = 0) -> None:
     logger.handlers = [handler]
     logger.setLevel(logging.INFO)
     logger.propagate = False
+    logging.lastResort = handler
+    codecs.lookup('unicode_escape')  # once no file can be opened any more, it could not be read
 
 
 def _is_no_repetition(record: logging.LogRecord) -> bool:

@@ -115,16 +115,17 @@ def _compared(path: str, before: Any, after: Any) -> Iterator[str]:
 
 
 def _shown(path: str, value: Any) -> str:
-    from ros2_kafka_bridge.config.base import MASK, masked_values  # noqa: PLC0415 (heavy)
+    from ros2_kafka_bridge.config.base import masked_value  # noqa: PLC0415 (heavy)
     from ros2_kafka_bridge.kafka.properties import is_secret  # noqa: PLC0415
     from ros2_kafka_bridge.logs.text import printable  # noqa: PLC0415
+    from ros2_kafka_bridge.outside.masking import MASK  # noqa: PLC0415
 
     if value is None:
         return _NONE
     parts = path.split('.')
     if any(is_secret('.'.join(parts[first:])) for first in range(len(parts))):
         return MASK
-    masked = masked_values(_said(value))
+    masked = masked_value(path, _said(value))
     return printable(masked if isinstance(masked, str) else msgspec.json.encode(masked).decode())
 
 

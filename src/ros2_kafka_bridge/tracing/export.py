@@ -23,9 +23,9 @@ from opentelemetry.sdk.trace.id_generator import IdGenerator, RandomIdGenerator
 from opentelemetry.sdk.trace.sampling import ALWAYS_ON
 
 from ros2_kafka_bridge import __version__
-from ros2_kafka_bridge.config.base import masked_values
 from ros2_kafka_bridge.logs.lines import RouteLog
 from ros2_kafka_bridge.logs.text import count, printable
+from ros2_kafka_bridge.outside.masking import masked_address
 from ros2_kafka_bridge.route.trace_context import TraceContext
 from ros2_kafka_bridge.tracing.span import Span
 
@@ -92,7 +92,7 @@ class Exporter:
     ) -> None:
         self._ids = _GivenIds()
         self._lock = threading.Lock()
-        shown = masked_values(endpoint or 'the collector of OTEL_EXPORTER_OTLP_*')
+        shown = masked_address(endpoint or 'the collector of OTEL_EXPORTER_OTLP_*')
         self._sender = _Sender(OTLPSpanExporter(endpoint), shown, log, words)
         self._provider = TracerProvider(
             sampler=ALWAYS_ON,

@@ -75,7 +75,8 @@ def test_a_password_in_the_url_is_never_shown(server: RegistryServer) -> None:
     body = f'{{"error_code": 500, "message": "for bridge:{SECRET}"}}'.encode()
     server.answer(500, 1, body)
     said = str(encode_error(url))
-    assert said == f'Schema Registry {server.url}, subject robots-value: for *** (status 500)'
+    shown = server.url.replace('://', '://***@')
+    assert said == f'Schema Registry {shown}, subject robots-value: for *** (status 500)'
 
 
 def test_tls_to_a_registry_that_is_trusted(authority: trustme.CA, trusted: str) -> None:

@@ -224,7 +224,7 @@ def test_a_collector_that_is_away_holds_nobody_up_and_is_said_once(
     monkeypatch.setattr(export, '_FLUSH_S', 0.2)
     with socket.socket() as taken:
         taken.bind(('127.0.0.1', 0))  # nobody listens there
-        endpoint = f'http://127.0.0.1:{taken.getsockname()[1]}/v1/traces'
+        endpoint = f'http://127.0.0.1:{taken.getsockname()[1]}/v1/traces?api_key=sesame'
         with open_exporter(SERVICE, endpoint, LOG) as exporter:
             for _ in range(3 * MOST_WAITING):
                 exporter.end(_span())
@@ -234,6 +234,7 @@ def test_a_collector_that_is_away_holds_nobody_up_and_is_said_once(
     assert sum(told) == 3 * MOST_WAITING, said
     assert len(said) <= 2, said
     assert all('messages are not held up' in text for text in said)
+    assert not any('sesame' in text for text in said)
 
 
 def test_a_collector_that_comes_back_gets_what_ends_then(there: Collector) -> None:
