@@ -22,7 +22,7 @@ from secured import (
 )
 
 from ros2_kafka_bridge.config.file import loads
-from ros2_kafka_bridge.kafka.properties import property_problems
+from ros2_kafka_bridge.kafka.property_check import property_problems
 from ros2_kafka_bridge.testing.orders import encode, orders
 
 WAYS = ('SCRAM', 'PLAIN', 'mTLS', 'OAUTHBEARER')

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 import ros2_kafka_bridge
-from ros2_kafka_bridge.config import file as config_file
 from ros2_kafka_bridge.config.checks import key_parts, simple_name
 from ros2_kafka_bridge.config.file import loads
+from ros2_kafka_bridge.config.mistakes import MISTAKES_TOLD
 from ros2_kafka_bridge.config.references import EXPANDED_LIMIT_CHARS, expand
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.config.tree import YamlError, read_yaml
@@ -197,7 +197,7 @@ def test_a_file_that_is_no_configuration_is_told_in_few_lines() -> None:
     text = ''.join(f'"\\x1bf{number}": 1\n' for number in range(500))
     with pytest.raises(ConfigError) as caught:
         loads(text, 'x.yaml', {})
-    assert len(caught.value.problems) == config_file.TOLD_LIMIT + 1
+    assert len(caught.value.problems) == MISTAKES_TOLD + 1
     assert caught.value.problems[-1].endswith('more mistakes')
     assert '\x1b' not in str(caught.value)
 

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from ros2_kafka_bridge.config.mistakes import MISTAKES_TOLD
 from ros2_kafka_bridge.kafka.properties import PropertyValue, canonical, has_weak_acks
 
 if TYPE_CHECKING:
@@ -178,19 +179,24 @@ def repeats(names: Sequence[object]) -> dict[int, int]:
 
 
 def cycles(edges: Iterable[tuple[int, str, str]]) -> dict[int, list[str]]:
-    """The cycles of routes, each under the number of the route that closes it.
+    """The first cycles of routes, each under the number of the route that closes it.
 
     Args:
         edges: Number, source topic and sink topic of each route.
     """
     ways: dict[str, list[str]] = {}
-    found = {}
+    written: set[str] = set()
+    found: dict[int, list[str]] = {}
     for number, source, sink in edges:
-        way = _way(ways, sink, source)
-        if way is None:
-            ways.setdefault(source, []).append(sink)
-        else:
+        # A topic that no route writes closes nothing, however long the way is that leads from it.
+        way = _way(ways, sink, source) if source in written else None
+        if way is not None:
             found[number] = _from_kafka([source, *way])
+            if len(found) == MISTAKES_TOLD:
+                break
+            continue
+        ways.setdefault(source, []).append(sink)
+        written.add(sink)
     return found
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ros2_kafka_bridge.config.references import UnreadableError, expand, read_limited
+from ros2_kafka_bridge.config.mistakes import MISTAKES_TOLD
+from ros2_kafka_bridge.config.references import expand
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.config.tree import LocatedMistake, Tree, YamlError, read_yaml
 from ros2_kafka_bridge.config.validation import attempted
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.logs.text import count, printable
+from ros2_kafka_bridge.outside.files import UnreadableError, read_any
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -19,10 +21,8 @@ if TYPE_CHECKING:
     from ros2_kafka_bridge.config.values import CheckFormat, CheckKafka, CheckType
 
 
-TOLD_LIMIT = 100
-"""Mistakes that are told; a file that has more is probably no configuration."""
-
 LINE_LIMIT_CHARS = 2000
+STEP_LIMIT_CHARS = 300
 
 
 def load(
@@ -55,7 +55,7 @@ def read_text(path: Path) -> str:
         ConfigError: It cannot be read, or is no text.
     """
     try:
-        content = read_limited(path)
+        content = read_any(path)
     except UnreadableError as error:
         raise ConfigError([f'{path}: {error}']) from error
     try:
@@ -117,7 +117,7 @@ def _not_known(found: list[Mistake], known: list[LocatedMistake]) -> list[Locate
     return [
         LocatedMistake(mistake.path, mistake.text)
         for mistake in found
-        if not any(mistake.path[: len(path)] == path for path in reported)
+        if not any(mistake.path[:length] in reported for length in range(len(mistake.path) + 1))
     ]
 
 
@@ -126,8 +126,10 @@ def _told(mistakes: list[LocatedMistake], tree: Tree, file_name: str) -> list[st
     ordered = sorted(lined, key=lambda entry: entry[0])
     lines = [f'{file_name}:{line}: {_field(one.path)}{one.text}' for line, one in ordered]
     told = [_short(printable(line)) for line in dict.fromkeys(lines)]
-    more = count(len(told) - TOLD_LIMIT, 'more mistake')
-    return [*told[:TOLD_LIMIT], f'{file_name}: and {more}'] if len(told) > TOLD_LIMIT else told
+    if len(told) <= MISTAKES_TOLD:
+        return told
+    more = count(len(told) - MISTAKES_TOLD, 'more mistake')
+    return [*told[:MISTAKES_TOLD], f'{file_name}: and {more}']
 
 
 def _short(line: str) -> str:
@@ -135,6 +137,8 @@ def _short(line: str) -> str:
 
 
 def _field(path: tuple[str | int, ...]) -> str:
-    parts = [f'[{step}]' if isinstance(step, int) else f'.{step}' for step in path]
+    parts = [
+        f'[{step}]' if isinstance(step, int) else f'.{step[:STEP_LIMIT_CHARS]}' for step in path
+    ]
     shown = ''.join(parts).removeprefix('.')
     return f'{shown}: ' if shown else ''

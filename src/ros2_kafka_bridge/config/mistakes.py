@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields, is_dataclass
+from functools import cache
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 _KINDS: tuple[tuple[type | tuple[type, ...], str], ...] = (
@@ -13,6 +15,12 @@ _KINDS: tuple[tuple[type | tuple[type, ...], str], ...] = (
     (list, 'a list'),
     (type(None), 'nothing'),
 )
+
+
+_LONGEST_WORD = 100
+
+MISTAKES_TOLD = 100
+"""How many are told: a file that has more is probably no configuration."""
 
 
 class Mistake(NamedTuple):
@@ -33,10 +41,17 @@ def near(word: str, known: Iterable[str]) -> str:
     """`(did you mean 'x'?)` with a space before it, or nothing."""
     import difflib  # noqa: PLC0415 (only for mistakes)
 
+    if len(word) > _LONGEST_WORD:
+        return ''
     found = difflib.get_close_matches(word, sorted(known), 1, 0.6)
     return f" (did you mean '{found[0]}'?)" if found else ''
 
 
-def field_names(model: Any) -> dict[str, str]:
-    """The spelling of each field in a file, with its name in Python."""
-    return {str(each.metadata.get('alias', each.name)): each.name for each in fields(model)}
+def _field_names(model: Any) -> Mapping[str, str]:
+    names = {str(each.metadata.get('alias', each.name)): each.name for each in fields(model)}
+    return MappingProxyType(names)
+
+
+# No decorator: to mypy a class of instances that have a hash is not `Hashable` itself.
+field_names: Callable[[Any], Mapping[str, str]] = cache(_field_names)
+"""The spelling of each field of settings in a file, with its name in Python."""

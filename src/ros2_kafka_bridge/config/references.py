@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ros2_kafka_bridge.config.tree import LocatedMistake
+from ros2_kafka_bridge.config.tree import UNFIT, LocatedMistake
+from ros2_kafka_bridge.outside.files import UnreadableError, read_regular
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-SIZE_LIMIT_BYTES = 1024 * 1024
 EXPANDED_LIMIT_CHARS = 16 * 1024 * 1024
 """Characters that the references of one configuration stand for, all together."""
 
@@ -25,10 +25,6 @@ class Expanded(NamedTuple):
     mistakes: list[LocatedMistake]
 
 
-class UnreadableError(Exception):
-    """A file cannot be read; the text says why, in words of a sentence."""
-
-
 def expand(data: Any, environ: Mapping[str, str], directory: Path) -> Expanded:
     """Replace `${NAME}` and `${file:PATH}` in every text, and `$${` by a literal `${`.
 
@@ -39,32 +35,6 @@ def expand(data: Any, environ: Mapping[str, str], directory: Path) -> Expanded:
     """
     reader = _Reader(environ, directory)
     return Expanded(reader.expanded(data, ()), reader.mistakes)
-
-
-def read_limited(path: Path) -> bytes:
-    """The content of a file of at most `SIZE_LIMIT_BYTES`.
-
-    Raises:
-        UnreadableError: It is not there, not readable, or larger.
-    """
-    try:
-        with path.open('rb') as file:
-            content = file.read(SIZE_LIMIT_BYTES + 1)
-    except OSError as error:
-        raise UnreadableError(_plain(error)) from error
-    if len(content) > SIZE_LIMIT_BYTES:
-        raise UnreadableError(f'larger than {SIZE_LIMIT_BYTES} bytes: is it the right file?')
-    return content
-
-
-def _plain(error: OSError) -> str:
-    if isinstance(error, FileNotFoundError):
-        return 'no such file'
-    if isinstance(error, IsADirectoryError):
-        return 'a directory: name the file in it'
-    if isinstance(error, PermissionError):
-        return 'no permission to read it'
-    return error.strerror or 'cannot be read'
 
 
 class _Reader:
@@ -93,6 +63,8 @@ class _Reader:
         if variable is None and file is None:
             wrong = '${ without a name and }: a variable is ${NAME}, a file ${file:PATH}'
             self.mistakes.append(LocatedMistake(path, wrong))
+        elif variable is not None and UNFIT.search(self._environ.get(variable, '')):
+            self.mistakes.append(LocatedMistake(path, f'the variable {variable} is not UTF-8'))
         elif variable is not None and variable in self._environ:
             return self._within_room(self._environ[variable], path)
         elif variable is not None:
@@ -130,10 +102,12 @@ class _Reader:
 def _text_of(path: Path) -> str:
     """The text of a file without the newline that editors and `echo` put at its end."""
     try:
-        text = read_limited(path).decode('utf-8-sig')
+        text = read_regular(path).decode('utf-8-sig')
     except UnicodeDecodeError as error:
         raise UnreadableError('not UTF-8: it holds no text') from error
     text = text.removesuffix('\n').removesuffix('\r')
     if not text:
         raise UnreadableError('it is empty')
+    if UNFIT.search(text):
+        raise UnreadableError('it holds a NUL: it is no text')
     return text

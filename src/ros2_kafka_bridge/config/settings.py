@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypeVar, cast, get_args, get_type_hints
 from annotated_types import MinLen
 
 from ros2_kafka_bridge.config import checks
-from ros2_kafka_bridge.config.base import MASK, Settings, look, masked_values, setting, settings
+from ros2_kafka_bridge.config.base import Settings, look, masked_values, setting, settings
 from ros2_kafka_bridge.config.endpoints import (
     FromKafka,
     FromRos,
@@ -20,7 +20,7 @@ from ros2_kafka_bridge.config.endpoints import (
 )
 from ros2_kafka_bridge.config.formats import JsonSettings, SchemaSettings
 from ros2_kafka_bridge.config.groups import group_mistakes
-from ros2_kafka_bridge.config.mistakes import Mistake, field_names, near
+from ros2_kafka_bridge.config.mistakes import MISTAKES_TOLD, Mistake, field_names, near
 from ros2_kafka_bridge.config.monitoring import MonitoringSettings, TracingSettings
 from ros2_kafka_bridge.config.registry import SchemaRegistrySettings
 from ros2_kafka_bridge.config.routes import (
@@ -40,7 +40,14 @@ from ros2_kafka_bridge.config.values import (
     Properties,
 )
 from ros2_kafka_bridge.kafka.addresses import servers_problem
-from ros2_kafka_bridge.kafka.properties import Membership, canonical, is_secret
+from ros2_kafka_bridge.kafka.properties import (
+    Membership,
+    PropertyValue,
+    canonical,
+    code_of_others,
+    is_secret,
+)
+from ros2_kafka_bridge.outside.masking import MASK
 
 __all__ = [
     'Config',
@@ -65,6 +72,7 @@ __all__ = [
 
 _Model = TypeVar('_Model', bound=Settings)
 
+_SINKS_LIMIT = 500
 _OWN = ('name', 'from', 'to')
 _SAMPLES: dict[type[Settings], dict[str, Any]] = {
     KafkaToRosRoute: {'from': {'kafka': 'x'}, 'to': {'ros': '/x', 'type': TEXT_TYPE}},
@@ -116,10 +124,9 @@ class Config(Settings):
         """Each route with the defaults that fit it."""
         if not isinstance(data, Mapping) or not isinstance(data.get('routes'), list):
             return data
-        defaults = data.get('defaults')
-        given = defaults if isinstance(defaults, Mapping) else {}
-        wrong = {mistake.path[1] for mistake in _default_mistakes(given)}
-        right = {name: value for name, value in given.items() if name not in wrong}
+        known = _known_defaults(data)
+        wrong = {mistake.path[1] for mistake in _default_mistakes(known)}
+        right = {name: value for name, value in known.items() if name not in wrong}
         return {**data, 'routes': [_with(right, route) for route in data['routes']]}
 
     @classmethod
@@ -132,8 +139,8 @@ class Config(Settings):
         if isinstance(defaults, Mapping):
             yield from _default_mistakes(defaults)
         yield from _route_mistakes(routes)
-        merged = defaults if isinstance(defaults, Mapping) else {}
-        whole = [_with(merged, route) for route in routes]
+        known = _known_defaults(given)
+        whole = [_with(known, route) for route in routes]
         yield from group_mistakes(str(given.get('name')), whole)
         if given.get('schema_registry') is None:
             yield from _registry_mistakes(whole)
@@ -175,16 +182,25 @@ def _with(defaults: Mapping[str, Any], route: Any) -> Any:
 
 def _default_mistakes(defaults: Mapping[str, Any]) -> Iterator[Mistake]:
     """Each wrong default once, wherever it would be used."""
-    for name, value in defaults.items():
+    for number, (name, value) in enumerate(defaults.items()):
         models = [model for model in _SAMPLES if name in field_names(model)]
         if name in _OWN:
             yield Mistake(('defaults', name), 'has no default: every route says its own')
         elif models:
             yield from _default_mistake(models[0], name, value)
         else:
-            known = {field for model in _SAMPLES for field in field_names(model)}
-            text = f"unknown field '{name}'{near(name, known)}"
-            yield Mistake(('defaults', name), text)
+            hint = near(name, _default_names()) if number < MISTAKES_TOLD else ''
+            yield Mistake(('defaults', name), f"unknown field '{name}'{hint}")
+
+
+def _known_defaults(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of a file's defaults that some route can have."""
+    given, names = data.get('defaults'), _default_names()
+    return {n: v for n, v in given.items() if n in names} if isinstance(given, Mapping) else {}
+
+
+def _default_names() -> set[str]:
+    return {field for model in _SAMPLES for field in field_names(model)}
 
 
 def _default_mistake(model: type[Settings], name: str, value: Any) -> Iterator[Mistake]:
@@ -227,27 +243,51 @@ def _kafka_mistakes(
     check: CheckKafka, kafka: Mapping[str, Any], routes: list[Any]
 ) -> Iterator[Mistake]:
     """What librdkafka refuses: in the properties of all, then with those of each sink."""
-    problems = check(_scalars(kafka))
+    problems, secrets = check(_scalars(kafka), None), _secrets(kafka)
     for name, text in problems.items():
-        yield Mistake(('kafka', name), _hidden(text, kafka))
+        yield Mistake(('kafka', name), _hidden(text, secrets))
     right = {name: value for name, value in kafka.items() if name not in problems}
+    yield from _sink_mistakes(check, right, routes, secrets)
+
+
+def _sink_mistakes(
+    check: CheckKafka, right: Mapping[str, Any], routes: list[Any], secrets: list[str]
+) -> Iterator[Mistake]:
+    """What it refuses in the properties of a sink beside the right ones of all."""
+    known: dict[str, Mapping[str, str]] = {}
+    told = 0
     for number, route in enumerate(routes):
+        if told > MISTAKES_TOLD:
+            return
         own = look(route, 'to', 'properties')
-        if not isinstance(own, Mapping):
+        if not isinstance(own, Mapping) or not own:
             continue
-        for name, text in check(_scalars({**right, **own})).items():
+        # Not checked yet, a value may be a list, which is no key of a dictionary.
+        same = repr(sorted((str(name), value) for name, value in own.items()))
+        if same not in known and len(known) == _SINKS_LIMIT:
+            continue  # each takes a client; what is wrong there is told as its route begins
+        if same not in known:
+            others = {name: value for name, value in right.items() if name not in own}
+            known[same] = check(_scalars(own), _scalars(others))
+        told += len(known[same])
+        for name, text in known[same].items():
             path = ('properties', name) if name in own else ('properties',)
-            yield Mistake(('routes', number, 'to', *path), _hidden(text, {**kafka, **own}))
+            yield Mistake(
+                ('routes', number, 'to', *path), _hidden(text, [*secrets, *_secrets(own)])
+            )
 
 
 def _scalars(properties: Mapping[str, Any]) -> dict[str, object]:
     return {n: v for n, v in properties.items() if isinstance(v, str | int | float)}
 
 
-def _hidden(text: str, properties: Mapping[str, Any]) -> str:
-    for name, value in properties.items():
-        if is_secret(name) and len(str(value)) > 2:
-            text = text.replace(str(value), MASK)
+def _secrets(properties: Mapping[str, Any]) -> list[str]:
+    return [str(v) for n, v in properties.items() if is_secret(str(n)) and len(str(v)) > 2]
+
+
+def _hidden(text: str, secrets: list[str]) -> str:
+    for secret in secrets:
+        text = text.replace(secret, MASK)
     return text
 
 
@@ -289,11 +329,11 @@ def masked(config: Config) -> dict[str, Any]:
 
 
 def warnings(config: Config) -> list[str]:
-    """What the configuration gives up: one sentence for each guarantee that falls.
+    """What the configuration gives up, a sentence for each guarantee that falls, and what it runs.
 
     The numbers are those of the guarantees in the documentation.
     """
-    found = [f'kafka.{text}' for text in checks.weaker_properties(config.kafka)]
+    found = [f'kafka.{text}' for text in _property_warnings(config.kafka)]
     if config.schema_registry is not None and config.schema_registry.ssl_ca is False:
         found.append('schema_registry.ssl.ca.location: false: nobody checks who the registry is')
     to_ros = any(isinstance(route, KafkaToRosRoute) for route in config.routes)
@@ -305,12 +345,17 @@ def warnings(config: Config) -> list[str]:
     for number, route in enumerate(config.routes):
         path = f'routes[{number}]'
         if isinstance(route, RosToKafkaRoute):
-            weaker = checks.weaker_properties(route.sink.properties)
-            found += [f'{path}.to.properties.{text}' for text in weaker]
+            said = _property_warnings(route.sink.properties)
+            found += [f'{path}.to.properties.{text}' for text in said]
             found += [f'{path}.from.qos.{text}' for text in _weaker_qos(route.source.qos, 2)]
         else:
             found += [f'{path}.to.qos.{text}' for text in _weaker_qos(route.sink.qos, 1)]
     return found
+
+
+def _property_warnings(properties: Mapping[str, PropertyValue]) -> Iterator[str]:
+    yield from checks.weaker_properties(properties)
+    yield from code_of_others(properties)
 
 
 def _weaker_qos(qos: QoS, guarantee: int) -> Iterator[str]:

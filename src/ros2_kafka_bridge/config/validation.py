@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError, ValidationInfo, ValidatorFunctionWrapHandler
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
-from ros2_kafka_bridge.config.mistakes import Mistake, field_names, kind_of, near
+from ros2_kafka_bridge.config.mistakes import MISTAKES_TOLD, Mistake, field_names, kind_of, near
 
 _PLAIN = 'plain'
 _WORDS = {
@@ -113,8 +113,8 @@ def schema_of(model: type[Any], inner: CoreSchema) -> CoreSchema:
 def _mistakes_in(model: type[Any], error: ValidationError) -> list[Mistake]:
     """The findings of pydantic about one model, in plain words."""
     return [
-        Mistake(tuple(found['loc']), _text(model, found))
-        for found in error.errors(include_url=False)
+        Mistake(tuple(found['loc']), _text(model, found, hint=number < MISTAKES_TOLD))
+        for number, found in enumerate(error.errors(include_url=False))
     ]
 
 
@@ -140,12 +140,12 @@ def _checked(
     return made
 
 
-def _text(model: type[Any], found: Mapping[str, Any]) -> str:
+def _text(model: type[Any], found: Mapping[str, Any], *, hint: bool) -> str:
     if found['type'] == _PLAIN:
         return str(found['msg'])
     name = str(found['loc'][-1]) if found['loc'] else ''
     if found['type'] == 'unexpected_keyword_argument':
-        return f"unknown field '{name}'{near(name, field_names(model))}"
+        return f"unknown field '{name}'{near(name, field_names(model)) if hint else ''}"
     if found['type'] == 'missing':
         return f'is missing: {_meaning(model, name)}'
     words = str(_WORDS.get(found['type'], found['msg']))

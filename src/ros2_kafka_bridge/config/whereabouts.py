@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _TOLD: Final = (('name',), ('monitoring',), ('monitoring', 'listen'))
 _FIELD: Final = re.compile(r'^[^\s#]', re.MULTILINE)
 _MOST_CUTS: Final = 16
+_SHORT_CHARS: Final = 64 * 1024
 
 
 class Whereabouts(NamedTuple):
@@ -54,7 +55,7 @@ def _readable(text: str) -> Tree:
     Raises:
         YamlError: There are none.
     """
-    for _ in range(_MOST_CUTS):
+    for _ in range(_MOST_CUTS if len(text) < _SHORT_CHARS else 1):
         try:
             return read_yaml(text)
         except YamlError as error:

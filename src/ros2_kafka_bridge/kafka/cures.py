@@ -71,6 +71,12 @@ CURES: Final = (
     ),
     Cure('_SSL', '', 'check the ssl.* properties of this bridge'),
     Cure(
+        '_INVALID_ARG',
+        r'OpenSSL (?:engine|provider)',
+        'ssl.engine.location and ssl.providers must name what the OpenSSL of the client can load: '
+        'mend them, or leave them out',
+    ),
+    Cure(
         '_AUTHENTICATION',
         r'OAUTHBEARER token',
         'check sasl.oauthbearer.token.endpoint.url, sasl.oauthbearer.client.id and '

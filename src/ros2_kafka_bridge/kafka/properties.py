@@ -1,15 +1,16 @@
-"""librdkafka's properties: whose they are, which the bridge keeps for itself, which are wrong."""
+"""librdkafka's properties: whose they are, and which the bridge keeps for itself."""
 
 from __future__ import annotations
 
-import difflib
-import logging
 import re
 import uuid
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
+from ros2_kafka_bridge.outside.files import file_problem, holds_text
+
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
 PropertyValue = str | int | float | bool
 Membership = Literal['static', 'dynamic']
@@ -69,21 +70,30 @@ _COMMON = _words(
     enable.ssl.certificate.verification https.ca.location https.ca.pem log.connection.close
     log_level max.in.flight max.in.flight.requests.per.connection message.copy.max.bytes
     message.max.bytes metadata.broker.list metadata.max.age.ms metadata.recovery.strategy
-    metadata.recovery.rebootstrap.trigger.ms plugin.library.paths receive.message.max.bytes
+    metadata.recovery.rebootstrap.trigger.ms receive.message.max.bytes
     reconnect.backoff.max.ms reconnect.backoff.ms retry.backoff.max.ms retry.backoff.ms
-    sasl.kerberos.keytab sasl.kerberos.kinit.cmd sasl.kerberos.principal
-    sasl.kerberos.service.name sasl.mechanism sasl.mechanisms sasl.oauthbearer.client.id
+    sasl.kerberos.keytab sasl.kerberos.kinit.cmd sasl.kerberos.min.time.before.relogin
+    sasl.kerberos.principal sasl.kerberos.service.name sasl.mechanism sasl.mechanisms
+    sasl.oauthbearer.assertion.algorithm sasl.oauthbearer.assertion.file
+    sasl.oauthbearer.assertion.jwt.template.file
+    sasl.oauthbearer.assertion.private.key.file
+    sasl.oauthbearer.assertion.private.key.passphrase
+    sasl.oauthbearer.assertion.private.key.pem sasl.oauthbearer.client.id
     sasl.oauthbearer.client.secret sasl.oauthbearer.config sasl.oauthbearer.extensions
+    sasl.oauthbearer.grant.type sasl.oauthbearer.metadata.authentication.type
     sasl.oauthbearer.method sasl.oauthbearer.scope sasl.oauthbearer.token.endpoint.url
     sasl.password sasl.username security.protocol socket.connection.setup.timeout.ms
     socket.keepalive.enable socket.nagle.disable socket.receive.buffer.bytes
     socket.send.buffer.bytes socket.timeout.ms ssl.ca.location ssl.ca.pem
     ssl.certificate.location ssl.certificate.pem ssl.cipher.suites ssl.crl.location
-    ssl.endpoint.identification.algorithm ssl.key.location ssl.key.password ssl.key.pem
-    ssl.keystore.location ssl.keystore.password statistics.interval.ms topic.blacklist
-    topic.metadata.refresh.interval.ms
+    ssl.curves.list ssl.endpoint.identification.algorithm ssl.engine.id ssl.engine.location
+    ssl.key.location ssl.key.password ssl.key.pem ssl.keystore.location ssl.keystore.password
+    ssl.providers ssl.sigalgs.list statistics.interval.ms topic.metadata.refresh.interval.ms
     """
 )
+KNOWN = CONSUMER_ONLY | PRODUCER_ONLY | _COMMON
+"""Names that somebody may have meant."""
+
 _TOPIC_LEVEL = _words(
     """
     acks auto.commit.enable auto.commit.interval.ms auto.offset.reset compression.codec
@@ -127,13 +137,45 @@ _REFUSED = {
     'enabled_events': 'the bridge reads no event queue',
     'log.queue': 'the bridge reads no log queue: the log would be lost',
     'offset.store.method': 'offsets are kept by the consumer group in Kafka',
+    'plugin.library.paths': 'the bridge loads no code of others into its clients: leave it out',
+    'topic.blacklist': 'a route names its topic itself, and reads or writes no other',
+    'internal.termination.signal': 'the signal would end the bridge, not a client: leave it out',
+    'test.mock.num.brokers': 'the bridge would talk to brokers of its own: name real ones',
+    'test.mock.broker.rtt': 'it is for brokers of a test inside the client: leave it out',
 }
+# librdkafka reads a name up to its first NUL: so it would be another one than was looked at.
+_NAME = re.compile(r'[A-Za-z0-9._-]+')
 _SECRET = re.compile(r'password|passphrase|secret|token|private\.key\.pem$|^basic\.auth\.')
-_SECRET_NAMES = frozenset({'ssl.key.pem', 'sasl.oauthbearer.config', 'sasl.jaas.config'})
+_SECRET_NAMES = _words(
+    """
+    ssl.key.pem sasl.oauthbearer.config sasl.oauthbearer.extensions sasl.jaas.config
+    sasl.kerberos.kinit.cmd
+    """
+)
 _NO_SECRET = re.compile(r'token\.endpoint\.url$|\.location$|\.file$')
-_TOKEN_URL = 'sasl.oauthbearer.token.endpoint.url'  # noqa: S105 (a name)
-_NOWHERE = 'http://127.0.0.1:9/'
-_CREATION = re.compile(r'^Failed to create (producer|consumer): ')
+
+TOKEN_SOURCE: Final = 'sasl.oauthbearer.metadata.authentication.type'  # noqa: S105 (a name)
+AWS: Final = 'aws_iam'
+"""The one of these sources for which confluent-kafka loads code; it knows no other spelling."""
+
+_CODE: Final = {
+    'ssl.engine.location': '{value}: code of others, loaded',
+    'ssl.providers': '{value}: code of others, loaded',
+    'sasl.kerberos.kinit.cmd': 'a command of the shell, run',
+    TOKEN_SOURCE: '{value}: boto3 is loaded, and asks AWS,',
+}
+_THEN: Final = 'where the bridge connects to Kafka (run, check --connect), never by a plain check'
+
+_FOLDERS_TOO: Final = frozenset({'ssl.ca.location', 'https.ca.location'})
+_FILES: Final = _FOLDERS_TOO | _words(
+    """
+    ssl.certificate.location ssl.key.location ssl.crl.location ssl.keystore.location
+    sasl.oauthbearer.assertion.file sasl.oauthbearer.assertion.jwt.template.file
+    sasl.oauthbearer.assertion.private.key.file
+    """
+)
+_FILE_LIMIT_BYTES: Final = 16 * 1024 * 1024
+_SHOWN_PATH_CHARS: Final = 255
 
 
 def canonical(name: str) -> str:
@@ -151,9 +193,39 @@ def is_secret(name: str) -> bool:
 
 def refusal(name: str) -> str | None:
     """Why the bridge does not take this property from its users, None where it does."""
+    if not _NAME.fullmatch(name):
+        return 'no property has such a name'
     if canonical(name) in _FUNCTIONS:
         return 'it takes a function of a program, which a configuration cannot hold'
     return _REFUSED.get(canonical(name))
+
+
+def runs_code(name: str, value: object) -> bool:
+    """True for a property by which code of others runs as a client is made."""
+    return name in _CODE and (name != TOKEN_SOURCE or value == AWS)
+
+
+def code_of_others(properties: Mapping[str, PropertyValue]) -> Iterator[str]:
+    """A sentence for each property by which code of others runs in the bridge."""
+    for name, value in properties.items():
+        if runs_code(name, value):
+            yield f'{name}: {_CODE[name].format(value=value)} {_THEN}'
+
+
+def file_fault(name: str, value: str) -> str | None:
+    """Why librdkafka must not open what a property names, which could be a pipe.
+
+    Returns:
+        A sentence, without a value that may be a key; None where it may, or would open nothing.
+    """
+    if name not in _FILES or not value or (value == 'probe' and name in _FOLDERS_TOO):
+        return None
+    pem = re.sub(r'(location|file)$', 'pem', name)
+    if holds_text(value) and pem in KNOWN:
+        return f'holds the text of a file: that belongs in {pem}'
+    problem = file_problem(Path(value), _FILE_LIMIT_BYTES, or_directory=name in _FOLDERS_TOO)
+    is_shown = len(value) <= _SHOWN_PATH_CHARS and not holds_text(value)
+    return f'{value}: {problem}' if problem and is_shown else problem
 
 
 def is_consumers(name: str) -> bool:
@@ -255,33 +327,13 @@ def has_weak_acks(properties: Mapping[str, PropertyValue]) -> bool:
     return bool(acks) and str(acks[-1]).lower() not in {'all', '-1'}
 
 
-def property_problems(properties: Mapping[str, object]) -> dict[str, str]:
-    """What librdkafka would refuse, found by making clients that know no broker.
-
-    Args:
-        properties: By librdkafka's names, as the user wrote them.
-
-    Returns:
-        A sentence for each wrong property; no secret value is ever part of it.
-    """
-    usable = {n: _text(v) for n, v in properties.items() if refusal(n) is None}
-    problems = {}
-    for name, value in usable.items():
-        error = _client_error('producer', {name: value})
-        if error is not None and not _CREATION.match(error):
-            problems[name] = _sentence(name, value, error)
-    right = {name: value for name, value in usable.items() if name not in problems}
-    for name, problem in _together(right).items():
-        problems.setdefault(name, problem)
-    return problems
-
-
 def _plain(name: str) -> str:
     short = name.removeprefix('topic.')
     return short if short in _TOPIC_LEVEL else name
 
 
-def _text(value: object) -> PropertyValue:
+def plain_value(value: object) -> PropertyValue:
+    """The value as librdkafka takes it, who knows neither `True` nor `1e3`."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float) and value.is_integer():
@@ -294,80 +346,4 @@ def _merged(
 ) -> dict[str, PropertyValue]:
     given = {canonical(name) for name in users}
     kept = {name: value for name, value in own.items() if canonical(name) not in given}
-    return kept | {name: _text(value) for name, value in users.items()}
-
-
-def _together(properties: Mapping[str, PropertyValue]) -> dict[str, str]:
-    """Problems of properties that are right one by one: files, and pairs that do not fit."""
-    problems: dict[str, str] = {}
-    # A client that asks for tokens does not survive a wrong file: librdkafka ends the process.
-    if _TOKEN_URL in properties and (error := _client_error('producer', _tls_alone(properties))):
-        name = _culprit(properties, error)
-        return {name: _sentence(name, properties[name], error)}
-    clients = {
-        'producer': producer_properties(properties, client_id='check'),
-        'consumer': consumer_properties(properties, group='check', client_id='check'),
-    }
-    for kind, settings in clients.items():
-        error = _client_error(kind, settings)
-        if error is not None:
-            users = {name: properties[name] for name in settings if name in properties}
-            name = _culprit(users, error)
-            problems.setdefault(name, _sentence(name, users.get(name, ''), error))
-    return problems
-
-
-def _tls_alone(properties: Mapping[str, PropertyValue]) -> dict[str, PropertyValue]:
-    tls = {n: v for n, v in properties.items() if n.startswith(('ssl.', 'https.', 'enable.ssl.'))}
-    return {**tls, 'security.protocol': 'SSL'}
-
-
-def _culprit(properties: Mapping[str, PropertyValue], error: str) -> str:
-    """The user's property that an error speaks of, by its name or else by its value."""
-    named = re.findall(r'[a-z_]+(?:\.[a-z_]+)+|acks|retries', error)
-    for word in named:
-        for name in properties:
-            if canonical(name) == canonical(word):
-                return name
-    by_value = [n for n, v in properties.items() if len(str(v)) > 2 and str(v) in error]
-    related = [n for n in properties for word in named if n.split('.')[0] == word.split('.')[0]]
-    return next(iter([*by_value, *related, *properties]), 'bootstrap.servers')
-
-
-def _sentence(name: str, value: PropertyValue, error: str) -> str:
-    if error.startswith('No such configuration property'):
-        near = difflib.get_close_matches(name, CONSUMER_ONLY | PRODUCER_ONLY | _COMMON, 1, 0.75)
-        hint = f" (did you mean '{near[0]}'?)" if near else ''
-        return f'librdkafka knows no such property{hint}'
-    if is_secret(name) and (str(value) in error or not _CREATION.match(error)):
-        return 'librdkafka refuses its value'
-    text = _CREATION.sub('', error).strip()
-    return f'librdkafka refuses it: {text[:1].lower() + text[1:]}'
-
-
-def _client_error(kind: str, settings: Mapping[str, PropertyValue]) -> str | None:
-    """What librdkafka says of a client with these settings, None where it makes one."""
-    from confluent_kafka import Consumer, KafkaException, Producer  # noqa: PLC0415  # slow
-
-    brokerless: dict[str, Any] = {
-        name: value for name, value in settings.items() if canonical(name) != 'bootstrap.servers'
-    }
-    if _TOKEN_URL in brokerless:
-        brokerless[_TOKEN_URL] = _NOWHERE  # a client asks for a token as soon as it is made
-    try:
-        if kind == 'producer':
-            Producer(brokerless, logger=_silent_logger()).flush(0)
-        else:
-            Consumer(brokerless, logger=_silent_logger()).close()
-    except KafkaException as error:
-        return str(error.args[0].str())
-    except (TypeError, ValueError) as error:
-        return str(error)
-    return None
-
-
-def _silent_logger() -> logging.Logger:
-    """A logger of nobody: what a client without a broker complains of interests nobody."""
-    logger = logging.Logger('ros2_kafka_bridge.kafka.properties')  # noqa: LOG001
-    logger.addHandler(logging.NullHandler())
-    return logger
+    return kept | {name: plain_value(value) for name, value in users.items()}

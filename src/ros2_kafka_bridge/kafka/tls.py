@@ -8,16 +8,9 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.kafka.properties import file_fault
 
 _PATIENCE_S: Final = 10.0
-_FILES: Final = (
-    'ssl.ca.location',
-    'ssl.certificate.location',
-    'ssl.key.location',
-    'ssl.keystore.location',
-    'ssl.crl.location',
-    'https.ca.location',
-)
 _ADDRESS = re.compile(r'\b(?:sasl_)?ssl://(?P<host>\[[^]]+\]|[^:/\s]+):(?P<port>\d+)')
 
 
@@ -62,26 +55,14 @@ def distrust(address: BrokerAddress, properties: Mapping[str, Any]) -> str:
 def check_files(properties: Mapping[str, Any], where: str) -> None:
     """Look for the files that a client will read.
 
-    librdkafka says it worse and, where it asks for tokens, ends the process for it.
+    librdkafka says it worse, waits for a pipe and, where it asks for tokens, ends the process.
 
     Raises:
         RouteError: One of them cannot be read; it says which.
     """
-    if problem := _unreadable(properties):
-        raise RouteError(f'{where}: {problem}')
-
-
-def _unreadable(properties: Mapping[str, Any]) -> str:
-    """What is wrong with the files that properties name; empty where nothing is."""
-    for name in _FILES:
-        value = str(properties.get(name, 'probe'))
-        if value == 'probe' or Path(value).is_dir():
-            continue
-        try:
-            Path(value).open('rb').close()
-        except OSError as error:
-            return f'{name}: {value}: {error.strerror}'
-    return ''
+    for name, value in properties.items():
+        if problem := file_fault(name, str(value)):
+            raise RouteError(f'{where}: {name}: {problem}')
 
 
 def _context(properties: Mapping[str, Any]) -> ssl.SSLContext:

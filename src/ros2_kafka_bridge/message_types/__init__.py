@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from collections.abc import Sequence as Listed
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.message_types.definition import (
@@ -35,6 +36,8 @@ from ros2_kafka_bridge.message_types.installed import (
 )
 from ros2_kafka_bridge.message_types.layout import Array, Kind, Layout, Sequence
 
+_HINTS: Final = 100
+
 
 def type_names(message_path: Listed[Path] = ()) -> list[str]:
     """All message types that are known, sorted; no ROS library is loaded for it.
@@ -53,10 +56,33 @@ def unknown_type(name: str, message_path: Listed[Path] = ()) -> str | None:
 
     It says, too, what is wrong with a folder.
     """
-    try:
-        return _problem(name, type_names(message_path))
-    except ConfigError as error:
-        return str(error)
+    return KnownTypes().unknown(name, message_path)
+
+
+class KnownTypes:
+    """`unknown_type` for all names of a file: looks at the folders once, gives some hints."""
+
+    def __init__(self) -> None:
+        self._names: dict[tuple[Path, ...], list[str] | ConfigError] = {}
+        self._hints_left = _HINTS
+
+    def unknown(self, name: str, message_path: Listed[Path] = ()) -> str | None:
+        """Say what is wrong with the name of a type; None if it exists."""
+        known = self._known(tuple(message_path))
+        if isinstance(known, ConfigError):
+            return str(known)
+        if name in known:
+            return None
+        self._hints_left -= 1
+        return _problem(name, known, hints=self._hints_left >= 0)
+
+    def _known(self, folders: tuple[Path, ...]) -> list[str] | ConfigError:
+        if folders not in self._names:
+            try:
+                self._names[folders] = type_names(folders)
+            except ConfigError as error:
+                self._names[folders] = error
+        return self._names[folders]
 
 
 def installed_hash(name: str) -> str | None:
@@ -97,10 +123,10 @@ def document(layout: Layout, message_path: Listed[Path] = ()) -> Layout:
     return _documented(layout, message_files(message_path), {}) if has_parser() else layout
 
 
-def _problem(name: str, known: list[str]) -> str | None:
+def _problem(name: str, known: list[str], *, hints: bool = True) -> str | None:
     if name in known:
         return None
-    near = _near(name, known)
+    near = _near(name, known) if hints else None
     if near:
         hint = f' (did you mean {near}?)'
     elif known:

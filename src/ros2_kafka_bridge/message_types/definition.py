@@ -18,6 +18,7 @@ from ros2_kafka_bridge.message_types.description import (
     TypeDescription,
 )
 from ros2_kafka_bridge.message_types.layout import PRIMITIVES, Constant, Primitive, String
+from ros2_kafka_bridge.outside.files import UnreadableError, read_regular
 
 _UINT8: Final = FieldType(Ids.UINT8, 0, 0, '')
 _ROS1: Final = {'time': 'builtin_interfaces/Time', 'duration': 'builtin_interfaces/Duration'}
@@ -86,9 +87,9 @@ def _line_of(field: str, text: str) -> int:
 
 def _text(file: Path) -> str:
     try:
-        data = file.read_bytes()
-    except OSError as error:
-        raise ConfigError([f'{file}: {error.strerror}']) from error
+        data = read_regular(file)
+    except UnreadableError as error:
+        raise ConfigError([f'{file}: {error}']) from error
     try:
         return data.decode()
     except UnicodeDecodeError as error:

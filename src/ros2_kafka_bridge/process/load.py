@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ from ros2_kafka_bridge.errors import ConfigError
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.config.settings import Config
+    from ros2_kafka_bridge.message_types import KnownTypes
 
 
 def load_checked(file: Path, *, with_ros: bool = True) -> 'Config':
@@ -23,19 +25,18 @@ def load_checked(file: Path, *, with_ros: bool = True) -> 'Config':
     """
     from ros2_kafka_bridge.config.file import load  # noqa: PLC0415 (heavy)
     from ros2_kafka_bridge.formats.extras import missing_extra  # noqa: PLC0415
-    from ros2_kafka_bridge.kafka.properties import property_problems  # noqa: PLC0415
-    from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415
+    from ros2_kafka_bridge.kafka.property_check import property_problems  # noqa: PLC0415
+    from ros2_kafka_bridge.message_types import KnownTypes  # noqa: PLC0415
 
-    check_type = _not_installed if with_ros else unknown_type
+    types = KnownTypes()
+    check_type = partial(_not_installed, types) if with_ros else types.unknown
     return load(file, os.environ, check_type, property_problems, missing_extra)
 
 
-def _not_installed(name: str, message_path: Sequence[Path]) -> str | None:
+def _not_installed(types: 'KnownTypes', name: str, message_path: Sequence[Path]) -> str | None:
     """Say what is wrong with the type of a route, which rclpy has to load; None if it can."""
-    from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415 (reads files)
-
-    problem = unknown_type(name)
-    if problem and message_path and unknown_type(name, message_path) is None:
+    problem = types.unknown(name)
+    if problem and message_path and types.unknown(name, message_path) is None:
         return (
             f'{name} lies in ros.message_path only, which is enough without ROS: a route '
             'that runs needs its package, built and sourced'

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.outside.files import UnreadableError, read_regular
 
 NAMESPACE = 'http://www.eprosima.com'
 _NS = f'{{{NAMESPACE}}}'
@@ -108,8 +109,8 @@ def make_profile(
 
 def _read(path: Path) -> ET.Element:
     try:
-        root = ET.fromstring(path.read_bytes())  # noqa: S314 (the user's own file)
-    except (OSError, LookupError, ValueError, ET.ParseError) as error:
+        root = ET.fromstring(read_regular(path))  # noqa: S314 (the user's own file)
+    except (UnreadableError, LookupError, ValueError, ET.ParseError) as error:
         raise ConfigError([f'{path}: the DDS profile cannot be read: {error}']) from error
     for element in root.iter():
         # Fast DDS looks at no namespace: whichever is written, it is the one of ours.

@@ -16,7 +16,7 @@ from benchmarks.faults.run import Outcome
 from benchmarks.faults.streams import STREAMS, configuration
 from rig.processes import Programs
 from ros2_kafka_bridge.config.file import loads
-from ros2_kafka_bridge.kafka.properties import property_problems
+from ros2_kafka_bridge.kafka.property_check import property_problems
 
 STANDS_STILL = """
 import signal

@@ -124,7 +124,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     check_files(
         {'ssl.ca.location': str(there), 'https.ca.location': str(tmp_path)}, 'topic orders'
     )
-    expected = f'topic orders: ssl.key.location: {tmp_path}/key: No such file or directory'
+    expected = f'topic orders: ssl.key.location: {tmp_path}/key: no such file'
     with pytest.raises(RouteError) as caught:
         check_files({'ssl.key.location': f'{tmp_path}/key'}, 'topic orders')
     assert str(caught.value) == expected

@@ -11,9 +11,9 @@ from ros2_kafka_bridge.kafka.properties import (
     is_secret,
     member_name,
     producer_properties,
-    property_problems,
     refusal,
 )
+from ros2_kafka_bridge.kafka.property_check import property_problems
 
 MIXED: dict[str, str | int | float | bool] = {
     'bootstrap.servers': 'x:9092',
@@ -205,7 +205,8 @@ def test_what_is_no_secret_is_shown(name: str) -> None:
     'name',
     [
         'group.id', 'auto.commit.enable', 'topic.auto.offset.reset', 'transactional.id',
-        'error_cb', 'group.instance.id', 'partition.assignment.strategy',
+        'error_cb', 'group.instance.id', 'partition.assignment.strategy', 'plugin.library.paths',
+        'topic.blacklist', 'internal.termination.signal', 'test.mock.num.brokers',
     ],
 )  # fmt: skip
 def test_what_the_bridge_keeps_for_itself_is_refused_under_every_name(name: str) -> None:

@@ -194,7 +194,7 @@ def test_fast_dds_2_asks_for_no_types_and_knows_no_such_property() -> None:
 @pytest.mark.parametrize(
     ('content', 'reason'),
     [
-        (None, 'No such file'),
+        (None, 'no such file'),
         (b'', 'no element found'),
         (b'<dds>', 'no element found'),
         (b'\xff\xfe\xfd', 'unclosed token'),

@@ -18,9 +18,9 @@ from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.kafka.properties import (
     PropertyValue,
     consumer_properties,
-    property_problems,
     refusal,
 )
+from ros2_kafka_bridge.kafka.property_check import property_problems
 from ros2_kafka_bridge.kafka.timestamps import read_timestamps
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.process.load import load_checked

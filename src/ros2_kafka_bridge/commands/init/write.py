@@ -279,7 +279,7 @@ def scalar(text: str) -> str:
 
 
 def _refuse_existing(file: Path, *, force: bool) -> None:
-    if file.exists() and not force:
+    if os.path.exists(file) and not force:  # noqa: PTH110 (that of a path can raise)
         raise _there_already(file)
 
 
