@@ -5,10 +5,11 @@ import http.server
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
+import httpx
 import pytest
 from browsers import CHROMIUM, chromium, opened
 from harness import Bench, eventually, to_kafka, to_ros
@@ -231,6 +232,43 @@ def test_a_page_whose_server_stands_still_says_so_and_comes_back(
             stage.monitor.process.send_signal(signal.SIGCONT)
         expect(page.locator('#live')).to_have_text('Not ready')
         expect(page.locator('#banner')).to_be_hidden()
+
+
+@contextmanager
+def strangers(url: str, many: int) -> Iterator[None]:
+    """So many others look at the page, from the address of the browser."""
+    with ExitStack() as looking:
+        for _ in range(many):
+            looking.enter_context(httpx.stream('GET', f'{url}api/events', timeout=30))
+        yield
+
+
+def test_a_page_that_is_let_go_says_so_and_looks_again_when_it_is_told_to(
+    browser: Browser, stage: Stage
+) -> None:
+    with opened(browser, stage.monitor.url) as page:
+        banner, live = page.locator('#banner'), page.locator('#live')
+        expect(live).to_have_text('Not ready')
+        with strangers(stage.monitor.url, 50):
+            expect(banner).to_contain_text('one that has looked for longest is let go')
+            expect(live).to_have_text('Old data')
+            page.click('#again')
+            expect(banner).to_be_hidden()
+            expect(live).to_have_text('Not ready')
+        unlock(page)
+        expect(page.locator('#reload')).to_be_visible()
+        with strangers(stage.monitor.url, 60):
+            page.wait_for_timeout(2000)  # it has a place of its own now
+            expect(live).to_have_text('Not ready')
+            expect(banner).to_be_hidden()
+
+
+def test_a_page_whose_token_has_changed_goes_on_without(browser: Browser, stage: Stage) -> None:
+    with opened(browser, stage.monitor.url) as page:
+        page.evaluate("sessionStorage.setItem('ros2-kafka-bridge-token', 'the one before')")
+        page.reload()
+        expect(page.locator('#live')).to_have_text('Not ready')
+        expect(page.locator('#locked')).to_have_text('Read-only until you unlock it')
 
 
 # A real bridge, under load

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import socket
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,7 +14,7 @@ import httpx
 import pytest
 from calm_kafka import SharedKafka
 from harness import Bench, eventually, to_kafka, to_ros
-from monitors import Stage
+from monitors import TOKEN, Stage
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics
 from prometheus_client.parser import text_string_to_metric_families as prometheus
 from scrapes import PREFIX, ROUTES, Watched, settings, under_load, watched
@@ -202,5 +203,52 @@ def test_a_probe_is_answered_however_many_ask_for_nothing(tmp_path: Path, ros_do
                 idle.enter_context(socket.create_connection(place, timeout=30))
             assert stage.monitor.get('livez').status_code == 200
         log = stage.monitor.log.read_text()
-    said = log.count('500 connections at once: who has been idle for longest is let go')
+    said = log.count('500 connections at once: one of the client that has most is let go')
     assert 0 < said < 10, log
+
+
+def _asked(path: str, *more: str) -> bytes:
+    method = 'POST' if more else 'GET'
+    lines = [f'{method} /{path} HTTP/1.1', 'host: localhost', *more, '', '']
+    return '\r\n'.join(lines).encode()
+
+
+WRONG: Final = _asked(
+    'api/token', 'authorization: Bearer no', 'content-type: application/json', 'content-length: 2'
+)
+
+
+@pytest.mark.parametrize(
+    'said',
+    [b'', WRONG + b'{}', _asked('api/events'), _asked('metrics'), _asked('metrics?name[]=x')],
+    ids=['idle', 'wrong tokens', 'streams', 'slow readers', 'names'],
+)
+def test_the_operator_and_probes_get_in_whoever_else_asks(
+    tmp_path: Path, ros_domain: int, said: bytes
+) -> None:
+    assert ros_domain
+    with Stage(tmp_path, 30) as stage, ExitStack() as others:
+        monitor, place = stage.monitor, ('127.0.0.1', stage.monitor.port)
+        said = said.replace(b'localhost', f'localhost:{monitor.port}'.encode())
+        shown = {'authorization': f'Bearer {TOKEN}'}
+        looking = others.enter_context(
+            httpx.stream('GET', f'{monitor.url}api/events', headers=shown, timeout=30)
+        )
+        told = looking.iter_lines()
+        assert next(told) == 'retry: 1000'
+        for _ in range(550):  # none of them takes what it is answered
+            stranger = others.enter_context(socket.create_connection(place, timeout=30))
+            stranger.sendall(said)
+        since_s = time.time()
+        for _ in range(3):
+            assert monitor.get('livez').status_code == 200
+            assert monitor.get('api/state').status_code == 200
+            assert monitor.post('api/token').status_code == 200
+            with httpx.stream('GET', f'{monitor.url}api/events', timeout=30) as newest:
+                assert next(newest.iter_lines()) == 'retry: 1000'
+        views = (json.loads(it.removeprefix('data: ')) for it in told if it.startswith('data: '))
+        assert any(it.get('bridge', {}).get('now_s', 0) > since_s + 1 for it in views)
+        resident = Path(f'/proc/{monitor.process.pid}/statm').read_text().split()[1]
+        assert int(resident) * os.sysconf('SC_PAGE_SIZE') < 250 * 2**20
+        log = monitor.log.read_text()
+    assert len(log.splitlines()) < 10, log

@@ -1,5 +1,6 @@
 """Reading dead-letter topics; nothing is committed."""
 
+import math
 import time
 from collections import OrderedDict
 from collections.abc import Collection, Iterator, Mapping
@@ -24,7 +25,7 @@ from ros2_kafka_bridge.logs.lines import client_log
 
 _REQUEST_S: Final = 5.0
 _SILENT_S: Final = 20.0
-_BATCH: Final = 1000
+_BATCH: Final = 100
 _AHEAD: Final = 1000
 _AHEAD_BYTES: Final = 1_000_000
 _FEW: Final = 10  # in one batch, where they may be large
@@ -35,6 +36,7 @@ _OWN: Final = {
     'allow.auto.create.topics': False,
     'auto.offset.reset': 'earliest',  # what is deleted while it is read is gone
     'fetch.wait.max.ms': 10,  # each question waits behind the fetch that is on its way
+    'queued.max.messages.kbytes': 16_384,
     **BOUNDS,
 }
 
@@ -47,7 +49,8 @@ class LetterReader:
         overview: The same cluster, for what a consumer cannot ask.
 
     `partitions` has the topics that are there, as far as the broker has told; `unseen` from where
-    on a partition was not read to its end, because a transaction there has not ended.
+    on a partition was not read to its end, because a transaction there has not ended; `cut` from
+    where on `newest` has read nothing, because its time was up.
     """
 
     def __init__(self, properties: Mapping[str, Any], overview: Overview) -> None:
@@ -57,6 +60,7 @@ class LetterReader:
         self._about = Client('READ', properties)
         self.partitions: dict[str, int] = {}
         self.unseen: dict[tuple[str, int], LetterPlace] = {}
+        self.cut: LetterPlace | None = None
 
     def __enter__(self) -> Self:
         """Look which topics there are.
@@ -115,8 +119,10 @@ class LetterReader:
             for message in self._read(begin, end, whole=whole):
                 yield parse(topic, message)
 
-    def newest(self, topic: str, most: int) -> Iterator[Letter | Mark]:
+    def newest(self, topic: str, most: int, deadline_s: float) -> Iterator[Letter | Mark]:
         """Read the last offsets of a dead-letter topic, at most so many of each partition.
+
+        What is not read by `deadline_s` (of the monotonic clock) is left out, from `cut` on.
 
         Raises:
             TransportError: The broker is away.
@@ -125,8 +131,10 @@ class LetterReader:
         for partition, end in enumerate(self._ends(topic)):
             low, stable = self._bounds(topic, partition)
             begin = LetterPlace(topic, partition, max(low, stable - most))
-            for message in self._read(begin, end, whole=False):
+            for message in self._read(begin, end, whole=False, batch=_FEW, until_s=deadline_s):
                 yield parse(topic, message)
+            if self.cut:
+                return
 
     def fetch(self, topic: str, partition: int, offsets: Collection[int]) -> Iterator[Letter]:
         """Read these letters whole, in order; those that are gone are left out."""
@@ -205,7 +213,13 @@ class LetterReader:
         return max(low, found.offset) if found.offset >= 0 else stable
 
     def _read(
-        self, begin: LetterPlace, end: int, *, whole: bool, batch: int = _BATCH
+        self,
+        begin: LetterPlace,
+        end: int,
+        *,
+        whole: bool,
+        batch: int = _BATCH,
+        until_s: float = math.inf,
     ) -> Iterator[Record]:
         """The records from one offset to before another, as far as they are committed."""
         topic, partition, offset = begin
@@ -214,8 +228,10 @@ class LetterReader:
         self._client.assign([TopicPartition(topic, partition, offset)])
         deadline_s = time.monotonic() + _SILENT_S
         reached = offset
-        while reached < end:
-            for message in self._consume(topic, partition, batch):
+        while reached < end and not self._is_late(topic, partition, reached, until_s):
+            found = self._consume(topic, partition, batch)[::-1]
+            while found:  # what was looked at is let go: it may be a megabyte
+                message = found.pop()
                 error = message.error()
                 here = message.offset() or 0
                 if error is None:
@@ -235,6 +251,11 @@ class LetterReader:
                     f'{topic}[{partition}] cannot be read behind {reached}: the broker is away, '
                     'or another client has not ended its transaction there; try again in a minute'
                 )
+
+    def _is_late(self, topic: str, partition: int, reached: int, until_s: float) -> bool:
+        if is_late := time.monotonic() > until_s:
+            self.cut = LetterPlace(topic, partition, reached)
+        return is_late
 
     def _consume(self, topic: str, partition: int, most: int) -> list[Message]:
         try:

@@ -1,9 +1,11 @@
 """What a browser may ask to be done, and the letters that it may look into."""
 
 import asyncio
+import re
 from collections.abc import Awaitable, Callable
+from functools import partial
 from http import HTTPStatus
-from typing import Annotated, Any, Final, TypeVar
+from typing import Annotated, Any, Final, NamedTuple, TypeVar
 
 import msgspec
 from starlette.concurrency import run_in_threadpool
@@ -11,25 +13,24 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from ros2_kafka_bridge.config.settings import MonitoringSettings
+from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.dead_letters.letter import LetterPlace
 from ros2_kafka_bridge.errors import BridgeError
-from ros2_kafka_bridge.logs.lines import RouteLog, summed
+from ros2_kafka_bridge.logs.lines import RouteLog
 from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.monitoring import letters
-from ros2_kafka_bridge.monitoring.guard import (
-    Refusal,
-    is_of_own_user,
-    without_json,
-    without_right,
-)
+from ros2_kafka_bridge.monitoring.caller import who
+from ros2_kafka_bridge.monitoring.guard import Refusal, is_of_own_user, refused, without_json
 from ros2_kafka_bridge.monitoring.replay import ReplayRunner
 from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
+from ros2_kafka_bridge.monitoring.rights import Rights, has_shown_token
+from ros2_kafka_bridge.monitoring.shared_cache import SharedCache
 from ros2_kafka_bridge.monitoring.state import Watch
 from ros2_kafka_bridge.protocol.monitor import Answer, Do
 
 _MOST_BODY_BYTES: Final = 256 * 1024
-_WRONG_TOKEN_S: Final = 0.5
+_LETTERS_KEPT_S: Final = 3.0
+_NUMBER: Final = re.compile(r'[0-9]{1,19}')
 _Form = TypeVar('_Form')
 
 
@@ -54,21 +55,31 @@ class NothingForm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """An empty object."""
 
 
+class _Found(NamedTuple):
+    """What a look at Kafka has found, or why there was none."""
+
+    status: HTTPStatus
+    body: bytes
+
+
 class Orders:
-    """Answers what changes something.
+    """Answers what changes something, and what letters there are.
 
     Args:
         watch: Knows the bridge, and passes on what is asked for.
         replay: Runs replays.
-        log: Where is said who asked for what; it has the sum of wrong tokens.
+        rights: Knows who shows the token.
+        log: Where is said who asked for what.
     """
 
-    def __init__(self, watch: Watch, replay: ReplayRunner, log: RouteLog) -> None:
+    def __init__(self, watch: Watch, replay: ReplayRunner, rights: Rights, log: RouteLog) -> None:
         self._watch = watch
         self._replay = replay
-        self._reading = asyncio.Semaphore(2)
+        self._rights = rights
+        # Whoever shows the token does not stand in line behind all others.
+        self._lists = {shown: SharedCache[_Found](_LETTERS_KEPT_S) for shown in (False, True)}
+        self._looking = asyncio.Semaphore(1)
         self._log = log
-        self._wrong_tokens = summed(log)
 
     @property
     def routes(self) -> list[Route]:
@@ -81,7 +92,7 @@ class Orders:
             _post('/api/replay', self._order(ReplayForm, self._begin_replay)),
             _post('/api/replay/stop', self._order(NothingForm, self._end_replay)),
             Route('/api/dead-letters/{topic}', self._letters),
-            Route('/api/dead-letters/{topic}/{partition:int}/{offset:int}', self._letter),
+            Route('/api/dead-letters/{topic}/{partition}/{offset}', self._letter),
         ]
 
     def _order(
@@ -92,34 +103,22 @@ class Orders:
         """Make the handler of something that only those with the token may ask for."""
 
         async def handle(request: Request) -> Response:
-            refusal = without_json(request.headers) or await self._without_right(request)
+            refusal = without_json(request.headers) or await self._rights.require_token(request)
             if refusal is not None:
-                return _refused(refusal)
+                return refused(refusal)
             body = bytearray()
             async for part in request.stream():
                 body += part
                 if len(body) > _MOST_BODY_BYTES:
                     text = f'the body is over {_MOST_BODY_BYTES // 1024} KiB'
-                    return _refused(Refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text))
+                    return refused(Refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text))
             try:
                 asked = msgspec.json.decode(bytes(body) or b'{}', type=form)
             except msgspec.DecodeError as error:
-                return _refused(Refusal(HTTPStatus.BAD_REQUEST, printable(str(error))))
+                return refused(Refusal(HTTPStatus.BAD_REQUEST, printable(str(error))))
             return await act(request, asked)
 
         return handle
-
-    async def _without_right(self, request: Request) -> Refusal | None:
-        given = request.headers.get('authorization', '')
-        refusal = without_right(self._settings, given)
-        if refusal is not None and given:
-            self._wrong_tokens.warning(f'the page: a wrong token from {_who(request)}')
-            await asyncio.sleep(_WRONG_TOKEN_S)  # who guesses, guesses slowly
-        return refusal
-
-    @property
-    def _settings(self) -> MonitoringSettings:
-        return self._watch.config.monitoring or MonitoringSettings()
 
     async def _token(self, _request: Request, _form: NothingForm) -> Response:
         return JSONResponse({'text': 'this is the token'})
@@ -137,7 +136,7 @@ class Orders:
         return self._order(NothingForm, act)
 
     def _say(self, request: Request, what: str) -> None:
-        self._log.info('%s was asked for, by the page, from %s', what, _who(request))
+        self._log.info('%s was asked for, by the page, from %s', what, who(request.client))
 
     async def _reload(self, request: Request, form: ReloadForm) -> Response:
         do = Do.PREVIEW if form.preview else Do.RELOAD
@@ -149,14 +148,14 @@ class Orders:
 
     async def _begin_replay(self, _request: Request, form: ReplayForm) -> Response:
         if problem := self._replay_problem(form):
-            return _refused(Refusal(HTTPStatus.BAD_REQUEST, problem))
+            return refused(Refusal(HTTPStatus.BAD_REQUEST, problem))
         configured = self._watch.configured
         order = ReplayOrder(
             configured.values, form.topic, form.places,
             form.to_ros, form.dry_run, form.again, form.force,
         )  # fmt: skip
         if not await run_in_threadpool(self._replay.start, order):
-            return _refused(Refusal(HTTPStatus.CONFLICT, 'a replay runs already: wait for it'))
+            return refused(Refusal(HTTPStatus.CONFLICT, 'a replay runs already: wait for it'))
         return JSONResponse(self._replay.state(), HTTPStatus.ACCEPTED)
 
     def _replay_problem(self, form: ReplayForm) -> str:
@@ -173,7 +172,7 @@ class Orders:
     async def _end_replay(self, _request: Request, _form: NothingForm) -> Response:
         if self._replay.stop():
             return JSONResponse({'text': 'the replay ends after the batch in hand'})
-        return _refused(Refusal(HTTPStatus.CONFLICT, 'no replay runs'))
+        return refused(Refusal(HTTPStatus.CONFLICT, 'no replay runs'))
 
     @property
     def _topics(self) -> set[str]:
@@ -183,7 +182,16 @@ class Orders:
         topic = request.path_params['topic']
         if topic not in self._topics:
             return _nothing(f'{printable(topic)} is no dead-letter topic of this bridge')
-        return await self._read(letters.newest, topic)
+        if refusal := await self._rights.reject_wrong_token(request):
+            return refused(refusal)
+        make = partial(self._look_at_kafka, letters.newest, topic)
+        found = await self._lists[has_shown_token(request.scope)].get(topic, make, self._version)
+        return Response(found.body, found.status, media_type='application/json')
+
+    def _version(self) -> object:
+        """What a list of letters depends on, but for Kafka."""
+        replay = self._replay.state() or {}
+        return self._watch.configured, replay.get('number'), replay.get('status')
 
     async def _letter(self, request: Request) -> Response:
         """One letter with its content, which is not for everybody who may look at the page."""
@@ -191,34 +199,39 @@ class Orders:
         if topic not in self._topics:
             return _nothing(f'{printable(topic)} is no dead-letter topic of this bridge')
         if refusal := await self._kept_back(request):
-            return _refused(refusal)
-        place = LetterPlace(topic, request.path_params['partition'], request.path_params['offset'])
+            return refused(refusal)
+        numbers = request.path_params['partition'], request.path_params['offset']
+        if not all(map(_NUMBER.fullmatch, numbers)):
+            return _nothing('these are no numbers of a letter')
+        place = LetterPlace(topic, *map(int, numbers))
         if not _can_be(place):
             return _nothing(f'{place} is no letter')
-        return await self._read(letters.look, place)
+        async with self._looking:
+            found = await self._look_at_kafka(letters.look, place)
+        return Response(found.body, found.status, media_type='application/json')
 
     async def _kept_back(self, request: Request) -> Refusal | None:
-        if self._settings.token is not None:
-            return await self._without_right(request)
+        if self._rights.settings.token is not None:
+            return await self._rights.require_token(request)
         if await run_in_threadpool(is_of_own_user, request):
             return None
         text = "what messages hold is shown to others than the bridge's own user only with a token"
         return Refusal(HTTPStatus.FORBIDDEN, f'{text}: set monitoring.token')
 
-    async def _read(self, read: Callable[..., Any], what: Any) -> Response:
-        async with self._reading:
-            try:
-                found = await run_in_threadpool(read, self._watch.config, what)
-            except BridgeError as error:
-                text = printable(str(error))
-                return _refused(Refusal(HTTPStatus.SERVICE_UNAVAILABLE, text))
-        if found is None:
-            return _nothing(f'{what} is no longer there')
-        return Response(msgspec.json.encode(found), media_type='application/json')
+    async def _look_at_kafka(self, read: Callable[..., Any], what: Any) -> _Found:
+        try:
+            return await run_in_threadpool(_read, read, self._watch.config, what)
+        except BridgeError as error:
+            told = {'error': printable(str(error))}
+            return _Found(HTTPStatus.SERVICE_UNAVAILABLE, msgspec.json.encode(told))
 
 
-def _who(request: Request) -> str:
-    return printable(request.client.host) if request.client else 'somebody'
+def _read(read: Callable[..., Any], config: Config, what: Any) -> _Found:
+    found = read(config, what)
+    if found is None:
+        told = {'error': f'{what} is no longer there'}
+        return _Found(HTTPStatus.NOT_FOUND, msgspec.json.encode(told))
+    return _Found(HTTPStatus.OK, msgspec.json.encode(found))
 
 
 def _can_be(place: LetterPlace) -> bool:
@@ -237,11 +250,4 @@ def _answered(answer: Answer) -> Response:
 
 
 def _nothing(text: str) -> Response:
-    return _refused(Refusal(HTTPStatus.NOT_FOUND, text))
-
-
-def _refused(refusal: Refusal) -> Response:
-    headers = {}
-    if refusal.status is HTTPStatus.UNAUTHORIZED:
-        headers['www-authenticate'] = 'Bearer'
-    return JSONResponse({'error': refusal.text}, refusal.status, headers)
+    return refused(Refusal(HTTPStatus.NOT_FOUND, text))

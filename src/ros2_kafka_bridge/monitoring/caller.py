@@ -1,13 +1,15 @@
-"""Whose program is at the other end of a connection, as the kernel of this machine knows it.
+"""Who is at the other end of a connection: an address, and the user as this kernel knows it.
 
-An address does not tell: behind a proxy on this machine anybody comes from 127.0.0.1, with any
-`Host` that they like.
+The address alone does not tell the user: behind a proxy on this machine anybody comes from
+127.0.0.1, with any `Host` that they like.
 """
 
 import sys
-from ipaddress import IPv6Address, ip_address
+from ipaddress import IPv6Address, IPv6Network, ip_address
 from pathlib import Path
 from typing import Final, NamedTuple
+
+from ros2_kafka_bridge.logs.text import printable
 
 _TABLES: Final = {4: Path('/proc/self/net/tcp'), 16: Path('/proc/self/net/tcp6')}
 _ESTABLISHED: Final = '01'
@@ -18,6 +20,24 @@ class SocketAddress(NamedTuple):
 
     host: str
     port: int
+
+
+def who(client: tuple[str, int] | None) -> str:
+    """The address of a client, for the log."""
+    return printable(client[0]) if client else 'somebody'
+
+
+def network_of(client: tuple[str, int] | None) -> str:
+    """What one client may take its addresses from: an address of IPv4, a /64 of IPv6."""
+    host = client[0] if client else ''
+    try:
+        address = ip_address(host.partition('%')[0])
+    except ValueError:
+        return host
+    if not isinstance(address, IPv6Address):
+        return str(address)
+    mapped = address.ipv4_mapped
+    return str(mapped or IPv6Network((address, 64), strict=False))
 
 
 def user_of(caller: SocketAddress, own: SocketAddress) -> int | None:

@@ -9,7 +9,7 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from ros2_kafka_bridge.errors import fault_of
-from ros2_kafka_bridge.logs.lines import RouteLog, summed
+from ros2_kafka_bridge.logs.summed import Summed
 from ros2_kafka_bridge.logs.text import printable
 
 _LONGEST_PATH = 100
@@ -23,12 +23,12 @@ class Failures:
 
     Args:
         app: What answers.
-        log: Where it is said.
+        said: The log, where it is said.
     """
 
-    def __init__(self, app: ASGIApp, log: RouteLog) -> None:
+    def __init__(self, app: ASGIApp, said: Summed) -> None:
         self._app = app
-        self._sums = summed(log, first=1)
+        self._said = said
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: D102
         begun = False
@@ -46,7 +46,7 @@ class Failures:
             if scope['type'] != 'http':
                 raise
             what = printable(f'{scope["method"]} {scope["path"]}'[:_LONGEST_PATH])
-            self._sums.error(
+            self._said.error(
                 f'the page could not answer {what}: {fault_of(error)}, by way of {_way(error)}: '
                 'a bug of the bridge, report it',
                 kind='not answered',

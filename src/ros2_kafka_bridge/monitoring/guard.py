@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 from starlette.datastructures import Headers
 from starlette.requests import Request
-from starlette.responses import JSONResponse
+from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from ros2_kafka_bridge.config.monitoring import MonitoringSettings
@@ -77,6 +77,13 @@ class Refusal(NamedTuple):
 
     status: HTTPStatus
     text: str
+
+
+def refused(refusal: Refusal) -> Response:
+    """Tell why something is not done."""
+    needs_token = refusal.status is HTTPStatus.UNAUTHORIZED
+    headers = {'www-authenticate': 'Bearer'} if needs_token else {}
+    return JSONResponse({'error': refusal.text}, refusal.status, headers)
 
 
 def without_right(settings: MonitoringSettings, authorization: str) -> Refusal | None:
@@ -158,8 +165,7 @@ class Guard:
         if refusal is None:
             await self._app(scope, receive, send_with_headers)
             return
-        response = JSONResponse({'error': refusal.text}, refusal.status)
-        await response(scope, receive, send_with_headers)
+        await refused(refusal)(scope, receive, send_with_headers)
 
     def _refusal(self, method: str, path: str, headers: Headers) -> Refusal | None:
         reads = method in _READS

@@ -1,7 +1,10 @@
 """The dead letters of a bridge for its page: which there are, and what is in one."""
 
 import base64
+import heapq
 import json
+import time
+from collections.abc import Iterable
 from typing import Any, Final
 
 import msgspec
@@ -10,20 +13,27 @@ from ros2_kafka_bridge.commands.dead_letters.report import NOT_OURS, open_reader
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark
-from ros2_kafka_bridge.dead_letters.shown import escaped, hex_lines, shortened, text_lines
+from ros2_kafka_bridge.dead_letters.shown import escaped, hex_lines, shortened
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.formats.json import make_encode
 from ros2_kafka_bridge.formats.scope import Scope
-from ros2_kafka_bridge.logs.text import printable, printable_lines
+from ros2_kafka_bridge.kafka.letters import LetterReader
+from ros2_kafka_bridge.logs.text import count, printable, printable_lines
 from ros2_kafka_bridge.message_types import load_layout
 from ros2_kafka_bridge.route.format import decode_of
 
 MOST_OFFSETS: Final = 2000
 MOST_LETTERS: Final = 500
+_MOST_IN_ALL: Final = 40_000
+_READING_S: Final = 10.0
 _SHOWN_BYTES: Final = 64 * 1024
 _HEX_BYTES: Final = 4096
+_FORMATTED_CHARS: Final = 1024 * 1024
+_FORMATTED_BYTES: Final = 256 * 1024
 _REASON_CHARS: Final = 500
 _KEY_CHARS: Final = 200
+_HEADER_CHARS: Final = 2000
+_TOPIC_CHARS: Final = 300
 
 Json = dict[str, Any]
 
@@ -34,25 +44,66 @@ def newest(config: Config, topic: str) -> Json:
     Raises:
         BridgeError: Kafka is away, or does not let this user read.
     """
-    letters: list[Letter] = []
-    marks: dict[LetterPlace, Mark] = {}
+    listed = _Listed()
+    deadline_s = time.monotonic() + _READING_S
     with open_reader(config) as reader:
         there = reader.has(topic)
-        for found in reader.newest(topic, MOST_OFFSETS) if there else ():
-            if isinstance(found, Mark):
-                marks[found.letter] = found
-            else:
-                letters.append(found._replace(value=None, headers=[]))
+        most = _offsets_of_each(reader, topic) if there else 0
+        for found in reader.newest(topic, most, deadline_s) if there else ():
+            listed.note(found)
         unseen = [unseen_in_words(place) for place in reader.unseen.values()]
-    letters.sort(key=lambda it: (it.time_ms, it.place), reverse=True)
+        unseen += [_cut_in_words(reader.cut)] if reader.cut else []
     return {
         'topic': topic,
         'there': there,
-        'seen': len(letters),
-        'replayed': sum(letter.place in marks for letter in letters),
+        'seen': len(listed.places),
+        'replayed': sum(place in listed.marks for place in listed.places),
         'unseen': unseen,
-        'letters': [_row(it, marks.get(it.place)) for it in letters[:MOST_LETTERS]],
+        'letters': listed.rows(),
     }
+
+
+def _offsets_of_each(reader: LetterReader, topic: str) -> int:
+    return min(MOST_OFFSETS, max(1, _MOST_IN_ALL // max(1, reader.partitions[topic])))
+
+
+def _cut_in_words(place: LetterPlace) -> str:
+    return (
+        f'{place.topic} was read for {_READING_S:g} s only, up to offset {place.offset} of '
+        f'partition {place.partition}; ros2-kafka-bridge dead-letters list reads all'
+    )
+
+
+class _Listed:
+    """What was read of a topic: of what is not shown, and of what strangers write, only so much.
+
+    A letter may be a megabyte, its reason and where it was sent, too.
+    """
+
+    def __init__(self) -> None:
+        self.places: set[LetterPlace] = set()
+        self.marks: dict[LetterPlace, Mark] = {}
+        self._newest: list[tuple[int, LetterPlace, Letter]] = []  # a heap, the oldest first
+
+    def note(self, found: Letter | Mark) -> None:
+        if isinstance(found, Mark):
+            self.marks[found.letter] = found._replace(to=found.to[:_TOPIC_CHARS])
+            return
+        self.places.add(found.place)
+        heapq.heappush(self._newest, (found.time_ms, found.place, _stripped(found)))
+        if len(self._newest) > MOST_LETTERS:
+            heapq.heappop(self._newest)
+
+    def rows(self) -> list[Json]:
+        newest_first = sorted(self._newest, reverse=True)
+        return [_row(letter, self.marks.get(place)) for _, place, letter in newest_first]
+
+
+def _stripped(letter: Letter) -> Letter:
+    about = letter.about
+    if about is not None:
+        about = about._replace(reason=about.reason[: _REASON_CHARS + 1])
+    return letter._replace(key=None, value=None, headers=[], about=about)
 
 
 def _row(letter: Letter, mark: Mark | None) -> Json:
@@ -64,7 +115,7 @@ def _row(letter: Letter, mark: Mark | None) -> Json:
         'time_ms': letter.time_ms,
         'route': printable(about.route) if about else '',
         'source': printable(about.source) if about else '',
-        'reason': shortened(printable(about.reason), _REASON_CHARS) if about else NOT_OURS,
+        'reason': _short(about.reason, _REASON_CHARS) if about else NOT_OURS,
         'bytes': letter.size_bytes,
         'replayed_to': printable(mark.to) if mark else '',
         'ours': about is not None,
@@ -89,17 +140,22 @@ def _described(config: Config, letter: Letter) -> Json:
     about = letter.about
     return {
         **_row(letter, None),
-        'reason': printable_lines(about.reason) if about else NOT_OURS,
+        'reason': printable_lines(about.reason[:_SHOWN_BYTES]) if about else NOT_OURS,
         'failed_ms': about.time_ns // 1_000_000 if about else None,
         'to': printable(about.topic) if about and about.ros_topic else '',
-        'key': None if letter.key is None else shortened(escaped(letter.key), _KEY_CHARS),
+        'key': _short(letter.key, _KEY_CHARS),
         'headers': [
-            {'name': printable(name), 'value': None if value is None else escaped(value)}
+            {'name': _short(name, _HEADER_CHARS), 'value': _short(value, _HEADER_CHARS)}
             for name, value in letter.headers
         ],
         'value': _value(letter),
         'fields': _fields(config, letter),
     }
+
+
+def _short(text: str | bytes | None, chars: int) -> str | None:
+    """The beginning of a text, escaped; a character of UTF-8 has four bytes at most."""
+    return None if text is None else shortened(escaped(text[: 4 * chars + 4]), chars)
 
 
 def _value(letter: Letter) -> Json:
@@ -108,10 +164,10 @@ def _value(letter: Letter) -> Json:
     if value is None:
         left_out = letter.about is not None and letter.about.value_bytes is not None
         return {'kind': 'left out' if left_out else 'null', 'text': '', 'cut_bytes': 0}
-    text = _pretty(value[: _SHOWN_BYTES + 1]) if len(value) <= _SHOWN_BYTES else None
+    text = _pretty(value) if len(value) <= _SHOWN_BYTES else None
     if text is not None:
         return {'kind': 'JSON', 'text': text, 'cut_bytes': 0, 'base64': _base64(value)}
-    is_text = text_lines(value) is not None
+    is_text = _is_text(value)
     shown = value[: _SHOWN_BYTES if is_text else _HEX_BYTES]
     if is_text:
         text = printable_lines(shown.decode(errors='ignore'))
@@ -120,6 +176,13 @@ def _value(letter: Letter) -> Json:
     kind = 'text' if is_text else 'bytes'
     cut = len(value) - len(shown)
     return {'kind': kind, 'text': text, 'cut_bytes': cut, 'base64': _base64(value)}
+
+
+def _is_text(value: bytes) -> bool:
+    try:
+        return '\0' not in value.decode()
+    except UnicodeDecodeError:
+        return False
 
 
 def _base64(value: bytes) -> str:
@@ -132,9 +195,22 @@ def _pretty(value: bytes) -> str | None:
         found = json.loads(value)
         if not isinstance(found, dict | list):
             return None
-        return printable_lines(json.dumps(found, indent=2, ensure_ascii=False))
+        parts = json.JSONEncoder(indent=2, ensure_ascii=False).iterencode(found)
+        text = _joined(parts, _FORMATTED_CHARS)
     except (ValueError, RecursionError):
         return None
+    return None if text is None else printable_lines(text)
+
+
+def _joined(parts: Iterable[str], most: int) -> str | None:
+    """All parts; None where that is too much: a few bytes, nested deeply, indent to megabytes."""
+    found, chars = [], 0
+    for part in parts:
+        found.append(part)
+        chars += len(part)
+        if chars > most:
+            return None
+    return ''.join(found)
 
 
 def _fields(config: Config, letter: Letter) -> str:
@@ -161,4 +237,7 @@ def _read(config: Config, route: AnyRoute, letter: Letter) -> str:
     else:
         return ''
     data = make_encode(layout, Scope(''))(cdr)
-    return printable_lines(msgspec.json.format(data, indent=2).decode())
+    if len(data) <= _FORMATTED_BYTES:
+        return printable_lines(msgspec.json.format(data, indent=2).decode())
+    shown = printable_lines(data[:_SHOWN_BYTES].decode(errors='ignore'))
+    return f'{shown}\n... {count(len(data) - _SHOWN_BYTES, "byte")} more'

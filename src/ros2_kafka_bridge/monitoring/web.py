@@ -5,12 +5,14 @@ import contextlib
 import gzip
 import json
 from collections.abc import AsyncIterator, Callable
+from functools import partial
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import msgspec
-from prometheus_client.exposition import choose_encoder
+from prometheus_client.exposition import choose_encoder, generate_latest
+from prometheus_client.openmetrics import exposition as openmetrics
 from prometheus_client.registry import CollectorRegistry
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -22,9 +24,11 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from ros2_kafka_bridge.logs.lines import RouteLog
+from ros2_kafka_bridge.logs.summed import Summed
 from ros2_kafka_bridge.monitoring import view
 from ros2_kafka_bridge.monitoring.actions import Orders
 from ros2_kafka_bridge.monitoring.board import Board
+from ros2_kafka_bridge.monitoring.chunked import Chunked
 from ros2_kafka_bridge.monitoring.events import Events
 from ros2_kafka_bridge.monitoring.failures import Failures
 from ros2_kafka_bridge.monitoring.guard import Guard, Names
@@ -32,11 +36,15 @@ from ros2_kafka_bridge.monitoring.health import Health, liveness, readiness
 from ros2_kafka_bridge.monitoring.history import BUCKET_S, SPAN_S
 from ros2_kafka_bridge.monitoring.prometheus import BridgeCollector
 from ros2_kafka_bridge.monitoring.replay import ReplayRunner
+from ros2_kafka_bridge.monitoring.rights import Rights
+from ros2_kafka_bridge.monitoring.shared_cache import SharedCache
 from ros2_kafka_bridge.monitoring.sides import Sides
 from ros2_kafka_bridge.monitoring.state import Watch
 
 STATIC: Final = Path(__file__).parent / 'static'
 _TICK_S: Final = 0.5
+_KEPT_S: Final = 0.5
+_MOST_NAMES: Final = 100
 
 
 class Page(NamedTuple):
@@ -49,7 +57,8 @@ class Page(NamedTuple):
         names: Tells what may stand in `Host`.
         stopping: Whether the server is to end.
         failed: Told when what draws the page has met a bug.
-        log: Where is said what others do to it; its sums are said as long as it is shown.
+        log: Where is said what was asked for; its sums are said as long as it is shown.
+        said: Of that log, what anybody can have said.
     """
 
     watch: Watch
@@ -59,12 +68,14 @@ class Page(NamedTuple):
     stopping: Callable[[], bool]
     failed: Callable[[], None]
     log: RouteLog
+    said: Summed
 
 
 def make_app(page: Page) -> Starlette:
     """All of it as an ASGI application."""
-    orders = Orders(page.watch, page.replay, page.log)
-    desk = _Desk(page)
+    rights = Rights(page.watch, page.said)
+    orders = Orders(page.watch, page.replay, rights, page.log)
+    desk = _Desk(page, rights)
     routes = [
         Route('/', desk.index),
         Route('/metrics', desk.metrics),
@@ -77,7 +88,11 @@ def make_app(page: Page) -> Starlette:
         *orders.routes,
         Mount('/static', GZipMiddleware(StaticFiles(directory=STATIC), minimum_size=500)),
     ]
-    around = [Middleware(Failures, log=page.log), Middleware(Guard, names=page.names)]
+    around = [
+        Middleware(Chunked),
+        Middleware(Failures, said=page.said),
+        Middleware(Guard, names=page.names),
+    ]
     missing = {HTTPStatus.NOT_FOUND: _missing, HTTPStatus.METHOD_NOT_ALLOWED: _missing}
     return Starlette(
         routes=routes,
@@ -103,7 +118,7 @@ def _ways(error: Exception) -> str:
 class _Desk:
     """Answers what only looks."""
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: Page, rights: Rights) -> None:
         self._watch = page.watch
         self._log = page.log
         self._sides = page.sides
@@ -112,7 +127,10 @@ class _Desk:
         self._board = Board()
         self._registry = CollectorRegistry()
         self._registry.register(BridgeCollector(page.watch))
-        self.events = Events(self._board, page.stopping)
+        self.events = Events(self._board, page.stopping, rights, page.said)
+        self._views = SharedCache[bytes](_KEPT_S)
+        self._metrics = SharedCache[_Exposition](_KEPT_S)
+        self._named = SharedCache[_Exposition](_KEPT_S)  # apart: there are many different ones
 
     @contextlib.asynccontextmanager
     async def lifespan(self, _app: Starlette) -> AsyncIterator[None]:
@@ -146,17 +164,28 @@ class _Desk:
     async def index(self, _request: Request) -> Response:
         return FileResponse(STATIC / 'index.html')
 
-    async def metrics(self, request: Request) -> Response:
-        return await run_in_threadpool(self._metrics, request)
+    def _version(self) -> object:
+        """What an answer is made of, but for the time."""
+        return self._watch.report(), self._watch.configured
 
-    def _metrics(self, request: Request) -> Response:
+    async def metrics(self, request: Request) -> Response:
+        names = frozenset(request.query_params.getlist('name[]'))
+        if len(names) > _MOST_NAMES:
+            text = f'more than {_MOST_NAMES} names: leave name[] out for all metrics'
+            return JSONResponse({'error': text}, HTTPStatus.BAD_REQUEST)
         encode, kind = _encoder(request.headers.get('accept', ''))
-        names = request.query_params.getlist('name[]')
-        registry: Any = self._registry.restricted_registry(names) if names else self._registry
-        data, headers = encode(registry), {'vary': 'Accept, Accept-Encoding'}
+        kept = self._named if names else self._metrics
+        make = partial(run_in_threadpool, self._exposition, encode, names)
+        found = await kept.get((encode, names), make, self._version)
+        data, headers = found.plain, {'vary': 'Accept, Accept-Encoding', 'content-type': kind}
         if 'gzip' in request.headers.get('accept-encoding', ''):
-            data, headers['content-encoding'] = gzip.compress(data, 1), 'gzip'
-        return Response(data, headers=headers | {'content-type': kind})
+            data, headers['content-encoding'] = found.packed, 'gzip'
+        return Response(data, headers=headers)
+
+    def _exposition(self, encode: Callable[[Any], bytes], names: frozenset[str]) -> '_Exposition':
+        registry: Any = self._registry.restricted_registry(names) if names else self._registry
+        plain = encode(registry)
+        return _Exposition(plain, gzip.compress(plain, 1))
 
     async def livez(self, request: Request) -> Response:
         return _told(request, liveness(self._watch.report(), self._watch.report_age_s))
@@ -167,30 +196,47 @@ class _Desk:
         return _told(request, readiness(report, age_s, names))
 
     async def state(self, _request: Request) -> Response:
-        return _json(await run_in_threadpool(self._state))
+        return await self._json('state', self._state, self._replay.state())
+
+    async def _json(self, name: str, look: Callable[[], Any], *also: object) -> Response:
+        make = partial(run_in_threadpool, lambda: msgspec.json.encode(look()))
+        found = await self._views.get(name, make, lambda: (self._version(), also))
+        return Response(found, media_type='application/json')
 
     def _state(self) -> dict[str, Any]:
         replay = {'replay': self._replay.state()}
         return view.sections(self._watch) | self._sides.sections() | replay
 
     async def history(self, _request: Request) -> Response:
-        sparks = await run_in_threadpool(view.sparks, self._watch)
-        return _json({'step_s': BUCKET_S, 'span_s': SPAN_S, 'routes': sparks})
+        return await self._json('history', self._sparks)
+
+    def _sparks(self) -> dict[str, Any]:
+        sparks = view.sparks(self._watch)
+        return {'step_s': BUCKET_S, 'span_s': SPAN_S, 'routes': sparks}
 
     async def graph(self, _request: Request) -> Response:
-        return _json(await run_in_threadpool(self._sides.graph))
+        return await self._json('graph', self._sides.graph)
+
+
+class _Exposition(NamedTuple):
+    """The metrics as they are sent."""
+
+    plain: bytes
+    packed: bytes
 
 
 def _encoder(accept: str) -> tuple[Callable[[Any], bytes], str]:
-    """In which of its formats Prometheus is answered: in the plain one whoever asks oddly."""
+    """In which of two formats Prometheus is answered: in the plain one whoever asks oddly.
+
+    Whatever versions and ways of escaping are asked for, there are no more answers to be made.
+    """
     try:
-        return choose_encoder(accept)
+        _, kind = choose_encoder(accept)
     except Exception:  # noqa: BLE001 (of the library, about what somebody has sent)
-        return choose_encoder('')
-
-
-def _json(content: Any) -> Response:
-    return Response(msgspec.json.encode(content), media_type='application/json')
+        kind = ''
+    if kind.startswith('application/openmetrics-text'):
+        return openmetrics.generate_latest, openmetrics.CONTENT_TYPE_LATEST
+    return generate_latest, choose_encoder('')[1]
 
 
 def _told(request: Request, health: Health) -> Response:

@@ -1,6 +1,7 @@
 """A dead-letter topic of which not all can be seen is not one that holds nothing."""
 
 import json
+import math
 from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
@@ -94,7 +95,7 @@ def test_what_an_open_transaction_hides_is_noted(kafka: Kafka, since_ms: int | N
         assert len(list(opened.letters(TOPIC, since_ms))) == (0 if since_ms else 3)
         assert opened.unseen == {(TOPIC, 0): LetterPlace(TOPIC, 0, 3)}
     with reader(kafka) as opened:
-        assert len(list(opened.newest(TOPIC, 2))) == 2
+        assert len(list(opened.newest(TOPIC, 2, math.inf))) == 2
         assert list(opened.unseen.values()) == [LetterPlace(TOPIC, 0, 3)]
     kafka.stable = 20
     with reader(kafka) as opened:
@@ -150,6 +151,21 @@ def test_the_page_is_told_what_it_does_not_see(kafka: Kafka) -> None:
     assert [text.startswith(HIDDEN) for text in told['unseen']] == [True]
     kafka.stable = 20
     assert page.newest(config(), TOPIC)['unseen'] == []
+
+
+def test_the_page_waits_for_no_silent_partition_and_says_where_it_has_ended(
+    kafka: Kafka, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kafka.topic = KafkaTopic(TOPIC, 2, '')
+    coming = [[message(0), message(1)]]
+    monkeypatch.setattr(kafka, 'consume', lambda *_: coming.pop() if coming else [])
+    monkeypatch.setattr(kafka, 'ends', lambda _: {(TOPIC, 0): 20, (TOPIC, 1): 20})
+    monkeypatch.setattr(page, '_READING_S', 0.05)
+    monkeypatch.setattr(under_test, '_SILENT_S', 0.2)
+    told = page.newest(config(), TOPIC)
+    [said] = told['unseen']
+    assert told['seen'] == 2
+    assert 'up to offset 2 of partition 0; ros2-kafka-bridge dead-letters list reads all' in said
 
 
 @pytest.mark.parametrize(

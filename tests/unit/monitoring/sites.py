@@ -7,7 +7,7 @@ from typing import Any, Final
 import httpx
 from monitors import TOKEN
 
-from ros2_kafka_bridge.logs.lines import route_log
+from ros2_kafka_bridge.logs.lines import route_log, summed
 from ros2_kafka_bridge.monitoring.guard import names_of
 from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
 from ros2_kafka_bridge.monitoring.web import Page, make_app
@@ -64,7 +64,10 @@ class Site:
         more = monitoring.allowed_hosts if monitoring else []
         names = names_of(listen, 9464, more)
         log = route_log()
-        page = Page(told.watch, sides, replay, lambda: names, lambda: False, lambda: None, log)
+        page = Page(
+            told.watch, sides, replay, lambda: names, lambda: False, lambda: None, log,
+            summed(log, first=1, period_s=60.0),
+        )  # fmt: skip
         self.app = make_app(page)
 
     def browser(self) -> httpx.AsyncClient:

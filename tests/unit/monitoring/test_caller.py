@@ -1,4 +1,4 @@
-"""Who has opened a connection, as the kernel knows it."""
+"""Who has opened a connection, as the kernel knows it, and which addresses are one client."""
 
 import os
 import socket
@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from ros2_kafka_bridge.monitoring.caller import SocketAddress, user_of
+from ros2_kafka_bridge.monitoring.caller import SocketAddress, network_of, user_of
 
 NOBODY = 65534
 
@@ -54,3 +54,18 @@ def test_another_user_is_another() -> None:
 @pytest.mark.parametrize('host', ['10.1.2.3', '::ffff:10.1.2.3', 'fe80::1%eth0', ''])
 def test_who_is_not_of_this_machine_is_nobody(host: str) -> None:
     assert user_of(SocketAddress(host, 4711), SocketAddress('10.1.2.4', 9464)) is None
+
+
+@pytest.mark.parametrize(
+    ('host', 'network'),
+    [
+        ('10.1.2.3', '10.1.2.3'),
+        ('2001:db8:1:2:3:4:5:6', '2001:db8:1:2::/64'),
+        ('2001:db8:1:2::1', '2001:db8:1:2::/64'),
+        ('::ffff:10.1.2.3', '10.1.2.3'),
+        ('fe80::1%eth0', 'fe80::/64'),
+        ('testclient', 'testclient'),
+    ],
+)
+def test_addresses_that_one_client_can_choose_among_are_one(host: str, network: str) -> None:
+    assert network_of((host, 1)) == network

@@ -1,26 +1,41 @@
-"""The stream of events: for fast browsers, slow ones, and too many."""
+"""The stream of events: what it tells, and who has to go where too many look."""
 
 import asyncio
+import logging
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Final
+from typing import Any, Final
 
+import pytest
+from monitors import TOKEN
 from starlette.types import Message
 
+from ros2_kafka_bridge.logs.lines import route_log, summed
+from ros2_kafka_bridge.monitoring import rights
 from ros2_kafka_bridge.monitoring.board import Board
-from ros2_kafka_bridge.monitoring.events import MOST_BROWSERS, Events
+from ros2_kafka_bridge.monitoring.events import Events
+from ros2_kafka_bridge.monitoring.rights import Rights
+from ros2_kafka_bridge.monitoring.viewers import MOST
 
-SCOPE: Final = {'type': 'http', 'method': 'GET'}
+from .conftest import Told
+
+SCOPE: Final[dict[str, Any]] = {
+    'type': 'http', 'method': 'GET', 'headers': [], 'client': ('10.1.2.3', 1),
+}  # fmt: skip
+
+
+def made(told: Told, board: Board, stopping: Callable[[], bool]) -> Events:
+    said = summed(route_log(), first=1)
+    return Events(board, stopping, Rights(told.watch, said), said)
 
 
 class Browser:
-    """One that takes what is sent, or stands still."""
+    """One that takes what is sent."""
 
-    def __init__(self, *, stands_still: bool = False) -> None:
+    def __init__(self) -> None:
         self.got: list[bytes] = []
         self.status = 0
         self._gone = asyncio.Event()
-        self._stands_still = stands_still
 
     async def receive(self) -> Message:
         await self._gone.wait()
@@ -30,8 +45,6 @@ class Browser:
         if message['type'] == 'http.response.start':
             self.status = message['status']
             return
-        if self._stands_still and self.got:
-            await asyncio.Event().wait()
         self.got.append(message['body'])
 
     def leave(self) -> None:
@@ -44,12 +57,12 @@ async def until(condition: Callable[[], bool]) -> None:
             await asyncio.sleep(0.02)
 
 
-def test_a_browser_gets_what_is_there_and_then_what_changes() -> None:
+def test_a_browser_gets_what_is_there_and_then_what_changes(told: Told) -> None:
     board, stopping = Board(), SimpleNamespace(now=False)
     board.put('a', 1)
 
     async def run() -> list[bytes]:
-        events, browser = Events(board, lambda: stopping.now), Browser()
+        events, browser = made(told, board, lambda: stopping.now), Browser()
         stream = asyncio.create_task(events(SCOPE, browser.receive, browser.send))
         await until(lambda: b'data: {"a":1}\n\n' in browser.got)
         board.put('b', 2)
@@ -61,32 +74,72 @@ def test_a_browser_gets_what_is_there_and_then_what_changes() -> None:
     assert asyncio.run(run())[-1] == b''
 
 
-def test_a_browser_that_takes_nothing_is_let_go() -> None:
-    board = Board()
-    board.put('a', 1)
+def test_where_there_are_too_many_the_oldest_is_told_and_the_newest_looks(
+    told: Told, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    logger = logging.getLogger('ros2_kafka_bridge')
+    monkeypatch.setattr(logger, 'handlers', [caplog.handler])
+    monkeypatch.setattr(logger, 'propagate', False)
 
-    async def run() -> int:
-        events = Events(board, lambda: False, patience_s=0.1)
-        slow = Browser(stands_still=True)
-        async with asyncio.timeout(30):
-            await events(SCOPE, slow.receive, slow.send)
-        return events.browsers
-
-    assert asyncio.run(run()) == 0
-
-
-def test_one_browser_too_many_is_refused_and_those_who_leave_make_room() -> None:
     async def run() -> None:
-        events = Events(Board(), lambda: False)
-        browsers = [Browser() for _ in range(MOST_BROWSERS)]
+        events = made(told, Board(), lambda: False)
+        browsers = [Browser() for _ in range(MOST + 1)]
         streams = [asyncio.create_task(events(SCOPE, it.receive, it.send)) for it in browsers]
-        await until(lambda: events.browsers == MOST_BROWSERS)
-        late = Browser()
-        await events(SCOPE, late.receive, late.send)
-        assert late.status == 503
+        await streams[0]
+        assert browsers[0].got[-2].startswith(b'event: full\nretry: 30000\ndata: {"error":"Too')
+        assert browsers[0].got[-1] == b''
+        assert events.browsers == MOST
+        assert {it.status for it in browsers} == {200}
         for browser in browsers:
             browser.leave()
         await asyncio.gather(*streams)
         assert events.browsers == 0
 
     asyncio.run(run())
+    [line] = caplog.messages
+    assert line.startswith('the page: too many browsers at once')
+
+
+def test_who_shows_the_token_looks_beside_all_others(told: Told) -> None:
+    async def run() -> None:
+        events = made(told, Board(), lambda: False)
+        operator, *others = [Browser() for _ in range(2 * MOST)]
+        shown = {**SCOPE, 'headers': [(b'authorization', f'Bearer {TOKEN}'.encode())]}
+        asking = [(shown, operator), *(({**SCOPE}, it) for it in others)]
+        streams = [asyncio.create_task(events(s, it.receive, it.send)) for s, it in asking]
+        await until(lambda: events.browsers == MOST + 1)
+        for browser in others:
+            browser.leave()
+        await until(lambda: events.browsers == 1)
+        assert not streams[0].done()
+        operator.leave()
+        await asyncio.gather(*streams)
+
+    asyncio.run(run())
+
+
+def test_a_wrong_token_is_no_way_to_a_place(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rights, '_WRONG_TOKEN_S', 0.0)
+    wrong = {**SCOPE, 'headers': [(b'authorization', b'Bearer wrong')]}
+
+    async def run() -> int:
+        browser = Browser()
+        async with asyncio.timeout(30):
+            await made(told, Board(), lambda: False)(wrong, browser.receive, browser.send)
+        return browser.status
+
+    assert asyncio.run(run()) == 401
+
+
+def test_what_a_proxy_hands_on_of_its_own_password_keeps_nobody_out(told: Told) -> None:
+    basic = {**SCOPE, 'headers': [(b'authorization', b'Basic YWxpY2U6c2VjcmV0')]}
+
+    async def run() -> int:
+        events, browser = made(told, Board(), lambda: False), Browser()
+        stream = asyncio.create_task(events(basic, browser.receive, browser.send))
+        await until(lambda: events.browsers == 1)
+        browser.leave()
+        await stream
+        return browser.status
+
+    assert asyncio.run(run()) == 200

@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from typing import Final
 
@@ -12,6 +12,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.server import ServerState
 
 from ros2_kafka_bridge.logs.lines import route_log, summed
+from ros2_kafka_bridge.monitoring.chunked import CHUNK_BYTES, Chunked
 from ros2_kafka_bridge.monitoring.server import Connection
 
 _PATIENCE_S: Final = 0.2
@@ -22,6 +23,7 @@ _SLOW: Final = _ASKED.replace(b'/ ', b'/slow ') + _LAST
 
 class _Hurried(Connection):
     patience_s = _PATIENCE_S
+    stalled_s = _PATIENCE_S
 
 
 @asynccontextmanager
@@ -94,7 +96,7 @@ def test_who_has_been_idle_for_longest_makes_room_for_the_newest(
     monkeypatch.setattr(logger, 'propagate', False)
 
     async def run() -> None:
-        async with _served(_mixed, Connection, 4) as port:
+        async with _served(_mixed, _Settled, 4) as port:
             ends = [await asyncio.open_connection('127.0.0.1', port) for _ in range(4)]
             (slow, ask_slow), (kept, ask_kept), (first, _), (second, _) = ends
             ask_slow.write(_SLOW)
@@ -113,8 +115,14 @@ def test_who_has_been_idle_for_longest_makes_room_for_the_newest(
                 end.close()
 
     asyncio.run(run())
-    text = 'the page: 4 connections at once: who has been idle for longest is let go'
+    text = 'the page: 4 connections at once: one of the client that has most is let go'
     assert caplog.messages == [f'{text}; the newest is from 127.0.0.1']
+
+
+class _Settled(Connection):
+    """One that counts as idle as soon as it is."""
+
+    new_s = 0.0
 
 
 async def _is_let_go(reader: asyncio.StreamReader) -> None:
@@ -144,3 +152,94 @@ def test_where_all_are_being_answered_the_newest_still_gets_in() -> None:
             return said
 
     assert asyncio.run(run()).startswith(b'HTTP/1.1 200')
+
+
+def test_who_has_just_come_among_others_that_are_answered_may_ask_before_it_counts_as_idle() -> (
+    None
+):
+    async def run() -> bytes:
+        async with _served(_mixed, Connection, 3) as port:
+            ends = [await asyncio.open_connection('127.0.0.1', port) for _ in range(3)]
+            for reader, asking in ends:
+                asking.write(_SLOW)
+                await reader.readline()
+            probe, ask = await asyncio.open_connection('127.0.0.1', port)
+            ends.append(await asyncio.open_connection('127.0.0.1', port))
+            ask.write(_ASKED + _LAST)
+            said = await probe.readline()
+            for _, end in [*ends, (probe, ask)]:
+                end.close()
+            return said
+
+    assert asyncio.run(run()).startswith(b'HTTP/1.1 200')
+
+
+def test_who_takes_nothing_of_a_large_answer_is_let_go_and_holds_little_of_it() -> None:
+    held: list[int] = []
+
+    async def large(_scope: Scope, _receive: Receive, send: Send) -> None:
+        await send({'type': 'http.response.start', 'status': 200, 'headers': []})
+        await send({'type': 'http.response.body', 'body': b'x' * 64 * 1024 * 1024})
+
+    class Looked(_Hurried):
+        def pause_writing(self) -> None:
+            super().pause_writing()
+            held.append(self.transport.get_write_buffer_size())
+
+    async def run() -> None:
+        async with _served(Chunked(large), Looked, 500) as port:
+            reader, asking = await asyncio.open_connection('127.0.0.1', port)
+            reader._transport.pause_reading()  # type: ignore[attr-defined]  # nothing else does it
+            asking.write(_ASKED + _LAST)
+            await until(lambda: bool(held))
+        assert max(held) <= 4 * CHUNK_BYTES  # the server has let it go, else this would not end
+        asking.close()
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize('many', [b'', _SLOW])
+def test_who_has_most_connections_makes_room_and_not_the_operator(many: bytes) -> None:
+    """The operator has been answered for longest of all, which alone would end it."""
+
+    class Asked(Connection):
+        def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+            first = not any(self.connections)
+            super().connection_made(transport)
+            self.network = 'operator' if first else 'stranger'
+
+    async def run() -> bytes:
+        async with _served(_until_told, Asked, 5) as port:
+            operator, asking = await asyncio.open_connection('127.0.0.1', port)
+            asking.write(_SLOW)
+            await operator.readline()
+            ends = [asking]
+            for _ in range(12):
+                _, writer = await asyncio.open_connection('127.0.0.1', port)
+                writer.write(many)
+                await asyncio.sleep(0.01)
+                ends.append(writer)
+            probe, ask = await asyncio.open_connection('127.0.0.1', port)
+            ask.write(_ASKED + _LAST)
+            assert b'200' in await probe.readline()
+            told.set()
+            found = await operator.read()
+            for end in [*ends, ask]:
+                end.close()
+            return found
+
+    told = asyncio.Event()
+
+    async def _until_told(scope: Scope, _receive: Receive, send: Send) -> None:
+        await send({'type': 'http.response.start', 'status': 200, 'headers': []})
+        if scope['path'] == '/slow':
+            await told.wait()
+        await send({'type': 'http.response.body', 'body': b'told'})
+
+    assert b'told' in asyncio.run(run())
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(30):
+        while not condition():  # noqa: ASYNC110 (nobody tells when it holds)
+            await asyncio.sleep(0.02)

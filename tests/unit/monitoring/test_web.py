@@ -2,10 +2,13 @@
 
 import asyncio
 import json
+import threading
 from typing import Any, Final
 
 import pytest
 from monitors import TOKEN, report, snapshot
+from prometheus_client.exposition import generate_latest
+from prometheus_client.registry import Collector
 
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.monitoring import letters, view, web
@@ -99,7 +102,7 @@ def test_a_look_whether_the_stream_is_there_ends(site: Site) -> None:
 def test_a_letter_farther_than_kafka_counts_is_none(site: Site) -> None:
     token = {'authorization': f'Bearer {TOKEN}'}
     topic = 'orders.dead-letters'
-    for place in (f'0/{2**63}', f'{2**31}/0', f'0/{10**30}'):
+    for place in (f'0/{2**63}', f'{2**31}/0', f'0/{10**30}', f'{"9" * 4400}/0', '-1/0', 'x/0'):
         assert site.get(f'api/dead-letters/{topic}/{place}', **token).status_code == 404
     order = {'topic': 'orders.dead-letters', 'dry_run': True}
     places = [f'orders.dead-letters[0]@{2**63}']
@@ -113,6 +116,54 @@ def test_a_broker_that_is_away_is_a_sentence(site: Site, monkeypatch: pytest.Mon
     monkeypatch.setattr(letters, 'newest', fail)
     answer = site.get('api/dead-letters/orders.dead-letters')
     assert (answer.status_code, answer.json()['error']) == (503, 'no broker answers')
+
+
+def test_letters_are_read_once_for_all_who_ask_until_a_replay(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[str] = []
+
+    def newest(_: Any, topic: str) -> dict[str, Any]:
+        read.append(topic)
+        if len(read) > 1:
+            raise TransportError('no broker answers')
+        return {'topic': topic}
+
+    monkeypatch.setattr(letters, 'newest', newest)
+    path = 'api/dead-letters/orders.dead-letters'
+
+    async def run() -> None:
+        async with site.browser() as client:
+            for expected, readings in ((200, 1), (503, 2)):  # one that is away, too, is asked once
+                answers = await asyncio.gather(*map(client.get, [path] * 12))
+                assert {it.status_code for it in answers} == {expected}
+                assert len(read) == readings
+                order = {'topic': 'orders.dead-letters', 'dry_run': False}
+                await client.post('api/replay', headers=ORDERING, json=order)
+
+    asyncio.run(run())
+
+
+def test_who_shows_the_token_waits_behind_no_reading_of_others(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    others = threading.Event()
+    monkeypatch.setattr(letters, 'newest', lambda _, topic: {'free': others.wait(30), 'of': topic})
+    path = 'api/dead-letters/orders.dead-letters'
+
+    async def run() -> None:
+        async with site.browser() as client:
+            waiting = [asyncio.create_task(client.get(path)) for _ in range(3)]
+            await asyncio.sleep(0.1)
+            monkeypatch.setattr(letters, 'newest', lambda *_: {'letters': []})
+            shown = {'authorization': f'Bearer {TOKEN}'}
+            async with asyncio.timeout(20):
+                assert (await client.get(path, headers=shown)).json() == {'letters': []}
+            assert not any(it.done() for it in waiting)
+            others.set()
+            await asyncio.gather(*waiting)
+
+    asyncio.run(run())
 
 
 def test_a_letter_that_is_gone_is_not_found(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,6 +222,45 @@ def test_metrics_can_be_chosen_by_name(site: Site) -> None:
     text = site.get('metrics?name[]=ros2_kafka_bridge_worker_up').text
     assert 'ros2_kafka_bridge_worker_up' in text
     assert 'messages_taken' not in text
+
+
+def test_metrics_are_made_once_for_each_report(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Collector] = []
+
+    def encode(registry: Collector) -> bytes:
+        made.append(registry)
+        return generate_latest(registry)
+
+    monkeypatch.setattr(web, 'generate_latest', encode)
+    monkeypatch.setattr(web, '_KEPT_S', 60.0)
+    site = Site(site.told)
+    odd = [f'text/plain; version=1.{n}; escaping=dots' for n in range(9)]
+    for accept in ['', 'a/b', *odd]:
+        for coding in ('gzip', 'identity'):
+            answer = site.get('metrics', accept=accept, **{'accept-encoding': coding})
+            assert 'route="orders"' in answer.text
+            assert 'dots' not in answer.headers['content-type']
+    assert len(made) == 1
+    site.told.tell(report(snapshot('returned')))
+    assert 'taken_total{bridge="test",route="orders"}' not in site.get('metrics').text
+
+
+def test_who_asks_for_a_replay_sees_it_in_the_state_at_once(
+    told: Told, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(web, '_KEPT_S', 60.0)
+    site = Site(told)
+    assert site.get('api/state').json()['replay'] is None
+    site.post('api/replay', {'topic': 'orders.dead-letters', 'dry_run': True})
+    assert site.get('api/state').json()['replay'] == {'number': 1}
+
+
+def test_not_any_number_of_names_is_looked_for(site: Site) -> None:
+    many = '&'.join(f'name[]=x{number}' for number in range(101))
+    answer = site.get(f'metrics?{many}')
+    assert (answer.status_code, 'more than 100 names' in answer.text) == (400, True)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from monitors import TOKEN
 from starlette.routing import Route
 
-from ros2_kafka_bridge.monitoring import actions, guard, letters
+from ros2_kafka_bridge.monitoring import guard, letters, rights
 from ros2_kafka_bridge.monitoring.guard import is_loopback
 
 from .conftest import CONFIG, Told
@@ -57,7 +57,7 @@ def test_prometheus_and_the_kubelet_may_use_any_address(site: Site, path: str) -
 def test_nothing_is_done_without_the_token(
     site: Site, monkeypatch: pytest.MonkeyPatch, path: str, content: Any
 ) -> None:
-    monkeypatch.setattr(actions, '_WRONG_TOKEN_S', 0.0)
+    monkeypatch.setattr(rights, '_WRONG_TOKEN_S', 0.0)
     for wrong in ('', 'Bearer', 'Bearer wrong', f'Basic {TOKEN}', f'Bearer {TOKEN}x'):
         answer = site.post(path, content, authorization=wrong)
         assert answer.status_code == 401, wrong
@@ -214,9 +214,10 @@ def test_without_a_token_messages_are_shown_to_the_own_user_only(
 def test_how_often_a_wrong_token_came_is_said_when_the_page_ends(
     told: Told, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(actions, '_WRONG_TOKEN_S', 0.0)
+    monkeypatch.setattr(rights, '_WRONG_TOKEN_S', 0.0)
     logger = logging.getLogger('ros2_kafka_bridge')
     monkeypatch.setattr(logger, 'handlers', [caplog.handler])
+    monkeypatch.setattr(logger, 'propagate', False)
     site = Site(told)
 
     async def run() -> None:
@@ -230,4 +231,7 @@ def test_how_often_a_wrong_token_came_is_said_when_the_page_ends(
         assert answer.status_code == 401
 
     asyncio.run(run())
-    assert caplog.messages[-1] == 'the page: a wrong token from 127.0.0.1 (3 times more)'
+    assert caplog.messages == [
+        'the page: a wrong token from 127.0.0.1',
+        'the page: a wrong token (7 times more) from 127.0.0.1',
+    ]

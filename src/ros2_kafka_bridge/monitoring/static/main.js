@@ -15,20 +15,25 @@ const VIEWS = ['routes', 'graph', 'letters', 'errors', 'system'];
 
 const view = { bridge: null, about: [], routes: [], troubles: [], workers: [], broker: null, letters: [], replay: null };
 const history = new History();
-const lock = new Lock(() => draw());
+const lock = new Lock(() => {
+  lookAgain(); // those with the token have places of their own
+  draw();
+});
 const mayChange = () => lock.mayChange(view.bridge);
 const detail = new Detail(history, (route) => lock.pause(route));
 const routes = new Routes(history, (name) => detail.open(name, view, mayChange()), (route) => lock.pause(route));
 const letters = new Letters(lock);
 const graph = new Graph();
 let connected = false;
+let letGo = ''; // why
 let current = '';
 let offsetS = 0; // of the server's clock from ours
 
 $('reload').onclick = () => lock.reload();
+$('again').onclick = () => lookAgain();
 
-listen((changed) => {
-  connected = true;
+const lookAgain = listen((changed) => {
+  [connected, letGo] = [true, ''];
   Object.assign(view, changed);
   if (changed.bridge) offsetS = changed.bridge.now_s - Date.now() / 1000;
   if (changed.routes) history.add(view.bridge.now_s, view.routes, reading(view.about));
@@ -37,8 +42,8 @@ listen((changed) => {
   try {
     history.load(await get('api/history'));
   } catch { /* the lines begin with what comes */ }
-}, () => {
-  connected = false;
+}, (why) => {
+  [connected, letGo] = [false, why];
   draw();
 });
 
@@ -78,8 +83,9 @@ function drawTop(nowS) {
     setText($('about'), `ros2-kafka-bridge ${bridge.version}${up}`);
   }
   const problem = trouble(bridge);
-  setText($('banner'), problem);
+  setText($('problem'), problem);
   show($('banner'), Boolean(problem));
+  show($('again'), Boolean(letGo));
   const odd = view.routes.filter((it) => it.mismatched).length;
   const dead = view.routes.reduce((total, it) => total + it.ended.dead_lettered, 0);
   const away = view.workers.filter((it) => !it.pid).length + (view.broker?.problem ? 1 : 0);
@@ -99,7 +105,7 @@ function mark(name, number, bad) {
 const isNew = (bridge) => connected && !bridge.old;
 
 function live(bridge) {
-  if (!bridge) return ['Connecting', 'calm'];
+  if (!bridge) return letGo ? ['Too many look', 'warn'] : ['Connecting', 'calm'];
   if (connected && bridge.lifecycle === null) return ['No report yet', 'warn'];
   if (!isNew(bridge)) return ['Old data', 'warn'];
   if (bridge.stopping) return ['Stopping', 'warn'];
@@ -107,6 +113,7 @@ function live(bridge) {
 }
 
 function trouble(bridge) {
+  if (letGo) return `${letGo} ${bridge ? 'What is shown is old; the' : 'The'} page looks again in half a minute.`;
   if (!connected) return bridge ? 'The server of this page does not answer. What is shown is old; the page goes on by itself once it answers.' : '';
   if (bridge.lifecycle === null) return 'The bridge has told nothing yet: what its routes do is not known.';
   if (bridge.old) return `The bridge has told nothing for ${span(bridge.report_age_s)}. What is shown is old.`;

@@ -9,32 +9,65 @@ export function keepToken(given) {
   else sessionStorage.removeItem(KEY);
 }
 
-// Calls `onView` with the sections that changed, `onGone` while the server is away.
+// Calls `onView` with the sections that changed, `onOpen` once the server has begun to tell them,
+// `onGone` while it is away, and with its words where it has let this page go: too many look.
+// Returns what asks anew at once, as with another token.
 export function listen(onView, onOpen, onGone) {
-  let source;
-  let heard = performance.now();
-  const open = () => {
-    source = new EventSource('api/events');
-    source.onopen = onOpen;
-    source.onmessage = (event) => {
-      heard = performance.now();
-      onView(JSON.parse(event.data));
-    };
-    source.onerror = () => {
-      onGone();
-      // After an answer that is no stream, a browser does not try again by itself.
-      if (source.readyState === EventSource.CLOSED) setTimeout(open, 2000);
-    };
+  let stream = null; // the one that is open
+  let later = null;
+  let heard = 0;
+  const open = async () => {
+    clearTimeout(later);
+    stream?.abort();
+    const mine = stream = new AbortController();
+    heard = performance.now();
+    let [waitMs, full] = [1000, ''];
+    try {
+      const answer = await fetch('api/events', { headers: right(), cache: 'no-store', signal: mine.signal });
+      if (answer.status === 401) keepToken(null); // it is no longer the token: look without
+      if (!answer.ok) throw new Error(answer.statusText);
+      onOpen();
+      for await (const told of messages(answer.body)) {
+        if (mine !== stream) return;
+        heard = performance.now();
+        waitMs = Number(told.retry ?? waitMs);
+        if (told.event === 'full') full = JSON.parse(told.data).error;
+        else if (told.data) onView(JSON.parse(told.data));
+      }
+    } catch { /* it is away, or was given up */ }
+    if (mine !== stream) return;
+    stream = null;
+    onGone(full);
+    wait(waitMs, full);
   };
-  open();
+  // A page that was let go and that nobody looks at does not come back to let another one go.
+  const wait = (ms, full) => {
+    later = setTimeout(() => (full && document.hidden ? wait(ms, full) : open()), ms);
+  };
   // A server that was stopped in mid-stream (a laptop that slept) shows by its silence only.
   setInterval(() => {
-    if (performance.now() - heard < SILENT_MS || source.readyState === EventSource.CLOSED) return;
-    heard = performance.now();
-    onGone();
-    source.close();
+    if (!stream || performance.now() - heard < SILENT_MS) return;
+    onGone('');
     open();
   }, 1000);
+  open();
+  return open;
+}
+
+// The events of a stream, each as its fields. EventSource could not show the token.
+async function* messages(body) {
+  const reader = body.pipeThrough(new TextDecoderStream()).getReader();
+  let [text, looked] = ['', 0];
+  for (;;) {
+    const { value, done } = await reader.read();
+    if (done) return;
+    text += value;
+    for (let end = text.indexOf('\n\n', looked); end >= 0; end = text.indexOf('\n\n')) {
+      yield Object.fromEntries(text.slice(0, end).split('\n').map((line) => line.split(/: ?(.*)/s, 2)));
+      text = text.slice(end + 2);
+    }
+    looked = Math.max(0, text.length - 1);
+  }
 }
 
 export class Refused extends Error {
