@@ -1,5 +1,6 @@
 """What `status` asks and prints: of a right file, of one with mistakes, and without a file."""
 
+import functools
 import json
 import re
 import threading
@@ -8,9 +9,13 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
+import endless_answers
 import pytest
+from endless_answers import Answer, answering
 
+from ros2_kafka_bridge.commands.status.ask import ask
 from ros2_kafka_bridge.commands.status.report import report
+from ros2_kafka_bridge.config.monitoring import Address
 from ros2_kafka_bridge.config.whereabouts import whereabouts
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.process.load import load_checked
@@ -225,3 +230,110 @@ def test_another_bridge_at_the_address_of_a_file_is_named(file: Path) -> None:
     file.write_text(file.read_text().replace('warehouse-1', 'warehouse-2'))
     with pytest.raises(ConfigError, match='is the bridge warehouse-1, not warehouse-2'):
         report(file, '', as_json=False)
+
+
+def _answer(body: bytes, head: bytes = b'HTTP/1.1 200 OK') -> Answer:
+    length = b'\r\nContent-Length: %d\r\n\r\n' % len(body)
+    return lambda connection: connection.sendall(head + length + body)
+
+
+def _chunked(chunks: bytes) -> Answer:
+    head = b'HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n'
+    return lambda connection: connection.sendall(head + chunks)
+
+
+def _of(*path: str, value: object) -> bytes:
+    """The state of a bridge with another value in one place; of none where it is `...`."""
+    state = json.loads(json.dumps(STATE))
+    *above, last = path
+    place = functools.reduce(lambda found, name: found[name], above, state)
+    if value is ...:
+        del place[last]
+    else:
+        place[last] = value
+    return json.dumps(state).encode()
+
+
+def refusal(answer: Answer, patience_s: float = 10.0) -> str:
+    """What is said of who answers so, in one sentence."""
+    with answering(answer) as url, pytest.raises(ConfigError) as caught:
+        ask(Address(url.removeprefix('http://')), 'it', patience_s)
+    [text] = caught.value.problems
+    assert text.isprintable()
+    assert len(text) < 400
+    return re.sub(r'^127.0.0.1:\d+:? ', '', text)
+
+
+@pytest.mark.parametrize('name', ['slow_head', 'slow_body', 'nothing'])
+def test_an_answer_that_does_not_end_is_left_alone(name: str) -> None:
+    said = refusal(getattr(endless_answers, name), 0.2)
+    assert said.startswith('does not answer (')
+    assert said.endswith('): does a bridge run with it?')
+
+
+@pytest.mark.parametrize('name', ['blanks', 'lists'])
+def test_an_answer_is_not_read_beyond_what_a_bridge_says(name: str) -> None:
+    said = refusal(getattr(endless_answers, name))
+    assert said.endswith('its answer has more than 16,000,000 bytes')
+
+
+@pytest.mark.parametrize(
+    ('answer', 'said'),
+    [
+        (_answer(b'', b'HTTP/1.1 404 Not Found'), ' (Not Found)'),
+        (_answer(b'', b'HTTP/1.1 799 Odd'), ' (status 799)'),
+        (_answer(b'', b'HTTP/1.1 302 Found\r\nLocation: http://169.254.169.254/'), ' (Found)'),
+        (_answer(b'', b'SSH-2.0-\x1b[31m\x9b' + b'x' * 5000), ' (BadStatusLine: SSH-2.0-'),
+        (endless_answers.many_heads, ' (HTTPException: got more than 100 headers)'),
+        (_chunked(b'-5\r\n'), ' (IncompleteRead: '),
+        (_chunked(b'nine\r\n'), ' (IncompleteRead: '),
+        (_answer(b'<html>'), ''),
+        (_answer(b'[' * 100_000), ''),
+        (_answer(b'9' * 5000), ''),
+        (_answer(b'7'), ', or one of another version (Expected `object`, got `int`)'),
+        (_answer(b'{"x":' + b'[' * 100_000), ''),
+        (_answer(b'{}', b'HTTP/1.1 200 OK\r\nContent-Length: 9'), ''),
+        (
+            _answer(_of('bridge', 'old', value=...)),
+            ', or one of another version (Object missing required field `old` - at `$.bridge`)',
+        ),
+        (
+            _answer(_of('bridge', 'problems', value='none')),
+            ', or one of another version (Expected `array`, got `str` - at `$.bridge.problems`)',
+        ),
+        (_answer(_of('routes', value=[7])), ', or one of another version (Expected `object`'),
+        (_answer(_of('workers', value={})), ', or one of another version (Expected `array`'),
+        (_answer(_of('broker', value=1)), ', or one of another version (Expected `object'),
+    ],
+)
+def test_what_is_no_bridge_is_told_in_a_sentence(answer: Answer, said: str) -> None:
+    assert refusal(answer).startswith(f'what answers there is no bridge{said}')
+
+
+@pytest.mark.parametrize('host', ['a..b', 'x' * 64, 'a b', 'a\rb', 'a\u202eb', 'nowhere.invalid'])
+def test_a_name_that_is_none_is_told_in_a_sentence(host: str) -> None:
+    with pytest.raises(
+        ConfigError, match=r'^[ -~]+:9464 does not answer \(.+\): does a bridge run'
+    ):
+        report(None, f'{host}:9464', as_json=False)
+
+
+def test_a_bridge_that_is_somebody_elses_forges_no_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with answering(_answer(_of('bridge', 'name', value='a: ready\nb\x1b[31m\u202e'))) as url:
+        report(None, url.removeprefix('http://'), as_json=False)
+        assert capsys.readouterr().out.startswith('a: ready\\nb\\x1b[31m\\u202e: ready, active\n')
+        report(None, url.removeprefix('http://'), as_json=True)
+    out = capsys.readouterr().out
+    assert out.isascii()
+    assert json.loads(out)['bridge']['name'] == 'a: ready\nb\x1b[31m\u202e'
+
+
+def test_a_number_that_is_too_large_for_us_is_handed_on(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    state = json.dumps({**STATE, 'more': 0}).replace('"more": 0', f'"more": {"9" * 5000}')
+    with answering(_answer(state.encode())) as url:
+        assert report(None, url.removeprefix('http://'), as_json=True) == 0
+    assert '9' * 5000 in capsys.readouterr().out

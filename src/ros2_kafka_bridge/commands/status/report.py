@@ -2,25 +2,26 @@
 
 import json
 import os
+import re
 import sys
-from http import HTTPStatus
 from pathlib import Path
-from typing import Any, Final, NamedTuple
-from urllib.error import HTTPError, URLError
-from urllib.request import ProxyHandler, Request, build_opener
+from typing import Final, NamedTuple
 
+import msgspec
 from rich.console import Console
 
 from ros2_kafka_bridge.commands.screen import screen, show_line, show_table
+from ros2_kafka_bridge.commands.status.ask import BridgeState, RouteState, ShownState, ask
 from ros2_kafka_bridge.config.monitoring import ADDRESSES, Address, is_address
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.config.whereabouts import whereabouts
+from ros2_kafka_bridge.dead_letters.shown import shortened
 from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.process.load import load_checked
 from ros2_kafka_bridge.protocol.limits import OLD_S
 
-_PATIENCE_S: Final = 10.0
-_EVERY_ADDRESS: Final = {'0.0.0.0': '127.0.0.1', '::': '::1'}  # noqa: S104 (only compared)
+_NAME_CHARS: Final = 100
 
 
 class _Asked(NamedTuple):
@@ -52,16 +53,23 @@ def report(file: Path | None, address: str, *, as_json: bool) -> int:
         ConfigError: It is not said which bridge, or nobody answers there, or somebody else.
     """
     asked = _asked(file, address)
-    state = _ask(asked)
-    name = state['bridge']['name']
+    state, body = ask(asked.address, asked.runs)
+    name = state.bridge.name
     if asked.name and name != asked.name:
-        other = f'{asked.address} is the bridge {name}, not {asked.name}'
-        raise ConfigError([f'{other}: give each bridge a port of its own in monitoring.listen'])
+        other = f'{asked.address} is the bridge {shortened(printable(name), _NAME_CHARS)}'
+        cure = 'give each bridge a port of its own in monitoring.listen'
+        raise ConfigError([f'{other}, not {asked.name}: {cure}'])
     if as_json:
-        sys.stdout.write(json.dumps(state, indent=2) + '\n')
+        sys.stdout.write(f'{_indented(body)}\n')
     else:
         _show(state)
-    return 0 if state['bridge']['ready'] else 1
+    return 0 if state.bridge.ready else 1
+
+
+def _indented(body: bytearray) -> str:
+    """The same JSON, without characters that might command a terminal."""
+    text = msgspec.json.format(body, indent=2).decode(errors='replace')
+    return re.sub(r'[^\x00-\x7f]+', lambda found: json.dumps(found[0])[1:-1], text)
 
 
 def _asked(file: Path | None, address: str) -> _Asked:
@@ -103,75 +111,50 @@ def _of_wrong(file: Path, error: ConfigError) -> _Asked:
     return _Asked(found.address, found.name, str(file))
 
 
-def _ask(asked: _Asked) -> dict[str, Any]:
-    address = asked.address
-    host = _EVERY_ADDRESS.get(address.host, address.host)
-    url = f'http://[{host}]' if ':' in host else f'http://{host}'
-    request = Request(f'{url}:{address.port}/api/state')  # noqa: S310 (http, as it is written here)
-    # The address is this machine's or in its own network: no proxy knows the way.
-    opener = build_opener(ProxyHandler({}))
-    try:
-        with opener.open(request, timeout=_PATIENCE_S) as answer:
-            found = json.loads(answer.read())
-    except HTTPError as error:
-        with error:
-            status = HTTPStatus(error.code).phrase
-        raise ConfigError([f'{address}: what answers there is no bridge ({status})']) from None
-    except (URLError, OSError) as error:
-        reason = getattr(error, 'reason', error)
-        text = f'{address} does not answer ({reason}): does a bridge run with {asked.runs}?'
-        raise ConfigError([text]) from None
-    except ValueError:
-        found = None
-    if not isinstance(found, dict) or not {'bridge', 'routes'} <= found.keys():
-        raise ConfigError([f'{address}: what answers there is no bridge'])
-    return found
-
-
-def _show(state: dict[str, Any]) -> None:
-    console, bridge = screen(), state['bridge']
-    word = 'ready' if bridge['ready'] else 'not ready'
-    well = 'bold yellow' if bridge['old'] else 'bold green'
-    style = well if bridge['ready'] else 'bold red'
-    show_line(console, f'{bridge["name"]}: {word}, {_told(bridge)}', style)
-    for problem in bridge['problems']:
-        show_line(console, f'  {problem}', 'red')
-    if state['routes']:
-        _show_routes(console, state['routes'])
-    for worker in state['workers']:
-        if worker['problem']:
-            show_line(console, f'worker {worker["number"]}: {worker["problem"]}', 'red')
-    if state['broker'] is None:
+def _show(state: ShownState) -> None:
+    console, bridge = screen(), state.bridge
+    word = 'ready' if bridge.ready else 'not ready'
+    well = 'bold yellow' if bridge.old else 'bold green'
+    style = well if bridge.ready else 'bold red'
+    show_line(console, printable(f'{bridge.name}: {word}, {_told(bridge)}'), style)
+    for problem in bridge.problems:
+        show_line(console, printable(f'  {problem}'), 'red')
+    if state.routes:
+        _show_routes(console, state.routes)
+    for worker in state.workers:
+        if worker.problem:
+            show_line(console, printable(f'worker {worker.number}: {worker.problem}'), 'red')
+    if state.broker is None:
         show_line(console, 'Kafka: not asked yet')
-    elif problem := state['broker']['problem']:
-        show_line(console, f'Kafka: {problem}', 'red')
+    elif state.broker.problem:
+        show_line(console, printable(f'Kafka: {state.broker.problem}'), 'red')
 
 
-def _told(bridge: dict[str, Any]) -> str:
-    if bridge['lifecycle'] is None:
+def _told(bridge: BridgeState) -> str:
+    if bridge.lifecycle is None:
         return 'nothing told yet'
-    ago = f', told {bridge["report_age_s"]} s ago' if bridge['old'] else ''
-    return f'{bridge["lifecycle"]}{ago}'
+    ago = f', told {bridge.report_age_s:g} s ago' if bridge.old else ''
+    return f'{bridge.lifecycle}{ago}'
 
 
-def _show_routes(console: Console, routes: list[dict[str, Any]]) -> None:
+def _show_routes(console: Console, routes: list[RouteState]) -> None:
     """All routes; what waits on disk, and how old numbers are, only where there is such."""
     columns = {
-        'route': [it['name'] for it in routes],
-        'state': [it['state'] for it in routes],
-        '#rate /s': [_number(it['rate']) for it in routes],
-        '#p50': [_seconds(it['delay_s'] and it['delay_s'][0]) for it in routes],
-        '#p99': [_seconds(it['delay_s'] and it['delay_s'][1]) for it in routes],
-        '#lag': [_number(it['lag']) for it in routes],
-        '#in flight': [_number(it['in_flight']) for it in routes],
-        '#on disk': [_number(it['spooled']) for it in routes],
-        '#dead letters': [_number(it['ended']['dead_lettered']) for it in routes],
-        '#told': [_ago(it['age_s']) for it in routes],
-        'reason': [it['reason'] or '-' for it in routes],
+        'route': [it.name for it in routes],
+        'state': [it.state for it in routes],
+        '#rate /s': [_number(it.rate) for it in routes],
+        '#p50': [_seconds(it.delay_s and it.delay_s[0]) for it in routes],
+        '#p99': [_seconds(it.delay_s and it.delay_s[1]) for it in routes],
+        '#lag': [_number(it.lag) for it in routes],
+        '#in flight': [_number(it.in_flight) for it in routes],
+        '#on disk': [_number(it.spooled) for it in routes],
+        '#dead letters': [_number(it.ended.dead_lettered) for it in routes],
+        '#told': [_ago(it.age_s) for it in routes],
+        'reason': [it.reason or '-' for it in routes],
     }
-    if all(it['spooled'] == 0 for it in routes):
+    if all(it.spooled == 0 for it in routes):
         del columns['#on disk']
-    if all(it['age_s'] is not None and it['age_s'] <= OLD_S for it in routes):
+    if all(it.age_s is not None and it.age_s <= OLD_S for it in routes):
         del columns['#told']
     rows = [[[cell] for cell in row] for row in zip(*columns.values(), strict=True)]
     show_table(console, 'Routes', list(columns), rows)
