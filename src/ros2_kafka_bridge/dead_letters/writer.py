@@ -9,6 +9,7 @@ from typing import Generic, NamedTuple
 
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, RecordSink, Token
 from ros2_kafka_bridge.errors import (
+    REASON_CHARS,
     BridgeError,
     RecordError,
     RecordTooLargeError,
@@ -21,7 +22,6 @@ HEADER_LIMIT = 1000
 """Headers of a record that its dead letter keeps; of one that has more, it keeps none."""
 
 _FIRST = 'dead_letter.error'
-_REASON_CHARS = 1000
 
 
 class Origin(NamedTuple):
@@ -58,7 +58,7 @@ def explain(record: Outgoing, error: RecordError, origin: Origin, unread: str = 
     kept = record.headers
     if len(kept) > HEADER_LIMIT:
         kept, unread = [], f'{len(kept)}, more than {HEADER_LIMIT}'
-    text = f'{type(error).__name__}: {error}'[:_REASON_CHARS]
+    text = f'{type(error).__name__}: {error}'[:REASON_CHARS]
     reason: HeaderList = [
         (_FIRST, printable(text)),
         ('dead_letter.route', origin.route),

@@ -221,7 +221,7 @@ _SHOWN_IN_ALL: Final = 400
 _PLACE: Final = re.compile(r' - at `(\$[\w.\[\]]*)`\Z')
 _MISSING: Final = re.compile(r'^Object missing required field `(.*)`$')
 _UNKNOWN: Final = re.compile(r'^Object contains unknown field `(.*)`$', re.DOTALL)
-_CHOICE: Final = re.compile(r'^Invalid enum value (.*)$', re.DOTALL)
+_CHOICE: Final = 'Invalid enum value '  # with the value, which nobody but its readers may see
 
 
 def explain(error: msgspec.MsgspecError) -> str:
@@ -238,8 +238,8 @@ def _explained(said: str, error: msgspec.MsgspecError) -> str:
         return f'{path}.{missing[1]}: is missing'
     if unknown := _UNKNOWN.match(text):
         return f'{path}.{unknown[1]:.{_SHOWN}}: unknown field'
-    if choice := _CHOICE.match(text):
-        return f'{path}: expected float, got str {choice[1]:.{_SHOWN}}'
+    if text.startswith(_CHOICE):
+        return f'{path}: expected float, got str'
     # The texts for NaN and infinity are no other type to anybody.
     text = text.replace('`', '').replace('float | str', 'float')
     text = text.replace(f'str matching regex {_WHOLE!r}', 'int or its digits as str')
