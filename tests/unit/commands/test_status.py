@@ -310,7 +310,7 @@ def test_what_is_no_bridge_is_told_in_a_sentence(answer: Answer, said: str) -> N
     assert refusal(answer).startswith(f'what answers there is no bridge{said}')
 
 
-@pytest.mark.parametrize('host', ['a..b', 'x' * 64, 'a b', 'a\rb', 'a\u202eb', 'nowhere.invalid'])
+@pytest.mark.parametrize('host', ['a..b', 'x' * 64, 'a b', 'a\rb', 'a\u202eb'])
 def test_a_name_that_is_none_is_told_in_a_sentence(host: str) -> None:
     with pytest.raises(
         ConfigError, match=r'^[ -~]+:9464 does not answer \(.+\): does a bridge run'
