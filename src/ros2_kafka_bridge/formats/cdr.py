@@ -6,6 +6,7 @@ Bytes are looked at, never changed: DDS takes garbage without a word, and reader
 from collections.abc import Callable
 
 from ros2_kafka_bridge.errors import DecodeError, EncodeError
+from ros2_kafka_bridge.formats.looks import another_format
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.walk import make_end
 from ros2_kafka_bridge.message_types.layout import Layout, has_slack
@@ -23,7 +24,10 @@ def make_decode(layout: Layout, _scope: Scope) -> Callable[[bytes | None], bytes
     def decode(value: bytes | None) -> bytes:
         if value is None:
             raise DecodeError('the value is null (a tombstone), and cdr has no message for it')
-        return exact(value)
+        try:
+            return exact(value)
+        except DecodeError as error:
+            raise DecodeError(f'{error}{another_format(value, "cdr")}') from None
 
     return decode
 
@@ -56,19 +60,38 @@ def make_exact(layout: Layout) -> Callable[[bytes], bytes]:
 
     def exact(value: bytes) -> bytes:
         fields_end = end_of(value)
+        size = len(value)
+        if fields_end == size and not value[3] & 3:
+            return value
         # Some vendors pad and say so in the header: readers cut that much off.
         end = fields_end + (value[3] & 3)
-        behind = len(value) - end
-        if not behind:
-            return value
+        behind = size - end
         if behind < 0:
             raise DecodeError(
                 f'padding: needs {end - fields_end} bytes at {fields_end}, as the '
-                f'header says, the value has {len(value)}'
+                f'header says, the value has {size}'
             )
+        if not value[1]:
+            _check_big_endian(size, fields_end, end, slack=slack)
+        if not behind:
+            return value
         # Slack of 4 bytes comes from a field that has at least 4 bytes itself.
         if behind > (end if slack else 3):
             raise DecodeError(f'{behind} bytes behind the last field, at {end}')
         return value[:end]
 
     return exact
+
+
+def _check_big_endian(size: int, fields_end: int, end: int, *, slack: bool) -> None:
+    """Refuse what is padded as no message is; also what would be without the padding.
+
+    The id of a schema before the doubles of a Twist, in Avro, looks like a header.
+    """
+    # Slack is not counted from a multiple of 4.
+    is_padded = not size % 4 or (slack and size - fields_end > 3)
+    if not is_padded or (end != fields_end and end % 4):
+        raise DecodeError(
+            f'{size - fields_end} bytes behind the last field, at {fields_end}, which do not '
+            'pad a message in big endian to a multiple of 4'
+        )

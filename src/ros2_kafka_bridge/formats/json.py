@@ -8,12 +8,20 @@ import codecs
 import json
 import re
 from collections.abc import Callable
+from contextlib import suppress
+from operator import is_
 from typing import Any, Final
 
 import msgspec
 
 from ros2_kafka_bridge.config.formats import JsonSettings
 from ros2_kafka_bridge.errors import DecodeError, EncodeError
+from ros2_kafka_bridge.formats.foreign_objects import (
+    envelope,
+    make_foreign_reason,
+    may_hide_envelope,
+)
+from ros2_kafka_bridge.formats.looks import another_format, framed_json
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.values.read import make_read
 from ros2_kafka_bridge.formats.values.structs import (
@@ -37,7 +45,12 @@ def make_decode(layout: Layout, scope: Scope) -> Callable[[bytes | None], bytes]
         the path of the field, for what the message type or the route's settings refuse.
     """
     style = _style(scope.json)
-    from_json = msgspec.json.Decoder(make_structs(layout, style)[layout.type_name]).decode
+    struct = make_structs(layout, style)[layout.type_name]
+    from_json: Callable[[bytes], Any] = msgspec.json.Decoder(struct).decode
+    if style.unknown == 'ignore' and may_hide_envelope(layout):
+        from_json = _without_envelopes(from_json, layout)
+    if style.unknown == 'ignore' and style.missing == 'default' and layout.fields:
+        from_json = _without_foreign(from_json, layout, struct())
     write = make_write(layout, style, scope.max_message_bytes)
 
     def decode(value: bytes | None) -> bytes:
@@ -46,10 +59,50 @@ def make_decode(layout: Layout, scope: Scope) -> Callable[[bytes | None], bytes]
         try:
             message = from_json(value)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-            raise DecodeError(_reason(value, error)) from None
+            raise DecodeError(_reason(value, layout, error)) from None
         return write(message)
 
     return decode
+
+
+def _without_foreign(
+    from_json: Callable[[bytes], Any], layout: Layout, defaults: msgspec.Struct
+) -> Callable[[bytes], Any]:
+    """Make the reader of objects of which no field is asked for, and any other is passed over.
+
+    A field that is not there has the very object of the default: where all have, an object of
+    other fields is told from `{}`.
+    """
+    first, *others = msgspec.structs.astuple(defaults)
+    foreign_reason = make_foreign_reason(layout)
+
+    def read(value: bytes) -> Any:
+        message = from_json(value)
+        # Most messages set their first field, and are asked for no more.
+        if message.f0 is first and all(map(is_, msgspec.structs.astuple(message)[1:], others)):
+            _refuse(foreign_reason(value))
+        return message
+
+    return read
+
+
+def _without_envelopes(
+    from_json: Callable[[bytes], Any], layout: Layout
+) -> Callable[[bytes], Any]:
+    """Make the reader of a type whose messages may be made of Kafka Connect's envelope itself."""
+
+    def read(value: bytes) -> Any:
+        message = from_json(value)
+        if b'"schema"' in value and b'"payload"' in value:
+            _refuse(envelope(value, layout))
+        return message
+
+    return read
+
+
+def _refuse(reason: str | None) -> None:
+    if reason:
+        raise DecodeError(reason)
 
 
 def make_encode(layout: Layout, scope: Scope) -> Callable[[bytes], bytes]:
@@ -102,24 +155,34 @@ def _style(settings: JsonSettings) -> Style:
     )
 
 
-# Why a value is no JSON, looked for only once it is refused
+# Why a value is no message, looked for only once it is refused
 
 
-def _reason(value: bytes, error: Exception) -> str:
-    if not value.strip():
-        return 'the value is empty, and json needs an object'
-    if value.startswith(codecs.BOM_UTF8):
-        return 'a byte order mark (EF BB BF) at byte 0: JSON has none'
+def _reason(value: bytes, layout: Layout, error: Exception) -> str:
+    if said := _wrong_beginning(value):
+        return said
     try:
         value.decode()
     except UnicodeDecodeError as bad:
-        return f'not UTF-8 at byte {bad.start}: {value[bad.start]:#04x}'
+        found = f'not UTF-8 at byte {bad.start}: {value[bad.start]:#04x}'
+        return found + another_format(value, 'json')
     if isinstance(error, RecursionError):
         return 'nested too deeply'
     assert isinstance(error, msgspec.MsgspecError)
     if isinstance(error, msgspec.ValidationError):
-        return explain(error)
-    return _malformed(value, str(error))
+        said = None
+        with suppress(RecursionError):
+            said = envelope(value, layout)
+        return said or explain(error)
+    return _malformed(value, str(error)) + another_format(value, 'json')
+
+
+def _wrong_beginning(value: bytes) -> str | None:
+    if not value.strip():
+        return 'the value is empty, and json needs an object'
+    if value.startswith(codecs.BOM_UTF8):
+        return 'a byte order mark (EF BB BF) at byte 0: JSON has none'
+    return framed_json(value)
 
 
 def _malformed(value: bytes, said: str) -> str:

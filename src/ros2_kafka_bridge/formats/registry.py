@@ -16,6 +16,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 from weakref import finalize
 
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, DecodeError, RouteError
+from ros2_kafka_bridge.formats.looks import cdr_as_id, unframed
 from ros2_kafka_bridge.kafka.properties import PropertyValue, is_secret
 from ros2_kafka_bridge.message_types.definition import has_parser
 from ros2_kafka_bridge.outside.masking import (
@@ -86,19 +87,19 @@ def framed_id(value: bytes) -> int:
     """
     if len(value) < FRAME:
         raise DecodeError(
-            f'{len(value)} bytes: a value with the id of its schema has at least {FRAME}; '
-            'was it written without a Schema Registry? (schema: {registry: false})'
+            f'{len(value)} bytes: a value with the id of its schema has at least {FRAME}'
+            f'{unframed(value)}'
         )
     if value[0] != _MAGIC:
         raise DecodeError(
-            f'begins with {value[0]:#04x}, and the id of a schema has a zero byte before it; '
-            'was it written without a Schema Registry? (schema: {registry: false})'
+            f'begins with {value[0]:#04x}, and the id of a schema has a zero byte before it'
+            f'{unframed(value)}'
         )
     schema_id = int.from_bytes(value[1:FRAME], 'big')
     if schema_id > _LARGEST_ID:
         raise DecodeError(
-            f'begins as with the id {schema_id} of a schema, and none is above {_LARGEST_ID}; '
-            'was it written without a Schema Registry? (schema: {registry: false})'
+            f'begins as with the id {schema_id} of a schema, and none is above {_LARGEST_ID}'
+            f'{unframed(value)}'
         )
     return schema_id
 
@@ -246,7 +247,8 @@ class Registry:
             DecodeError: The registry has no such schema.
             RouteError: The registry does not answer, or not to this user.
         """
-        missing = DecodeError(f'{self.url} has no schema with the id {schema_id}')
+        hint = cdr_as_id(schema_id)
+        missing = DecodeError(f'{self.url} has no schema with the id {schema_id}{hint}')
         if time.monotonic() < self._missing.get(schema_id, -math.inf) + _MISSING_S:
             raise missing
         try:

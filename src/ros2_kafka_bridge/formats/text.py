@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Final
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
+from ros2_kafka_bridge.formats.looks import another_format
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.message_types.layout import Layout
 
@@ -56,7 +57,12 @@ def _decode(value: bytes | None) -> bytes:
     if value is None:
         raise DecodeError('the value is null (a tombstone), and text has no message for it')
     if 0 in value or not value.isascii():
-        _check_text(value)
+        try:
+            _check_text(value)
+        except DecodeError as error:
+            # Text may begin as JSON does, but not with a NUL as the others do.
+            hint = '' if value[0] else another_format(value, 'text')
+            raise DecodeError(f'{error}{hint}') from None
     return _PREFIX(_HEADER, len(value) + 1) + value + b'\0'
 
 

@@ -63,6 +63,44 @@ def test_a_default_within_a_nested_message_is_as_the_definition_says(
     }
 
 
+def test_a_schema_without_any_field_of_the_type_makes_no_message_of_defaults(
+    server: RegistryServer,
+) -> None:
+    """Also where a program has given its own record the name of ours."""
+    message = {'name': 'message', 'type': 'string'}
+    for name in ('String', 'std_msgs.msg.String'):
+        schema = {'type': 'record', 'name': name, 'fields': [message]}
+        with pytest.raises(DecodeError) as caught:
+            decoded(server, schema, {'message': 'hello'}, STRING)
+        assert str(caught.value).endswith(
+            f' does not fit: $: no field of record {name} is one of std_msgs.msg.String'
+        )
+
+
+def test_a_message_within_that_has_other_fields_now_has_its_defaults(
+    server: RegistryServer,
+) -> None:
+    """A list of them may be empty, and the rest of such a record is what was meant."""
+    part = Layout('demo_msgs/msg/Part', (Field('a', Primitive('int32')),))
+    other = Layout(part.type_name, (Field('b', Primitive('int32')),))
+    theirs, ours = (
+        Layout('demo_msgs/msg/Whole', (Field('id', String()), Field('parts', Sequence(one))))
+        for one in (other, part)
+    )
+    schema = avro_schema(theirs)
+    assert decoded(server, schema, {'id': 'x', 'parts': []}, ours) == {'id': 'x', 'parts': []}
+    written = {'id': 'x', 'parts': [{'b': 7}]}
+    assert decoded(server, schema, written, ours) == {'id': 'x', 'parts': [{'a': 0}]}
+
+
+def test_a_version_without_fields_is_one_of_defaults(server: RegistryServer) -> None:
+    empty = Layout(STRING.type_name, ())
+    nothing = {'structure_needs_at_least_one_member': 0}
+    assert decoded(server, avro_schema(empty), nothing, STRING) == {'data': ''}
+    server.set_compatibility('NONE')
+    assert decoded(server, avro_schema(STRING), {'data': 'x'}, empty) == {}
+
+
 def within(layout: Layout) -> Iterator[Layout]:
     """A type and all types in it, at any depth."""
     yield layout

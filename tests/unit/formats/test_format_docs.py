@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from ros2_kafka_bridge.cli import app
 from ros2_kafka_bridge.config.file import load
+from ros2_kafka_bridge.config.formats import JsonSettings
 from ros2_kafka_bridge.errors import DecodeError
 from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.scope import Scope
@@ -101,3 +102,18 @@ def test_the_errors_of_json_are_those_that_it_tells() -> None:
             decode(shown.replace(old, new).encode())
         told.append(str(caught.value))
     assert told == blocks('text', 'json')[0].text.splitlines()
+
+
+def test_what_is_said_of_other_converters_is_what_it_tells() -> None:
+    decode = FORMATS['json'].make_decode(
+        SCAN, Scope('scans', JsonSettings(unknown='ignore', missing='default'))
+    )
+    records = (
+        b'{"schema":{"type":"struct","optional":false,"fields":[]},"payload":{"side":1}}',
+        b'\0\0\0\0\7{"side":1}',
+        b'{"before":null,"after":{"side":1},"op":"c"}',
+    )
+    for record, told in zip(records, blocks('text', 'json')[1].text.splitlines(), strict=True):
+        with pytest.raises(DecodeError) as caught:
+            decode(record)
+        assert str(caught.value).startswith(told.removesuffix('...'))

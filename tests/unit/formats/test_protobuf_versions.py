@@ -26,7 +26,7 @@ def read_by(server: RegistryServer, writer: Layout, reader: Layout, **fields: An
 
 def _size(layout: Layout) -> int:
     """Of the shortest message; all fields of these tests have 4 bytes, a string 5."""
-    return 4 * len(layout.fields) + any(isinstance(f.kind, String) for f in layout.fields)
+    return 4 * len(layout.fields) + any(isinstance(f.kind, String) for f in layout.fields) or 1
 
 
 def test_a_field_that_the_writer_did_not_know_is_zero(server: RegistryServer) -> None:
@@ -48,6 +48,28 @@ def test_a_field_that_was_put_in_between_is_refused(server: RegistryServer) -> N
     assert str(caught.value) == 'schema 1: $.x: was written with the number 2, and has 1 here'
     with pytest.raises(DecodeError, match=r'\$\.x: was written with the number 3'):
         read_by(server, mine(*((name, whole) for name in 'zyx')), here, x=1)
+
+
+def test_a_schema_without_any_field_of_the_type_makes_no_message_of_zeros(
+    server: RegistryServer,
+) -> None:
+    file = FileDescriptorProto(name='other.proto', package='robot.msg', syntax='proto3')
+    text = FieldDescriptorProto.TYPE_STRING
+    file.message_type.add(name='Mine').field.add(name='text', number=5, type=text)
+    schema = base64.b64encode(file.SerializeToString()).decode()
+    schema_id = server.register('robots-value', schema, 'PROTOBUF')
+    with pytest.raises(DecodeError) as caught:
+        make_decode(NUMBER, scope(server))(
+            b'\0' + schema_id.to_bytes(4, 'big') + b'\0\x2a\x05hello'
+        )
+    assert str(caught.value) == (
+        'schema 1: no field of robot.msg.Mine there is one of it here: all would be zero'
+    )
+
+
+def test_a_version_without_fields_is_one_of_zeros(server: RegistryServer) -> None:
+    assert read_by(server, mine(), NUMBER) == SEVEN[:4] + bytes(4)
+    assert read_by(server, NUMBER, mine(), number=7) == SEVEN[:4] + bytes(1)
 
 
 def test_a_field_that_was_renamed_is_the_same_field(server: RegistryServer) -> None:

@@ -26,6 +26,7 @@ from ros2_kafka_bridge.formats.avro.versions import (
     version_of,
 )
 from ros2_kafka_bridge.formats.extras import missing_extra
+from ros2_kafka_bridge.formats.looks import another_format
 from ros2_kafka_bridge.formats.registry import (
     FRAME,
     Registry,
@@ -152,9 +153,12 @@ def _by_type(layout: Layout) -> Callable[[bytes], Any]:
         stream = io.BytesIO(value)
         try:
             found = schemaless_reader(stream, schema, None)
+            _check_end(stream, name)
+        except DecodeError as error:
+            raise DecodeError(f'{error}{another_format(value, "avro")}') from None
         except FAULTS as error:
-            raise DecodeError(f'not a value of {name}: {_why(error)}') from None
-        _check_end(stream, name)
+            hint = another_format(value, 'avro')
+            raise DecodeError(f'not a value of {name}: {_why(error)}{hint}') from None
         return found
 
     return from_avro

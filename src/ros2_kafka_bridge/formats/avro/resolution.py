@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
+from ros2_kafka_bridge.formats.avro.schema import FILLER
+
 Types = Mapping[str, Any]
 """The named types of a schema, by full name."""
 
@@ -126,7 +128,9 @@ class Resolution:
         if kinds == ('record', 'record') and _is_same(written, wanted, is_root=is_root):
             pair = (written['name'], wanted['name'])
             if pair not in self._faults:
-                self._faults[pair] = next(self._faults_of_record(written, wanted), None)
+                self._faults[pair] = next(
+                    self._faults_of_record(written, wanted, is_root=is_root), None
+                )
             return self._faults[pair]
         if kinds == ('array', 'array'):
             fault = self._fault(written['items'], wanted['items'])
@@ -144,8 +148,11 @@ class Resolution:
         found = next(filter(None, alike), None)
         return found or (faults[0] if faults and all(faults) else None)
 
-    def _faults_of_record(self, written: Any, wanted: Any) -> Iterator[_Fault]:
+    def _faults_of_record(self, written: Any, wanted: Any, *, is_root: bool) -> Iterator[_Fault]:
         theirs = _types_of_fields(written)
+        if is_root and _is_disjoint(theirs, _types_of_fields(wanted)):
+            # All of it would come from the defaults.
+            yield _Fault('', f'no field of record {written["name"]} is one of {wanted["name"]}')
         for ours in wanted['fields']:
             place = f'.{ours["name"]}'
             if ours['name'] in theirs:
@@ -169,6 +176,12 @@ def _is_same(written: Any, wanted: Any, *, is_root: bool) -> bool:
     if is_root:
         return '.' not in written['name']
     return not _types_of_fields(wanted).keys().isdisjoint(_types_of_fields(written))
+
+
+def _is_disjoint(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> bool:
+    """Whether both have fields, and none in common."""
+    some, others = theirs.keys() - {FILLER}, ours.keys() - {FILLER}
+    return bool(some and others and some.isdisjoint(others))
 
 
 def _is_read(written: Any, wanted: Any) -> bool:

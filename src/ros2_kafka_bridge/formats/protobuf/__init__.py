@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ros2_kafka_bridge.errors import DecodeError, EncodeError
+from ros2_kafka_bridge.formats.looks import another_format
 from ros2_kafka_bridge.formats.protobuf.convert import (
     STYLE,
     make_fill,
@@ -91,7 +92,14 @@ def _make_plain(layout: Layout, message_class: Any) -> Callable[[bytes], Any]:
     # another type.
     read = make_message_read(layout, strict=True)
     parse = _make_parse(message_class)
-    return lambda value: read(parse(value))
+
+    def message_of(value: bytes) -> Any:
+        try:
+            return read(parse(value))
+        except DecodeError as error:
+            raise DecodeError(f'{error}{another_format(value, "protobuf")}') from None
+
+    return message_of
 
 
 def make_read_by_id(

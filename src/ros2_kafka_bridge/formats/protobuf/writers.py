@@ -21,6 +21,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto
 from google.protobuf.message import DecodeError as MalformedError
 
 from ros2_kafka_bridge.errors import DecodeError
+from ros2_kafka_bridge.formats.looks import framed_json
 from ros2_kafka_bridge.formats.references import referenced
 from ros2_kafka_bridge.formats.registry import (
     Registry,
@@ -101,6 +102,8 @@ class Writers:
         if writer.full_name != self._reader.full_name:
             return f'is of {writer.full_name}, and this route reads {self._reader.full_name}'
         difference = next(_differences(writer, self._reader, '$', set()), None)
+        if difference is None and _is_disjoint(writer, self._reader):
+            return f'no field of {writer.full_name} there is one of it here: all would be zero'
         return difference or not _knows_more(writer, self._reader, set())
 
     def _schema(self, schema_id: int) -> FileDescriptor | str:
@@ -159,7 +162,8 @@ def _message_index(value: bytes) -> tuple[int, tuple[int, ...]]:
     try:
         rest = prefix_schema_id_deserializer(value[:_LONGEST_PREFIX], None, frame)
     except (EOFError, SerializationError):
-        raise DecodeError('which message of its schema it is cannot be read') from None
+        said = framed_json(value) or 'which message of its schema it is cannot be read'
+        raise DecodeError(said) from None
     return rest.tell(), tuple(frame.message_indexes or [0])
 
 
@@ -231,6 +235,12 @@ def _differences(
             yield f'{where}: was written with a default of its own ({default}), and is zero here'
         elif field.message_type and written.message_type:
             yield from _differences(written.message_type, field.message_type, where, seen)
+
+
+def _is_disjoint(writer: Descriptor, reader: Descriptor) -> bool:
+    """Whether both have fields, and none in common."""
+    theirs, ours = set(writer.fields_by_number), set(reader.fields_by_number)
+    return bool(theirs and ours) and theirs.isdisjoint(ours)
 
 
 def _fits(written: FieldDescriptor, read: FieldDescriptor) -> bool:
