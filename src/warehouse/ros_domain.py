@@ -48,7 +48,8 @@ def claim_domain(domain: int) -> Iterator[None]:
                 f'another warehouse (process {pid}) is in ROS domain {domain}: choose another '
                 'with --domain, or end that one'
             ) from None
-        os.pwrite(lock, str(os.getpid()).encode().ljust(_PID_BYTES), 0)
+        with suppress(OSError):  # a full disk: the lock counts, the number is for a message alone
+            os.pwrite(lock, str(os.getpid()).encode().ljust(_PID_BYTES), 0)
         yield
     finally:
         os.close(lock)

@@ -20,7 +20,7 @@ from warehouse.domain.site import Site, site_yaml
 from warehouse.kafka import AwayError, ask_for_topics, create_topics
 from warehouse.nodes import MODULES
 from warehouse.ros_domain import claim_domain, domain_of
-from warehouse.run_options import Options, check, site_of
+from warehouse.run_options import Options, StartError, check, site_of
 from warehouse.topics import TOPICS
 
 _BRIDGE: Final = Path(__file__).parent / 'data' / 'bridge.yaml'
@@ -234,7 +234,13 @@ def _place(logs: Path | None) -> Iterator[Path]:
         logs.mkdir(parents=True, exist_ok=True)
         yield logs
         return
-    place = Path(tempfile.mkdtemp(prefix='warehouse-'))
+    try:
+        place = Path(tempfile.mkdtemp(prefix='warehouse-'))
+    except OSError as error:
+        raise StartError(
+            f'there is no directory for temporary files ({error.strerror}): set TMPDIR to one, or '
+            'name one for the logs with --logs'
+        ) from error
     try:
         yield place
     finally:

@@ -28,7 +28,7 @@ def main() -> None:
     """Spin until told to end."""
     given = arguments(__doc__)
     count = Count('kafka_to_ros', given.snapshots)
-    rclpy.init(args=[])
+    rclpy.init(args=['--ros-args', '--disable-external-lib-logs'])  # a home may be read-only
     node = rclpy.create_node('kafka_ros_bridge')
     publisher = node.create_publisher(String, given.ros_topic, given.depth)
     consumer = Consumer(

@@ -24,7 +24,7 @@ def main() -> None:
     """Spin until told to end."""
     given = arguments(__doc__)
     count = Count('ros_to_kafka', given.snapshots)
-    rclpy.init(args=[])
+    rclpy.init(args=['--ros-args', '--disable-external-lib-logs'])  # a home may be read-only
     node = rclpy.create_node('ros_kafka_bridge')
     producer = Producer({'bootstrap.servers': given.bootstrap_servers, **given.properties})
 

@@ -15,7 +15,7 @@ from ros2_kafka_bridge.demo.contestants import BRIDGE, PAPER, Contestant, Ends
 from ros2_kafka_bridge.demo.table import Look, say, summary, view
 from ros2_kafka_bridge.demo.topics import Topics
 from ros2_kafka_bridge.demo.trip import SendPlan, Trip
-from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.kafka.addresses import servers_problem
 from ros2_kafka_bridge.testing.embedded_broker import QUICK_FETCH, EmbeddedBroker
 from ros2_kafka_bridge.threads.stop import Stop, signals_to_heed
@@ -74,7 +74,7 @@ def run(options: DemoOptions) -> int:
         BridgeError: It could not start.
     """
     plan = _plan(options)
-    place = Path(tempfile.mkdtemp(prefix='ros2-kafka-bridge-demo-'))
+    place = _place()
     outcome = None
     try:
         with _signals() as stop, _kafka(options.bootstrap_servers) as kafka:
@@ -86,6 +86,15 @@ def run(options: DemoOptions) -> int:
         if outcome is None or not outcome.keep_logs:
             shutil.rmtree(place)
     return outcome.status
+
+
+def _place() -> Path:
+    try:
+        return Path(tempfile.mkdtemp(prefix='ros2-kafka-bridge-demo-'))
+    except OSError as error:
+        raise TransportError(
+            f'there is no directory for temporary files ({error.strerror}): set TMPDIR to one'
+        ) from error
 
 
 def _plan(options: DemoOptions) -> SendPlan:

@@ -23,7 +23,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NoReturn
 
-from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.errors import BridgeError, TransportError
 from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.process.hangup import Signals
 from ros2_kafka_bridge.process.plan import read_plan
@@ -56,7 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _run(options, signals)
     except BridgeError as error:  # only the start raises one: a route keeps its own
         print(error, file=sys.stderr)  # noqa: T201 (the words for the user, as from the command line)
-        return 2
+        # What goes by itself, as a full disk, is tried again.
+        return 1 if isinstance(error, TransportError) else 2
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:

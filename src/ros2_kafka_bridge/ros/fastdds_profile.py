@@ -9,12 +9,14 @@ else stays as it is.
 """
 
 import os
+import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.outside.files import UnreadableError, read_regular
 
 NAMESPACE = 'http://www.eprosima.com'
@@ -22,6 +24,8 @@ _NS = f'{{{NAMESPACE}}}'
 _BLOCKING_NS = 1_000_000
 _HEARTBEAT_NS = 10_000_000
 _TYPES = 'fastdds.type_propagation'
+_FOLDER = 'ros2-kafka-bridge-'
+_SHARED_MEMORY = '/dev/shm'  # noqa: S108 (a folder of its own is made there)
 
 MARK_S = 864_197
 """A lifespan that nobody has by chance."""
@@ -69,6 +73,41 @@ def user_profile(environ: Mapping[str, str] | None = None) -> Path | None:
     return next((Path(environ[name]) for name in names if environ.get(name)), None)
 
 
+@contextmanager
+def written(profile: str) -> Iterator[Path]:
+    """A file with the profile, for as long as it is read.
+
+    Where no folder for temporary files takes it, it lies in shared memory, which DDS uses anyway.
+
+    Raises:
+        TransportError: It can be written nowhere.
+    """
+    with ExitStack() as stack:
+        try:
+            file = _write(profile, None, stack)
+        except OSError:
+            file = _write_to_memory(profile, stack)
+        yield file
+
+
+def _write_to_memory(profile: str, stack: ExitStack) -> Path:
+    try:
+        return _write(profile, _SHARED_MEMORY, stack)
+    except OSError as error:
+        raise TransportError(
+            f'ROS: no folder for temporary files can be written to, nor {_SHARED_MEMORY} '
+            f'({error.strerror}), and Fast DDS reads its settings from a file: set TMPDIR to a '
+            'folder that can be written to'
+        ) from error
+
+
+def _write(profile: str, place: str | None, stack: ExitStack) -> Path:
+    folder = tempfile.TemporaryDirectory(prefix=_FOLDER, dir=place, ignore_cleanup_errors=True)
+    file = Path(stack.enter_context(folder), 'profile.xml')
+    file.write_text(profile, encoding='utf-8')
+    return file
+
+
 def make_profile(
     histories: Histories,
     user_file: Path | None = None,
@@ -105,6 +144,21 @@ def make_profile(
         root.remove(profiles)  # Fast DDS takes an empty one for a mistake
     ET.register_namespace('', NAMESPACE)
     return ET.tostring(root, encoding='unicode', xml_declaration=True)
+
+
+def discovery_protocol(user_file: Path) -> str:
+    """How others are found with a user's profile, by Fast DDS's own name (`SIMPLE`, `CLIENT`).
+
+    Raises:
+        ConfigError: The file cannot be read.
+    """
+    users = _default_participant(_child(_read(user_file), 'profiles'))
+    if users is None:
+        return 'SIMPLE'
+    if users.find(f'{_NS}rtps/{_NS}easy_mode_ip') is not None:
+        return 'SUPER_CLIENT'
+    way = ('rtps', 'builtin', 'discovery_config', 'discoveryProtocol')
+    return users.findtext('/'.join(f'{_NS}{step}' for step in way)) or 'SIMPLE'
 
 
 def _read(path: Path) -> ET.Element:
@@ -170,10 +224,17 @@ def _writer(entry: ET.Element, samples: int, dialect: Dialect) -> None:
     _duration(_child(_child(entry, 'times'), dialect.heartbeat), 0, _HEARTBEAT_NS)
 
 
-def _participant(profiles: ET.Element) -> ET.Element:
+def _default_participant(profiles: ET.Element) -> ET.Element | None:
     for element in reversed(profiles.findall(f'{_NS}participant')):  # the last one counts
         if element.get('is_default_profile') == 'true':
             return element
+    return None
+
+
+def _participant(profiles: ET.Element) -> ET.Element:
+    users = _default_participant(profiles)
+    if users is not None:
+        return users
     own = {'profile_name': 'ros2_kafka_bridge', 'is_default_profile': 'true'}
     profiles.insert(0, ET.Element(f'{_NS}participant', own))
     return profiles[0]

@@ -3,7 +3,6 @@
 import logging
 import os
 import re
-import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -20,12 +19,16 @@ from ros2_kafka_bridge.ros.fastdds_profile import (
     Histories,
     make_profile,
     user_profile,
+    written,
 )
 from ros2_kafka_bridge.ros.profile_check import check_profile, check_topic
 
 _FASTDDS = 'rmw_fastrtps'
 _FIRST_WITH_FASTDDS_3 = 8
 _LONGEST = 200
+# ROS would make a file for each process and start, below a home that may be missing or read-only,
+# and refuse to run without it. What it says is said on stderr, too, and that is the bridge's log.
+_NO_LOG_FILES = ['--ros-args', '--disable-external-lib-logs']
 _PREFIX = 'kafka_bridge_'
 _VERSION = re.compile(r'rclpy-(\d+)\.')
 _STARTING = threading.Lock()  # two starts in one process would mix their environments
@@ -231,6 +234,7 @@ def open_node(name: str, domain_id: int | None, histories: Histories) -> Iterato
 
     Raises:
         ConfigError: rclpy is missing, or refuses the name or the environment.
+        TransportError: Nothing can be written.
     """
     rclpy = _import_rclpy()
 
@@ -256,6 +260,7 @@ def open_made(
 
     Raises:
         ConfigError: rclpy is missing, or refuses the name or the environment.
+        TransportError: Nothing can be written.
     """
     rclpy = _import_rclpy()
     with ExitStack() as stack:
@@ -277,7 +282,7 @@ def _joined(
 
     context = rclpy.Context()
     rclpy.init(
-        args=[],
+        args=_NO_LOG_FILES,
         context=context,
         domain_id=domain_id,
         signal_handler_options=SignalHandlerOptions.NO,
@@ -315,11 +320,9 @@ def _profile(histories: Histories, users: Path | None) -> Iterator[None]:
     dialect = _dialect()
     text = make_profile(histories, users, dialect, check_topic())
     variables = (FASTDDS_2.variable, FASTDDS_3.variable)
-    before = {variable: os.environ.pop(variable, None) for variable in variables}
-    with tempfile.TemporaryDirectory(prefix='ros2-kafka-bridge-') as directory:
-        path = Path(directory) / 'profile.xml'
-        path.write_text(text, encoding='utf-8')
-        os.environ[dialect.variable] = str(path)
+    with written(text) as file:
+        before = {variable: os.environ.pop(variable, None) for variable in variables}
+        os.environ[dialect.variable] = str(file)
         try:
             yield
         finally:

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -130,7 +129,7 @@ def _reader(node: RosNode, topic: str) -> Iterator[_Reader]:
     program = [sys.executable, '-P', '-m', 'ros2_kafka_bridge.ros.trial_reader']
     before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # Ctrl-C is for this process
     try:
-        said = tempfile.TemporaryFile()  # noqa: SIM115 (closed below)
+        said = os.fdopen(os.memfd_create('said'), 'w+b')  # no folder may be writable
         process = subprocess.Popen(  # noqa: S603 (this program)
             [*program, name, topic, str(node.domain_id), str(os.getpid())],
             stdin=subprocess.DEVNULL,

@@ -44,7 +44,9 @@ def run(name: str, code: ModuleType, settings: Settings) -> int:
         os.environ[_DDS_VARIABLES[0]] = str(_DDS)
     # Whoever started this process may have SIGINT ignored, as a shell does in the background.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.ALL)
+    # Without files of ROS for each start, below a home that may be read-only.
+    arguments = ['--ros-args', '--disable-external-lib-logs']
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.ALL)
     try:
         with _node(name) as node:
             _spin(Module(name, node, settings, logging.getLogger(name)), code)

@@ -1,6 +1,7 @@
 """What the demonstration counts and draws, by cases worked out by hand."""
 
 import io
+import tempfile
 
 import pytest
 from rich.console import Console
@@ -8,7 +9,7 @@ from rich.console import Console
 from ros2_kafka_bridge.demo.run import DemoOptions, losses, run
 from ros2_kafka_bridge.demo.table import Look, line, page, spark, summary
 from ros2_kafka_bridge.demo.tally import Arrival, Latency, Tally, percentile
-from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.errors import ConfigError, TransportError
 
 LOOK = Look(
     name='paper',
@@ -200,3 +201,11 @@ def test_an_option_that_cannot_be_is_refused_in_a_sentence(
 ) -> None:
     with pytest.raises(ConfigError, match=problem):
         run(options)
+
+
+def test_without_a_folder_for_temporary_files_the_cure_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(tempfile, 'tempdir', '/proc/none')
+    with pytest.raises(TransportError, match='set TMPDIR to one'):
+        run(DemoOptions(rate=1, seconds=1))

@@ -1,18 +1,21 @@
 """The DDS profile keeps what the user wrote, and adds what the bridge needs."""
 
+import tempfile
 import xml.etree.ElementTree as ET
 from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
-from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.errors import ConfigError, TransportError
+from ros2_kafka_bridge.ros import fastdds_profile
 from ros2_kafka_bridge.ros.fastdds_profile import (
     FASTDDS_2,
     NAMESPACE,
     Histories,
     make_profile,
     user_profile,
+    written,
 )
 
 PAGE = Path(__file__).parents[3] / 'docs' / 'troubleshooting.md'
@@ -242,3 +245,22 @@ def test_the_users_file_is_what_either_variable_names() -> None:
     assert user_profile({old: '/old.xml'}) == Path('/old.xml')
     assert user_profile({old: '/old.xml', new: '/new.xml'}) == Path('/new.xml')
     assert user_profile({new: ''}) is None
+
+
+def test_where_no_folder_for_temporary_files_can_be_written_it_lies_in_shared_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(tempfile, 'tempdir', '/proc')
+    with written('<a/>') as file:
+        assert file.read_text() == '<a/>'
+        assert file.is_relative_to(fastdds_profile._SHARED_MEMORY)
+    assert not file.parent.exists()
+
+
+def test_where_it_can_be_written_nowhere_the_cure_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(tempfile, 'tempdir', '/proc')
+    monkeypatch.setattr(fastdds_profile, '_SHARED_MEMORY', '/proc')
+    with pytest.raises(TransportError, match=r'nor /proc \(No such file.*TMPDIR'), written('<a/>'):
+        pytest.fail('there is no file')
