@@ -129,7 +129,7 @@ class House:
 
     def make(self, *arguments: Any) -> MemoryDirection:
         self.open += 1
-        arguments[-1].callback(self._close)
+        arguments[3].callback(self._close)
         return self.directions.pop(0)
 
     def make_for_backlog(self, *_: Any) -> MemoryDirection | None:

@@ -230,7 +230,7 @@ class Bridge:
         lane.begin()
         try:
             if lane.direction is None:
-                lane.use(wiring.make(lane.route, lane.log, stop, stack))
+                lane.use(wiring.make(lane.route, lane.log, stop, stack, lane.wait_for_type))
             direction = lane.direction
             if direction is None:
                 return None

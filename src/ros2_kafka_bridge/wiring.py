@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -28,6 +28,7 @@ from ros2_kafka_bridge.kafka.topic_id import TopicIds
 from ros2_kafka_bridge.kafka.topics import ensure_topic
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.ros.confirmation import Confirmation, asks_readers
+from ros2_kafka_bridge.ros.discovery import waits_for_type
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
@@ -99,11 +100,19 @@ class Wiring:
         self._types = TypeLoader()
         self._topic_ids = TopicIds(common_properties(config.kafka, client_id=config.name))
 
-    def make(self, route: AnyRoute, log: Log, stop: Stop, stack: ExitStack) -> Direction | None:
+    def make(
+        self,
+        route: AnyRoute,
+        log: Log,
+        stop: Stop,
+        stack: ExitStack,
+        say: Callable[[str], None] = lambda _: None,
+    ) -> Direction | None:
         """Make what runs a route; None where a stop came while its type was waited for.
 
         Its ROS endpoint is open until the stack closes: a route that fails on the Kafka side
-        keeps it, so that DDS holds the publishers back meanwhile.
+        keeps it, so that DDS holds the publishers back meanwhile. `say` is told what is waited
+        for, where that takes long.
 
         Raises:
             RouteError: The route cannot run now; its ROS endpoint is closed.
@@ -112,7 +121,7 @@ class Wiring:
             if isinstance(route, KafkaToRosRoute):
                 direction: Direction | None = self._kafka_to_ros(route, log, stop, made)
             else:
-                direction = self._ros_to_kafka(route, log, stop, made)
+                direction = self._ros_to_kafka(route, log, stop, made, say)
             stack.push(made.pop_all())
         return direction
 
@@ -222,10 +231,12 @@ class Wiring:
         log: Log,
         stop: Stop,
         stack: ExitStack,
+        say: Callable[[str], None],
     ) -> RosToKafka | None:
         if route.source.type is not None:
             return self._of_type(route.source.type, route, log, stop, stack)
-        name = wait_for_type(self._node, route.source.ros, stop.wait)
+        topic = route.source.ros
+        name = wait_for_type(self._node, topic, stop.wait, lambda: say(waits_for_type(topic)))
         if name is None:
             return None
         try:

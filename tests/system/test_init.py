@@ -58,7 +58,7 @@ def test_an_empty_graph_is_said_and_nothing_is_written(bench: Bench, ros_domain:
     file = bench.place / 'bridge.yaml'
     status, out, err = bench.command('init', str(file), '--from-graph')
     assert (status, out) == (1, '')
-    assert f'no topic is seen in ROS domain {ros_domain} (ROS_DOMAIN_ID): nothing is' in err
+    assert f'no topic is seen in ROS domain {ros_domain} (ROS_DOMAIN_ID), nothing is' in err
     assert 'ROS_AUTOMATIC_DISCOVERY_RANGE' in err
     assert not file.exists()
 

@@ -64,10 +64,11 @@ def show_findings(console: Console, title: str, findings: Sequence[Finding]) -> 
 
 
 def show_notes(console: Console, notes: Sequence[str]) -> None:
-    """Print what belongs to the whole, a line each."""
+    """Print what belongs to the whole, a line each; on a terminal broken between words."""
     word, colour = _MARKS['note']
     for note in notes:
-        console.print(Text.assemble('  ', (word, colour), ' ', _shown(note)))
+        line = Text.assemble('  ', (word, colour), ' ', _shown(note))
+        console.print(line, soft_wrap=not console.is_terminal)
 
 
 def show_line(console: Console, text: str, style: str = '') -> None:

@@ -6,6 +6,7 @@ from typing import Any
 from ros2_kafka_bridge.commands.names import is_of_ros_itself
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
+from ros2_kafka_bridge.ros.discovery import NOT_TOLD, partial_view, why_nobody
 from ros2_kafka_bridge.ros.matching import (
     Mismatch,
     others,
@@ -29,14 +30,17 @@ def seen(config: Config, routes: Sequence[AnyRoute], topics: Sequence[Topic]) ->
     """All topics, those of routes first, also those that nobody has joined yet."""
     known = {topic.name for topic in topics}
     missing = sorted({ros_end(route) for route in routes} - known)
+    partial = partial_view() or ''
+    untold = NOT_TOLD if partial else ''
     rows = [
         _topic(config, routes, topic)
-        for topic in [*topics, *(Topic(name, [], [], []) for name in missing)]
+        for topic in [*topics, *(Topic(name, [], [], [], untold) for name in missing)]
     ]
     return {
         'problem': '',
         'domain': domain_in_words(config.ros.domain_id),
         'middleware': middleware(),
+        'hidden': partial if topics else why_nobody() or '',
         'topics': sorted(rows, key=lambda it: (not it['routes'], it['of_ros'], it['name'])),
     }
 

@@ -5,6 +5,7 @@ from typing import Final
 from ros2_kafka_bridge.route.counters import Snapshot, State
 
 _AGAIN: Final = 'It is tried again by itself; mend what the reason names.'
+_AWAITED: Final = 'It begins once what the reason names is there.'
 _FINAL: Final = 'It is not tried again: mend what the reason names, then reload the configuration.'
 _ADVICE: Final = {
     State.STARTING: 'Wait: it begins once Kafka and ROS have answered.',
@@ -40,4 +41,6 @@ def advice(snapshot: Snapshot, *, to_ros: bool) -> str:
     """What to do about the state of a route; empty where it is well."""
     if snapshot.state is State.FAILED:
         return _FINAL if snapshot.final else _AGAIN
+    if snapshot.state is State.STARTING and snapshot.reason:
+        return _AWAITED
     return (_ADVICE | (_TO_ROS if to_ros else _FROM_ROS))[snapshot.state]

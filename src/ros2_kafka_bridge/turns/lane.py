@@ -63,6 +63,7 @@ class Lane:
         self._errors = summed(self.log, 1, _SAID_AGAIN_S)
         # Each is a value that is put in place at once: others read it while the route runs.
         self._life = Life()
+        self._awaited = ''
         has_spool = isinstance(route, RosToKafkaRoute) and route.spool is not None
         self._work = Totals.of(route.name, has_spool=has_spool)
 
@@ -113,6 +114,7 @@ class Lane:
 
     def begin(self) -> None:
         """Note that a try begins: to run it, or to have its turn."""
+        self._awaited = ''
         # A route that failed before still owes a drain.
         self._life = self._life.tried(time.monotonic(), drains=self.stop.asked)
 
@@ -206,6 +208,11 @@ class Lane:
         if self._stands_by and not isinstance(before.stage, StandingBy):
             self.log.info('%s', STANDS_BY)
 
+    def wait_for_type(self, reason: str) -> None:
+        """Note that it is not made yet, for its type has to be learned from others."""
+        self._awaited = reason
+        self.log.warning('%s', reason)
+
     def wait_for_spool(self, in_use: SpoolInUseError) -> None:
         """Note that the spool of this term is with another process still.
 
@@ -264,8 +271,10 @@ class Lane:
             return total.at_rest._replace(state=state, reason=reason, final=final)
         if self.stop.asked or work.direction is None:
             total = total._replace(beat_s=0.0)
-        if total.state is State.STARTING and work.direction is None and self.paused:
-            return total._replace(state=State.PAUSED, reason=self.pause.reason)
+        if total.state is State.STARTING and work.direction is None:
+            if self.paused:
+                return total._replace(state=State.PAUSED, reason=self.pause.reason)
+            return total._replace(reason=self._awaited)
         failure = life.past.failure
         is_tried = total.state is State.STOPPED and life.retries and not self.stop.asked
         if is_tried and failure is not None:

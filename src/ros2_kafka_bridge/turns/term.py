@@ -194,27 +194,31 @@ class Term(Stop):
     def _run_on(self) -> bool:
         """Read on at the end, because no other bridge does yet; tells whether it is too early."""
         if self._waits_until_s is None:
-            waits_s = self._leave()
-            self._waits_until_s = time.monotonic() + waits_s
-        if self._overlap is not None:
-            return not self._overlap.is_over(is_end=self.is_end)
-        now_s = time.monotonic()
-        if now_s >= self._waits_until_s:
-            return False
-        if now_s >= self._look_at_s:
-            self._look_at_s = now_s + _LOOK_S
-            if self._successor.has_come():
-                self._overlap = Overlap()
-        return True
+            if not self._leave():
+                return False
+            self._waits_until_s = time.monotonic() + _COMING_S
+        if self._overlap is None and self._may_read(self._waits_until_s):
+            self._overlap = Overlap()
+        return self._overlap is None or not self._overlap.is_over(is_end=self.is_end)
 
-    def _leave(self) -> float:
-        """Leave the lock to a bridge that stands by; returns for how long to wait for it."""
+    def _may_read(self, until_s: float) -> bool:
+        """Whether the successor reads, or may: not every graph shows it, nor at once."""
+        now_s = time.monotonic()
+        if now_s >= until_s:
+            return True
+        if now_s < self._look_at_s:
+            return False
+        self._look_at_s = now_s + _LOOK_S
+        return self._successor.has_come()
+
+    def _leave(self) -> bool:
+        """Leave the lock to a bridge that stands by; tells whether one is to be waited for."""
         self._successor.note_readers(may_read=self._over)
         if not self._successor.is_needed():
-            return 0.0
+            return False
         if not self._over:
             if not self._lock.is_wanted():
-                return 0.0
+                return False
             self._lock.close()
             self._left = True
-        return _COMING_S
+        return True

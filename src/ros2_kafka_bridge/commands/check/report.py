@@ -102,9 +102,10 @@ def _report_connected(console: Console, config: Config) -> int:
     histories = Histories({topic: SAMPLES}, {topic: SAMPLES}, config.ros.lease_s)
     with open_node(f'{config.name}_check', config.ros.domain_id, histories) as node:
         abilities = probe(node, topic)
-        _show(console, 'ROS', check_ros.graph_findings(abilities, config))
         unconfirmed = check_ros.confirmation_problem(node, abilities, config)
         wait_for_discovery()
+        sees_none = check_ros.sees_none(node)
+        _show(console, 'ROS', check_ros.graph_findings(abilities, config, sees_none=sees_none))
         found = {
             route.name: _findings(route, config, node, kafka, unconfirmed)
             for route in config.routes

@@ -8,6 +8,7 @@ from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.message_types.layout import is_bulk
 from ros2_kafka_bridge.ros.confirmation import Confirmation, asks_readers
+from ros2_kafka_bridge.ros.discovery import NOT_TOLD, partial_view, why_nobody
 from ros2_kafka_bridge.ros.matching import (
     is_own,
     others,
@@ -22,12 +23,28 @@ from ros2_kafka_bridge.ros.sockets import receive_buffer_bytes
 from ros2_kafka_bridge.threads.stop import Stop
 
 
-def graph_findings(abilities: Abilities, config: Config) -> list[Finding]:
-    """Which ROS is in use, and what it cannot do."""
+def graph_findings(abilities: Abilities, config: Config, *, sees_none: bool) -> list[Finding]:
+    """Which ROS is in use, what it cannot do, and why it may not show others.
+
+    Args:
+        abilities: What the middleware can do.
+        config: Says the domain.
+        sees_none: Whether it shows nobody at all.
+    """
     domain = domain_in_words(config.ros.domain_id)
     place = f'rclpy of {rclpy_folder()}, {middleware()}, {domain}'
     found = [Finding('ok', 'graph', place)]
+    if hidden := why_nobody() if sees_none else partial_view():
+        found.append(Finding('note', 'graph', hidden))
     return found + [Finding('note', 'middleware', text) for text in limits(abilities)]
+
+
+def sees_none(node: RosNode) -> bool:
+    """Whether the graph shows nobody else; it does where somebody there cannot be read."""
+    try:
+        return not node.topics()
+    except BridgeError:
+        return False
 
 
 def confirmation_problem(node: RosNode, abilities: Abilities, config: Config) -> str:
@@ -73,6 +90,9 @@ def reader_findings(route: KafkaToRosRoute, config: Config, node: RosNode) -> It
         text = f'{count(fit, "subscriber")} of {topic} match{"es" * (fit == 1)}'
         yield Finding('ok', 'readers', f'{text}{names and f", with {names} of this file"}')
         return
+    if partial_view():
+        yield Finding('note', 'readers', f'{topic}: {NOT_TOLD}; it tells the route itself')
+        return
     text = (
         f'{fit} of {count(route.min_subscribers, "subscriber")} of {topic}: '
         'the route waits for them (min_subscribers)'
@@ -93,7 +113,9 @@ def publisher_findings(
     """Whom a route from ROS would take from, and which type."""
     topic = route.source.ros
     types = sorted({peer.message_type for peer in peers})
-    if not peers:
+    if not peers and partial_view():
+        yield _unseen_finding(topic, message_type)
+    elif not peers:
         learns = ': the route waits for one to learn its type' if message_type is None else ''
         waits = '' if message_type else f'for a publisher of {topic}'
         yield Finding('note', 'publishers', f'nobody publishes {topic}{learns}', waits=waits)
@@ -105,6 +127,16 @@ def publisher_findings(
     if message_type is None and types:
         text = f'{topic} has types {" and ".join(types)}'
         yield Finding('bad', 'type', text, 'set from.type')
+
+
+def _unseen_finding(topic: str, message_type: str | None) -> Finding:
+    """That nobody is seen to publish says nothing: a route of that type sees them, no other."""
+    text = f'{topic}: {NOT_TOLD}'
+    if message_type is not None:
+        return Finding('note', 'publishers', f'{text}; it tells the route itself')
+    text += ', nor the route, which waits to learn its type'
+    cure = 'set from.type, or let the bridge be told of all'
+    return Finding('note', 'publishers', text, cure, waits=f'for the type of {topic}')
 
 
 def _offer_finding(peer: Peer, topic: str) -> Finding:

@@ -24,6 +24,7 @@ from ros2_kafka_bridge.kafka.property_check import property_problems
 from ros2_kafka_bridge.kafka.timestamps import read_timestamps
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.process.load import load_checked
+from ros2_kafka_bridge.ros.discovery import hint
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode, domain_in_words, open_node
 from ros2_kafka_bridge.ros.subscription import RosSource, wait_for_type
@@ -194,10 +195,8 @@ def _type(node: RosNode, topic: str) -> str:
     with waiting(f'Waiting for a publisher of {topic}'):
         found = wait_for_type(node, topic, too_long)
     if found is None:
-        raise RouteError(
-            f'nobody publishes on {topic} in {domain_in_words(None)}: is it the domain of the '
-            'nodes, do they run?'
-        )
+        why = hint('is it the domain of the nodes, do they run?')
+        raise RouteError(f'nobody is seen to publish {topic} in {domain_in_words(None)}: {why}')
     return found
 
 

@@ -20,6 +20,7 @@ from ros2_kafka_bridge.kafka.overview import Overview
 from ros2_kafka_bridge.kafka.properties import common_properties
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
 from ros2_kafka_bridge.message_types import unknown_type
+from ros2_kafka_bridge.ros.discovery import hint, partial_view
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import Topic, domain_in_words, open_node
 
@@ -178,11 +179,11 @@ def _nothing(topics: Sequence[Topic], found: Sequence[Draft]) -> str:
     if found:
         return 'no topic can be bridged as it is: nothing is written'
     own = ' but those of ROS itself' if topics else ''
-    return (
-        f'no topic is seen in ROS {domain_in_words(None)}{own}: nothing is written. '
-        'Do the nodes run, with the same ROS_DOMAIN_ID? On another machine, does '
+    why = hint(
+        'do the nodes run, with the same ROS_DOMAIN_ID; on another machine, does '
         'ROS_AUTOMATIC_DISCOVERY_RANGE let them be seen?'
     )
+    return f'no topic is seen in ROS {domain_in_words(None)}{own}, nothing is written: {why}'
 
 
 # Looking
@@ -198,6 +199,8 @@ def _look(servers: str, *, ask_kafka: bool) -> _Seen:
     with open_node('init', None, Histories({}, {})) as node:
         wait_for_discovery()
         seen = node.topics()
+    if seen and (hidden := partial_view()):
+        notes.append(f'there may be more topics: {hidden}')
     notes += [f'{topic.name} is left out: {topic.problem}' for topic in seen if topic.problem]
     return _Seen([topic for topic in seen if not topic.problem], kafka, notes)
 

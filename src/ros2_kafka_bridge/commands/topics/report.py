@@ -33,6 +33,7 @@ from ros2_kafka_bridge.kafka.properties import PropertyValue, common_properties
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
 from ros2_kafka_bridge.message_types import installed_hash
 from ros2_kafka_bridge.ros import rates
+from ros2_kafka_bridge.ros.discovery import NOT_TOLD, hint, partial_view
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.matching import (
     own_publishers,
@@ -98,7 +99,7 @@ def look(sides: SideSettings, seconds: float | None) -> TopicsView:
     topics, problem = _kafka_topics(overview)
     with open_node('topics', sides.ros.domain_id, Histories({}, {}, sides.ros.lease_s)) as node:
         wait_for_discovery()
-        graph, ros_problem = _ros_topics(node, sides.routes)
+        graph, ros_problem, ros_hint = _ros_topics(node, sides.routes)
         before, started_s = overview.ends(topics), time.monotonic()
         ros_rates = {} if seconds is None else _ros_rates(node, graph, seconds)
         after = before if seconds is None else overview.ends(topics)
@@ -114,6 +115,7 @@ def look(sides: SideSettings, seconds: float | None) -> TopicsView:
         brokers=str(sides.kafka.get('bootstrap.servers', '')),
         kafka_problem=problem,
         ros_problem=ros_problem,
+        ros_hint=ros_hint,
         ros_middleware=middleware(),
         ros_domain=domain_in_words(sides.ros.domain_id),
         seconds=seconds,
@@ -130,7 +132,9 @@ def _kafka_topics(overview: Overview) -> tuple[list[KafkaTopic], str]:
     try:
         return overview.topics(), ''
     except TransportError as error:
-        return [], f'{error}; is bootstrap.servers right, does the broker run?'
+        named = 'bootstrap.servers' in str(error)  # with its own cure
+        hint = '' if named else '; is bootstrap.servers right, does the broker run?'
+        return [], f'{error}{hint}'
     except BridgeError as error:
         return [], str(error)
 
@@ -185,18 +189,23 @@ def kafka_end(route: AnyRoute) -> str:
 # ROS
 
 
-def _ros_topics(node: RosNode, routes: Sequence[AnyRoute]) -> tuple[list[Topic], str]:
+def _ros_topics(node: RosNode, routes: Sequence[AnyRoute]) -> tuple[list[Topic], str, str]:
+    """All topics, why none is known, and what to look for where some may not be."""
+    partial = partial_view() or ''
     try:
         graph = node.topics()
     except BridgeError as error:
-        return [], str(error)
-    return graph + _missing_in_ros(graph, routes), ''
+        return [], str(error), partial
+    look_for = partial if graph else hint('is it the domain of the nodes, do they run?')
+    return graph + _missing_in_ros(graph, routes, NOT_TOLD if partial else ''), '', look_for
 
 
-def _missing_in_ros(graph: Iterable[Topic], routes: Sequence[AnyRoute]) -> list[Topic]:
+def _missing_in_ros(
+    graph: Iterable[Topic], routes: Sequence[AnyRoute], problem: str
+) -> list[Topic]:
     known = {topic.name for topic in graph}
     missing = {ros_end(route) for route in routes} - known
-    return [Topic(name, [], [], []) for name in missing]
+    return [Topic(name, [], [], [], problem) for name in missing]
 
 
 def _ros_rates(node: RosNode, graph: Iterable[Topic], seconds: float) -> dict[str, float]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from ros2_kafka_bridge.commands.screen import show_line, show_table
+from ros2_kafka_bridge.commands.screen import show_line, show_notes, show_table
 from ros2_kafka_bridge.commands.topics.view import (
     Match,
     Pair,
@@ -33,7 +33,9 @@ def show(console: Console, view: TopicsView) -> None:
     elif view.ros_problem:
         show_line(console, f'{title}: {view.ros_problem}', 'bold red')
     else:
-        console.print(f'{title}: no topics: is it the domain of the nodes, do they run?')
+        show_line(console, f'{title}: no topics: {view.ros_hint}')
+    if view.ros and view.ros_hint:
+        show_notes(console, [f'ROS: {view.ros_hint}'])
     _show_matches(console, view.ros)
     _show_pairs(console, view.pairs)
 

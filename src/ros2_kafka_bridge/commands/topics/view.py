@@ -106,12 +106,14 @@ class TopicsView:
         ros_domain: In words.
         kafka_problem: Why Kafka was not seen; empty if it was.
         ros_problem: Why the ROS graph was not.
+        ros_hint: What to look for where not everybody there was; empty if all were.
         seconds: How long rates were measured; None where they were not asked for.
     """
 
     brokers: str
     kafka_problem: str
     ros_problem: str
+    ros_hint: str
     ros_middleware: str
     ros_domain: str
     seconds: float | None

@@ -34,7 +34,7 @@ export class Graph {
     const graph = this.graph;
     if (!graph) return;
     const seen = graph.seen_s ? `seen at ${clock(graph.seen_s)}` : 'looking …';
-    setText($('graph-about'), [graph.domain, graph.middleware, seen].filter(Boolean).join(' · '));
+    setText($('graph-about'), [graph.domain, graph.middleware, seen, graph.hidden].filter(Boolean).join(' · '));
     const topics = graph.topics.filter((it) => it.routes.length || ($('graph-all').checked && !it.of_ros));
     drawn($('graph'), { topics, problem: graph.problem, seen: Boolean(graph.seen_s) }, () => {
       if (graph.problem) return h('p', { class: 'empty bad' }, graph.problem);
