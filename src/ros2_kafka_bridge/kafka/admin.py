@@ -17,11 +17,11 @@ class _Cause:
     """The first error of a client that names its cause, or else the first of all."""
 
     def __init__(self, client: Client) -> None:
-        self._client = client
+        self.client = client
         self.error: KafkaError | None = None
 
     def note(self, error: KafkaError) -> None:
-        if self.error is None or explain(error, self._client).names_cause:
+        if self.error is None or explain(error, self.client).names_cause:
             self.error = error
 
 
@@ -34,10 +34,9 @@ class Admin:
 
     def __init__(self, properties: Mapping[str, Any], name: str) -> None:
         check_files(properties, 'the Kafka client')
-        self._client = Client(properties=properties, is_reached=True)  # not known: nobody blamed
         # The client must not hold this object, which holds the client: such a circle ends in the
         # garbage collector, which takes the callback away from a client that still calls it.
-        self._cause = _Cause(self._client)
+        self._cause = _Cause(Client(properties=properties))
         own: dict[str, Any] = {'error_cb': self._cause.note}
         try:
             self.requests = AdminClient(
@@ -45,7 +44,7 @@ class Admin:
                 logger=logging.getLogger(f'{name}.librdkafka'),
             )
         except KafkaException as error:  # a file that is half written, perhaps
-            raise translate(error.args[0], 'the Kafka client', self._client) from error
+            raise translate(error.args[0], 'the Kafka client', self._cause.client) from error
 
     @contextmanager
     def translated(self, where: str) -> Iterator[None]:
@@ -55,9 +54,11 @@ class Admin:
         except KafkaException as error:
             self.requests.poll(0)  # calls back what has come meanwhile
             raise self._translate(error.args[0], where) from error
+        # That may have been at an address which the cluster names: none is blamed from now on.
+        self._cause.client = self._cause.client._replace(is_reached=True)
 
     def _translate(self, error: KafkaError, where: str) -> BridgeError:
-        problem = translate(error, where, self._client)
+        problem = translate(error, where, self._cause.client)
         if isinstance(problem, TransportError) and self._cause.error is not None:
-            return translate(self._cause.error, where, self._client)
+            return translate(self._cause.error, where, self._cause.client)
         return problem

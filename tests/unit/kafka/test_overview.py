@@ -9,7 +9,7 @@ import pytest
 from confluent_kafka import KafkaError, KafkaException, TopicPartition, Uuid
 from confluent_kafka.admin import TopicDescription  # type: ignore[attr-defined]  # as in overview
 
-from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka import admin, overview
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
 from ros2_kafka_bridge.kafka.partitions import Committed
@@ -130,6 +130,28 @@ def test_a_name_that_cannot_be_one_of_dns_is_told_as_not_reached(library: Any) -
     greeting = look(library).greeting()
     assert greeting.brokers == 0
     assert 'the cluster names x..y:9092 as the address of broker 1' in greeting.unreached[0]
+
+
+@pytest.mark.parametrize('names_before', [False, True], ids=['first', 'later'])
+def test_an_address_that_the_cluster_names_is_blamed_where_the_first_question_fails(
+    monkeypatch: pytest.MonkeyPatch, *, names_before: bool
+) -> None:
+    """The client may cut its way to bootstrap.servers before it brings the answer."""
+    told: dict[str, Any] = {}
+    client = MagicMock()
+    client.list_topics.return_value = MagicMock(brokers={}, topics={})
+    monkeypatch.setattr(admin, 'AdminClient', lambda own, **_: told.update(own) or client)
+    seen = Overview({'bootstrap.servers': 'kafka:9092'})
+    if names_before:
+        seen.greeting()
+    for text in ('old:9092/bootstrap', 'wrong:9092/1'):
+        refused = f'{text}: Connect to ipv4#10.0.0.1:9092 failed: Connection refused'
+        told['error_cb'](KafkaError(KafkaError._TRANSPORT, refused))
+    client.list_topics.side_effect = KafkaException(KafkaError(KafkaError._TRANSPORT))
+    with pytest.raises(TransportError) as caught:
+        seen.greeting()
+    blamed = 'named wrong:9092 as the address of a broker: if that runs, mend its advertised'
+    assert (blamed in str(caught.value)) is not names_before
 
 
 def test_who_is_in_a_group_is_told_and_one_of_another_kind_is_refused(library: Any) -> None:
