@@ -42,6 +42,7 @@ CLUSTER: Final[Mapping[str, str]] = MappingProxyType(
         **PROPERTIES,
         # The controller gives a silent node up after so long, and makes another one the leader.
         'broker.session.timeout.ms': '2500',
+        'broker.heartbeat.interval.ms': '200',
         'controller.quorum.fetch.timeout.ms': '1500',
         'controller.quorum.election.backoff.max.ms': '300',
         'replica.fetch.backoff.ms': '200',

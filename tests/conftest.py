@@ -11,15 +11,17 @@ import tempfile
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import pytest
-from calm_kafka import SharedKafka
 from harness import Bench
 from hypothesis import settings
 
 from ros2_kafka_bridge.testing.kafka_node import new_id
-from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+from ros2_kafka_bridge.testing.local_kafka import QUICK_RETURN, LocalKafka
+
+if TYPE_CHECKING:
+    from shared_kafka import SharedKafka  # pytest imports it, to rewrite its asserts
 
 pytest_plugins = ('heeding', 'limits', 'outliving', 'reruns', 'shared_kafka', 'skips')
 
@@ -56,7 +58,9 @@ LONG: Final = {
     'system/test_depth': 90,
     'system/test_monitoring': 90,
     'faults/test_worker_kills': 85,
-    'system/test_local_kafka': 80,
+    'system/test_local_kafka': 100,
+    'system/test_systemd_unit': 60,
+    'system/test_discovery_server': 45,
     'system/test_examples': 75,
     'system/test_experiment': 70,
     'system/test_exclusive': 70,
@@ -107,6 +111,13 @@ LONG: Final = {
     'integration/test_ros_control': 10,
 }
 USUAL: Final = 5
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Make known the marks that only these tests have."""
+    config.addinivalue_line(
+        'markers', 'kills_kafka: its own Kafka is killed, and is to be back at once when started'
+    )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -170,12 +181,15 @@ def _processes_keep_what_python_compiles(
 
 @pytest.fixture
 def own_kafka(
-    kafka: SharedKafka, tmp_path_factory: pytest.TempPathFactory
+    request: pytest.FixtureRequest,
+    kafka: 'SharedKafka',
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[LocalKafka]:
-    """A real Kafka for one test, which may stop, kill and start it."""
+    """A real Kafka for one test, which may stop and start it; who kills it has `kills_kafka`."""
     place = tmp_path_factory.mktemp('kafka')
     _format_like(kafka.directory / 'data', place / 'data')
-    with LocalKafka(place) as node:
+    is_killed = request.node.get_closest_marker('kills_kafka') is not None
+    with LocalKafka(place, properties=QUICK_RETURN if is_killed else {}) as node:
         yield node
     shutil.rmtree(place, ignore_errors=True)
 
@@ -240,7 +254,7 @@ def _claim(domain: int) -> int | None:
 
 
 @pytest.fixture
-def bench(tmp_path: Path, kafka: SharedKafka, ros_domain: int) -> Iterator[Bench]:
+def bench(tmp_path: Path, kafka: 'SharedKafka', ros_domain: int) -> Iterator[Bench]:
     """The Kafka of the run, a ROS domain of one's own, and a place for files."""
     with contextlib.closing(Bench(tmp_path, kafka.bootstrap_servers, ros_domain)) as made:
         yield made

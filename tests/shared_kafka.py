@@ -6,13 +6,30 @@ With pytest-xdist it belongs to the controller, which starts it for the first wo
 import contextlib
 from collections.abc import Iterator
 from multiprocessing.connection import Client, Listener
+from pathlib import Path
 from threading import Thread
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import pytest
-from calm_kafka import CALM, SharedKafka
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+
+
+class SharedKafka(NamedTuple):
+    """Where the Kafka is that all tests of a run share.
+
+    Args:
+        bootstrap_servers: Where clients find it.
+        directory: Where it keeps data, configuration and log.
+    """
+
+    bootstrap_servers: str
+    directory: Path
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return int(self.bootstrap_servers.rpartition(':')[2])
 
 
 class Desk:
@@ -20,7 +37,7 @@ class Desk:
 
     def __init__(self) -> None:
         self._listener = Listener(family='AF_UNIX')
-        self._kafka = LocalKafka(properties=CALM)
+        self._kafka = LocalKafka()
         Thread(target=self._serve, name='desk', daemon=True).start()
 
     @property
@@ -68,7 +85,7 @@ def kafka(pytestconfig: pytest.Config) -> Iterator[SharedKafka]:
     """The Kafka that is left running."""
     worker = getattr(pytestconfig, 'workerinput', None)
     if worker is None:
-        with LocalKafka(properties=CALM) as node:
+        with LocalKafka() as node:
             yield SharedKafka(node.bootstrap_servers, node.directory)
         return
     with Client(worker['kafka'], family='AF_UNIX') as desk:

@@ -32,6 +32,7 @@ def wait_for(bench: Bench, topic: str, count: int, *bridges: Process) -> list[Me
     return true_ones(bench, topic)
 
 
+@pytest.mark.kills_kafka
 def test_guarantee_6b_forged_numbers_delete_nothing_from_the_disk_of_a_killed_bridge(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str
 ) -> None:

@@ -46,6 +46,7 @@ def disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize('back_first', ['room', 'Kafka'])
+@pytest.mark.kills_kafka
 def test_a_full_disk_while_kafka_is_away_holds_publishers_back_at_no_cost_guarantees_2_3_4_6(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str, disk: Path, leave: Leave,
     back_first: str,

@@ -118,6 +118,7 @@ def test_a_latched_publisher_repeats_nothing_over_partitions_and_kills_guarantee
     assert found == each_once(count)
 
 
+@pytest.mark.kills_kafka
 def test_a_killed_broker_loses_repeats_and_reorders_nothing_of_any_key_guarantees_2_3_4(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str, leave: Leave
 ) -> None:

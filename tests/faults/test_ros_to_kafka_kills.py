@@ -8,6 +8,7 @@ import itertools
 import signal
 from pathlib import Path
 
+import pytest
 from filling import WINDOW, first_held_back
 from harness import Bench, Process, eventually, to_kafka, totals, values
 from leave import Leave
@@ -78,6 +79,7 @@ def test_sigkill_costs_a_volatile_publisher_no_more_than_is_said_guarantee_8(
     assert alone < first_after <= back, 'all is there that was published once it was back'
 
 
+@pytest.mark.kills_kafka
 def test_sigkill_costs_a_publisher_that_is_held_back_its_history_too_guarantee_8(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str
 ) -> None:

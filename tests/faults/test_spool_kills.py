@@ -6,6 +6,7 @@ The guarantees are those of docs: 2 at least once, 3 order, 4 full means wait, 6
 
 import logging
 
+import pytest
 from harness import Bench, eventually, headers, totals
 from leave import Leave
 from numbers_to_kafka import LATCHED, knock
@@ -26,6 +27,7 @@ def spooled(bench: Bench) -> list[int]:
         spool.close()
 
 
+@pytest.mark.kills_kafka
 def test_sigkill_while_kafka_is_away_costs_nothing_of_what_was_taken_guarantees_2_3_8(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str
 ) -> None:
@@ -113,6 +115,7 @@ def test_a_stop_while_kafka_is_away_gives_nothing_up_guarantees_6_7(
     assert found == list(range(count))
 
 
+@pytest.mark.kills_kafka
 def test_a_latched_publisher_and_a_spool_repeat_nothing_guarantees_2_8(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str
 ) -> None:

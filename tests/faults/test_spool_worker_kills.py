@@ -38,6 +38,7 @@ def has_open(spool: Path) -> set[int]:
     return found - {os.getpid()}
 
 
+@pytest.mark.kills_kafka
 def test_kills_of_worker_and_supervisor_cost_nothing_on_a_disk_that_one_has_guarantees_2_3_8(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str, leave: Leave
 ) -> None:

@@ -52,6 +52,7 @@ def name(unique: Callable[[str], str]) -> str:
     return unique('pair')
 
 
+@pytest.mark.kills_kafka
 def test_guarantee_8_what_a_killed_bridge_has_on_disk_comes_when_it_stands_by_again(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str, name: str
 ) -> None:
@@ -147,6 +148,7 @@ def test_guarantee_8_a_bridge_that_lives_hands_over_without_a_loss_also_its_spoo
     assert [totals(first, kind)['given up'] for kind in kinds] == [0, 0, 0]
 
 
+@pytest.mark.kills_kafka
 def test_guarantee_8_after_a_restart_of_the_broker_exactly_one_bridge_runs_the_route(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str, name: str
 ) -> None:

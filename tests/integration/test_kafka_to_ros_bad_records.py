@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from calm_kafka import CALM
 from confluent_kafka import Message
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     AclBinding,
@@ -43,7 +42,6 @@ def arrived(tmp_path: Path) -> Path:
 def strict_bench(tmp_path: Path, ros_domain: int) -> Iterator[Bench]:
     """A bench on a Kafka with permissions."""
     properties = {
-        **CALM,
         'authorizer.class.name': 'org.apache.kafka.metadata.authorizer.StandardAuthorizer',
         'allow.everyone.if.no.acl.found': 'true',
     }

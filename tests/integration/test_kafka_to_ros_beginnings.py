@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from calm_kafka import CALM
 from confluent_kafka import Consumer, KafkaException, Producer, TopicPartition
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     AdminClient,
@@ -31,7 +30,7 @@ def arrived(tmp_path: Path) -> Path:
 @pytest.fixture
 def compacting_bench(tmp_path: Path, ros_domain: int) -> Iterator[Bench]:
     """A bench on a Kafka that compacts its topics at once."""
-    with LocalKafka(properties={**CALM, 'log.cleaner.backoff.ms': '100'}) as node:
+    with LocalKafka(properties={'log.cleaner.backoff.ms': '100'}) as node:
         yield Bench(tmp_path, node.bootstrap_servers, ros_domain)
 
 

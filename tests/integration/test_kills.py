@@ -164,6 +164,7 @@ def test_guarantees_1_and_3_a_restart_of_the_broker_loses_nothing_and_repeats_no
     assert bench.committed(bench.group, topic_name) == count + 1000
 
 
+@pytest.mark.kills_kafka
 def test_guarantees_2_3_4_a_broker_that_is_away_holds_the_publisher_back_and_costs_nothing(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str, leave: Leave
 ) -> None:
@@ -191,6 +192,7 @@ def test_guarantees_2_3_4_a_broker_that_is_away_holds_the_publisher_back_and_cos
     assert seqs(records) == list(range(1, count + 1))
 
 
+@pytest.mark.kills_kafka
 def test_guarantees_2_3_4_6_robots_are_not_held_back_while_kafka_is_away_and_nothing_is_lost(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str, leave: Leave
 ) -> None:

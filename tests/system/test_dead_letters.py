@@ -119,6 +119,7 @@ def test_a_killed_replay_and_two_at_once_write_every_letter_exactly_once(
     assert found[count:] == found[:count]
 
 
+@pytest.mark.kills_kafka
 def test_a_replay_whose_broker_dies_says_so_and_the_next_one_goes_on(
     own_bench: Bench, own_kafka: LocalKafka, topic_name: str
 ) -> None:

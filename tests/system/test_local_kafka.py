@@ -1,5 +1,6 @@
 """A real Kafka on this machine: it keeps its records, its place and its promises."""
 
+import os
 import signal
 import socket
 import subprocess
@@ -9,10 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from calm_kafka import SharedKafka
 from confluent_kafka import Consumer, Producer, TopicPartition
 from ending import ended
 from patience import patient
+from shared_kafka import SharedKafka
 
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.testing.kafka_jars import archive_flags, find_jars, install_jars, java
@@ -31,7 +32,10 @@ os.kill(os.getpid(), 9)
 """
 
 
-@pytest.mark.parametrize('end', [LocalKafka.stop, LocalKafka.kill])
+@pytest.mark.parametrize(
+    'end',
+    [LocalKafka.stop, pytest.param(LocalKafka.kill, marks=pytest.mark.kills_kafka)],
+)
 def test_a_record_outlives_a_restart(
     own_kafka: LocalKafka, topic_name: str, end: Callable[[LocalKafka], None]
 ) -> None:
@@ -49,6 +53,21 @@ def test_a_directory_keeps_the_records_for_the_next_node(tmp_path: Path, topic_n
         produce(node.bootstrap_servers, topic_name, b'kept')
     with LocalKafka(tmp_path) as node:
         assert consume(node.bootstrap_servers, topic_name) == b'kept'
+
+
+def test_a_node_that_stands_still_for_3_s_stays_the_leader(topic_name: str) -> None:
+    """As on a busy machine: who is given up meanwhile sends its clients NOT_LEADER."""
+    with LocalKafka() as node:
+        produce(node.bootstrap_servers, topic_name, b'before')
+        for _ in range(4):  # once it may just say in time that it lives
+            os.kill(node.pid, signal.SIGSTOP)
+            time.sleep(3)
+            os.kill(node.pid, signal.SIGCONT)
+            produce(node.bootstrap_servers, topic_name, b'after')
+        with Consumer({'bootstrap.servers': node.bootstrap_servers, 'group.id': 'test'}) as reader:
+            reader.assign([TopicPartition(topic_name, 0, 0)])
+            found = reader.consume(5, timeout=20)
+        assert [message.leader_epoch() for message in found] == [0] * 5
 
 
 def test_two_nodes_at_once_keep_apart(

@@ -12,12 +12,12 @@ from typing import Final
 
 import httpx
 import pytest
-from calm_kafka import SharedKafka
 from harness import Bench, eventually, to_kafka, to_ros
 from monitors import TOKEN, Stage
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics
 from prometheus_client.parser import text_string_to_metric_families as prometheus
 from scrapes import PREFIX, ROUTES, Watched, settings, under_load, watched
+from shared_kafka import SharedKafka
 from workers import pids
 
 from ros2_kafka_bridge.errors import TransportError
@@ -107,6 +107,7 @@ def test_the_command_line_says_whether_it_is_ready(loaded: Watched, bench: Bench
         assert (status, f'{bench.name}: ready, active' in out) == (0, True)
 
 
+@pytest.mark.kills_kafka
 def test_a_broker_that_is_away_is_told_and_is_no_reason_to_restart(
     own_bench: Bench, own_kafka: LocalKafka, unique: Unique
 ) -> None:

@@ -18,13 +18,12 @@ from anew import (
     reads_group,
     topic_id,
 )
-from calm_kafka import CALM
 from confluent_kafka import ConsumerGroupTopicPartitions, TopicPartition
 from harness import Bench, eventually
 from patience import patient
 
 from ros2_kafka_bridge.kafka.topic_id import Question, TopicId, TopicIds
-from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+from ros2_kafka_bridge.testing.local_kafka import QUICK_RETURN, LocalKafka
 
 
 @pytest.fixture(autouse=True)
@@ -226,7 +225,7 @@ def test_guarantee_1_a_topic_made_anew_is_read_though_its_leader_has_changed_bef
     tmp_path: Path, ros_domain: int, topic_name: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     """The client would ask the new one for ever for the old leader epoch."""
-    with LocalKafka(properties=CALM) as node:
+    with LocalKafka(properties=QUICK_RETURN) as node:
         bench = Bench(tmp_path, node.bootstrap_servers, ros_domain)
         bench.create_topic(topic_name)
         with Reader(bench, topic_name, 'latest') as reader:

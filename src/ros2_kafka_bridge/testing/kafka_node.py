@@ -56,7 +56,6 @@ PROPERTIES: Final[Mapping[str, str]] = MappingProxyType(
         'share.coordinator.state.topic.num.partitions': '1',
         'group.initial.rebalance.delay.ms': '0',
         'group.min.session.timeout.ms': '1000',
-        'broker.heartbeat.interval.ms': '200',
     }
 )
 

@@ -332,7 +332,7 @@ def test_another_pages_script_cannot_order_from_a_browser(stage: Stage, browser:
 
 def test_what_is_old_is_said_and_the_page_comes_back_by_itself(stage: Stage) -> None:
     expect(stage.page.locator('#live')).to_have_text('Old data')  # nobody drives
-    stage.kafka.kill()
+    stage.kafka.stop()
     expect(stage.page.locator('.banner.warn')).to_contain_text('Kafka does not answer')
     stage.kafka.start()
     eventually(stage.is_live, 60)

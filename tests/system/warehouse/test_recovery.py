@@ -1,5 +1,6 @@
 """A warehouse whose parts are killed while it works."""
 
+import pytest
 from harness import Bench
 from warehouses import Warehouse
 
@@ -18,6 +19,7 @@ WITHOUT_MEMORY = (
 WITH_MEMORY = tuple(name for name in MODULES if name not in WITHOUT_MEMORY)
 
 
+@pytest.mark.kills_kafka
 def test_every_part_may_be_killed_and_nothing_is_lost_or_carried_twice(
     own_bench: Bench, own_kafka: LocalKafka
 ) -> None:
