@@ -239,7 +239,8 @@ class Bridge:
             lane.begin_run()
             direction.run(stop, lane.pause)
         except BridgeError as error:
-            return error
+            # Of a route that was never made, a stop in its try is one between two of them.
+            return None if lane.stop.asked and lane.direction is None else error
         return None
 
     def _has_spool(self, lane: Lane, direction: Direction, wiring: Wiring, stop: Stop) -> bool:

@@ -1,7 +1,7 @@
 """A route that fails while a bridge has its turn: kept, given away, or ended."""
 
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NoReturn, cast
 
 import pytest
 from turning import House, MemoryDirection, MemoryLock, fail, until_asked
@@ -218,3 +218,16 @@ def test_a_lock_that_cannot_be_had_is_a_failure_that_is_tried_again() -> None:
     house.run()
     assert lock.said == ['closed', 'closed']
     assert house.snapshot.confirmed == 1
+
+
+def test_a_stop_in_a_try_to_make_a_route_is_no_failure_for_good() -> None:
+    """Nothing of it is in flight: a stop between two tries is none, either."""
+    house = House(MemoryLock('ours'))
+
+    def make(*_: object) -> NoReturn:
+        house.lane.stop.ask()
+        raise RouteError('it cannot be made')
+
+    house.make = make  # type: ignore[method-assign]
+    house.run()
+    assert not house.lane.final
