@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
@@ -124,7 +125,8 @@ def test_a_route_that_waits_for_its_type_says_so_and_the_cure_in_its_log_and_its
 # Commands
 
 
-def test_check_names_the_cure_and_says_of_no_topic_that_nobody_is_there() -> None:
+@pytest.mark.parametrize('needed', [0, 1])
+def test_check_names_the_cure_and_says_of_no_topic_that_nobody_is_there(needed: int) -> None:
     config = route_config(type=STRING)
     node = cast('RosNode', Node())
     assert check_ros.sees_none(node)
@@ -133,6 +135,7 @@ def test_check_names_the_cure_and_says_of_no_topic_that_nobody_is_there() -> Non
     assert CURE in note.text
     route = config.routes[1]
     assert isinstance(route, KafkaToRosRoute)
+    route = replace(route, min_subscribers=needed)
     [readers] = check_ros.reader_findings(route, config, node)
     [publishers] = check_ros.publisher_findings(route_from_ros(config), [], STRING)
     for found, topic in ((readers, '/in'), (publishers, '/out')):

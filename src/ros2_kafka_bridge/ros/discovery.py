@@ -68,7 +68,9 @@ def why_nobody(environ: Mapping[str, str] | None = None) -> str | None:
 def hint(question: str) -> str:
     """What to look for where nobody is seen."""
     why = why_nobody()
-    return f'{why}; {question}' if why and not partial_view() else why or question
+    if why is None:
+        return question
+    return why if partial_view() else f'{why}; {question}'
 
 
 def waits_for_type(topic: str) -> str:

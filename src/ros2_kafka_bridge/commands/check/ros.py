@@ -85,13 +85,13 @@ def reader_findings(route: KafkaToRosRoute, config: Config, node: RosNode) -> It
         if peer.reliability == 'best_effort':
             text = f'{peer.node} reads best effort: guarantee 1 does not hold for it'
             yield Finding('note', 'readers', text)
+    if fit < max(1, route.min_subscribers) and partial_view():
+        yield Finding('note', 'readers', f'{topic}: {NOT_TOLD}; it tells the route itself')
+        return
     if fit >= route.min_subscribers:
         names = ', '.join(peer.node for peer in own)
         text = f'{count(fit, "subscriber")} of {topic} match{"es" * (fit == 1)}'
         yield Finding('ok', 'readers', f'{text}{names and f", with {names} of this file"}')
-        return
-    if partial_view():
-        yield Finding('note', 'readers', f'{topic}: {NOT_TOLD}; it tells the route itself')
         return
     text = (
         f'{fit} of {count(route.min_subscribers, "subscriber")} of {topic}: '
