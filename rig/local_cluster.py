@@ -144,7 +144,8 @@ class LocalCluster:
         # With the data goes the reason for an end in order, which takes ten times as long.
         for node in self._nodes:
             node.kill()
-        self._remove()
+        if kind is None or not issubclass(kind, TransportError):
+            self._remove()  # else it names a log, which must stay
 
     def start(self, node: int) -> None:
         """Start one node again and wait until the cluster counts it among its own.
@@ -155,8 +156,9 @@ class LocalCluster:
             TransportError: It did not come within two minutes; its log says why.
         """
         self._launch(node)
-        running = [self._nodes[number] for number in self.running]
-        wait_for_brokers(running, self.bootstrap_servers, self._cluster_id, {node})
+        others = [self._nodes[number] for number in self.running if number != node]
+        nodes = [self._nodes[node], *others]
+        wait_for_brokers(nodes, self.bootstrap_servers, self._cluster_id, {node})
 
     def stop(self, node: int) -> None:
         """Stop one node in order (SIGTERM): it hands over first what it leads."""

@@ -33,7 +33,7 @@ from benchmarks.faults.plan import Step, make_plan
 from benchmarks.faults.report import keep, show
 from benchmarks.faults.run import run
 from benchmarks.faults.setting import Setting
-from benchmarks.faults.streams import STREAMS
+from benchmarks.faults.streams import FROM_KAFKA, STREAMS
 from benchmarks.faults.world import SPOOLS
 from rig.hosts import Hosts, Network
 from rig.processes import ProcessError
@@ -53,6 +53,8 @@ _NEEDS: Final = MappingProxyType(
         'disk': 'a disk of its own (root) and a stream with a spool',
         'one bridge': 'one bridge (no --standby)',
         'two bridges': '--standby',
+        'to ROS': f'the stream {FROM_KAFKA.name}',
+        'from ROS': f'another stream than {FROM_KAFKA.name}',
     }
 )
 
@@ -79,11 +81,13 @@ def _run(
     place = options.out.absolute() / f'seed-{seed}'
     _make_place(place)
     setting = _setting(options, seed, place, stack, tell)
-    has = _abilities(setting)
+    has = abilities(setting)
     faults = [fault for fault in options.faults if fault.needs in has]
     for fault in options.faults:
         if fault not in faults:
             tell(f'left out, for it needs {_NEEDS[fault.needs]}: {fault.name}')
+    if not faults:
+        raise ConfigError(['none of the faults can be done here: nothing is left to run'])
     plan = make_plan(seed, faults, options.minutes, options.times)
     command = _command(options, seed, [fault.name for fault in faults])
     about = {
@@ -129,7 +133,7 @@ def _setting(
     )  # fmt: skip
 
 
-def _abilities(setting: Setting) -> set[str]:
+def abilities(setting: Setting) -> set[str]:
     """What faults can count on."""
     has = {
         '': True,
@@ -138,6 +142,8 @@ def _abilities(setting: Setting) -> set[str]:
         'disk': setting.has_own_disk,
         'one bridge': setting.bridges == 1,
         'two bridges': setting.bridges == 2,
+        'to ROS': any(stream.is_from_kafka for stream in setting.streams),
+        'from ROS': any(not stream.is_from_kafka for stream in setting.streams),
     }
     return {name for name, is_there in has.items() if is_there}
 

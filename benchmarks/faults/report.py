@@ -73,7 +73,7 @@ def _mark(row: Row) -> str:
 def _recovery(row: Row) -> str:
     if row.recovery_s is None:
         return ''
-    required_s = FAULTS[row.fault].required_s
+    required_s = FAULTS[row.fault].limit_s(STREAMS[row.stream])
     limit = '' if required_s is None else f' (≤ {required_s:.0f} s)'
     return f'{row.recovery_s:.2f} s{limit}'
 

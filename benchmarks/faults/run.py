@@ -128,7 +128,7 @@ def _judge(
     since_ns = 0
     handed_ns = world.hand_overs_ns(stream)
     for window in windows:
-        allowance = _allowance(stream, window)
+        allowance = allowed(stream, window, world.setting.bridges)
         if any(since_ns - HAND_OVER_NS < at_ns <= window.end_ns for at_ns in handed_ns):
             allowance = _handed_over(stream, allowance)
         verdicts.append(judge(stream.name, ends, found, window, since_ns, allowance))
@@ -144,10 +144,15 @@ def _judge(
     return verdicts, wrong
 
 
-def _allowance(stream: Stream, window: Window) -> Allowance:
+def allowed(stream: Stream, window: Window, bridges: int) -> Allowance:
+    """What a window may cost a stream that so many bridges carry."""
     if window.fault == AROUND:
         return NOTHING
-    return FAULTS[window.fault].allows(stream, window.hold_s)
+    found = FAULTS[window.fault].allows(stream, window.hold_s)
+    if not stream.is_from_kafka:
+        return found
+    # They share the partitions, and each has a window of its own that may come again.
+    return found._replace(out_of_order=found.out_of_order * bridges)
 
 
 def _handed_over(stream: Stream, allowance: Allowance) -> Allowance:
@@ -165,7 +170,7 @@ def _rows(setting: Setting, verdicts: Sequence[Verdict]) -> list[Row]:
         required_s, why = None, ''
         if fault != AROUND:
             kind = FAULTS[fault]
-            required_s = kind.required_s
+            required_s = kind.limit_s(streams[name])
             longest = max(kind.hold_s)
             why = kind.allows(streams[name], longest).why
         rows.append(summed(own, required_s, why))

@@ -8,7 +8,8 @@ from typing import Final
 _TIME_CHARS: Final = len('2026-01-31 12:00:00,000')
 _SAID: Final = r'\S+ \S+ (?:INFO|WARNING) +(\S+): '
 _LOST: Final = re.compile(f'{_SAID}(?:lost|hands over) ')
-_HANDED: Final = re.compile(f'{_SAID}(?:takes over|hands over): ')
+_WAITS: Final = r'(?:waiting \()?its turn has come'  # and is said again while it waits
+_HANDED: Final = re.compile(f'{_SAID}(?:takes over: |hands over: |{_WAITS})')
 
 
 def hand_overs_ns(route: str, lines: Iterable[str], *, is_from_kafka: bool) -> list[int]:

@@ -63,11 +63,12 @@ class World:
             arrived = self.place / 'journals' / 'arrived' / stream.kafka_topic
             self.progress[stream.name] = Progress(stream, self._sent(stream), arrived)
             if stream.is_from_kafka:
-                self.producer = self._producer(stream)
+                self._producer(stream)
                 self.subscriber = self._subscriber(stream)
             else:
                 self.publishers[stream.name] = self._publisher(stream)
-        self.recorder = self._recorder()
+        if self.publishers:
+            self._recorder()
 
     # Parts
 
@@ -268,13 +269,13 @@ class World:
 
     # How parts are made
 
-    def _producer(self, stream: Stream) -> Process:
+    def _producer(self, stream: Stream) -> None:
         options = ['--partitions', str(stream.lines), *self._pace()]
         arguments = [
             self.cluster.bootstrap_servers, stream.kafka_topic, str(self._sent(stream)),
             str(self._commands(stream.name)),
         ]  # fmt: skip
-        return self._peer(self._here, 'kafka_producer', *arguments, *options)
+        self._peer(self._here, 'kafka_producer', *arguments, *options)
 
     def _subscriber(self, stream: Stream) -> Process:
         profile = self._profile('subscriber', Histories({}, {stream.ros_topic: SUBSCRIBER_CACHE}))
@@ -291,11 +292,11 @@ class World:
         profile = self._profile(stream.name, history)
         return self._robot.python(f'publisher-{stream.name}', *command, **profile)
 
-    def _recorder(self) -> Process:
+    def _recorder(self) -> None:
         topics = [stream.kafka_topic for stream in self.setting.streams if stream.durability]
         place = self.place / 'journals' / 'arrived'
         arguments = [self.cluster.bootstrap_servers, str(place), *topics]
-        return self._peer(self._here, 'kafka_recorder', *arguments)
+        self._peer(self._here, 'kafka_recorder', *arguments)
 
     def _peer(self, at: Programs, name: str, *arguments: str, **environ: str) -> Process:
         part = at.python(name, '-m', f'{_PEER}.{name}', *arguments, **environ)

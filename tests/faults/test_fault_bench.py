@@ -6,8 +6,11 @@ The whole of it, with every fault: `make faults`.
 import json
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 ROOT = Path(__file__).parents[2]
 SEED = 3
@@ -37,19 +40,36 @@ def test_no_order_is_lost_that_the_guarantees_cover_while_things_break(
     assert f'--seed {SEED}' in said, 'how to run it again'
 
 
-def _run(ros_domain: int, place: Path) -> tuple[int, str]:
+@pytest.mark.parametrize('stream', ['to_ros', 'latched'])
+def test_a_run_of_one_stream_needs_nothing_of_the_others(
+    stream: str, ros_domain: int, tmp_path: Path
+) -> None:
+    status, said = _run(ros_domain, tmp_path, '--standby', streams=[stream], faults=['hostile'])
+    assert status == 0, said
+    found = json.loads((tmp_path / f'seed-{SEED}' / 'faults.json').read_text())
+    assert {row['stream'] for row in found['rows']} == {stream}
+    assert [window['fault'] for window in found['windows']] == ['hostile']
+
+
+def _run(
+    ros_domain: int,
+    place: Path,
+    *more: str,
+    streams: Sequence[str] = STREAMS,
+    faults: Sequence[str] = FAULTS,
+) -> tuple[int, str]:
     options: dict[str, Any] = {
         '--minutes': 0.1,
         '--seed': SEED,
         '--rate': 40,
         '--brokers': 1,
         '--hosts': 'no',
-        '--faults': ','.join(FAULTS),
-        '--streams': ','.join(STREAMS),
+        '--faults': ','.join(faults),
+        '--streams': ','.join(streams),
         '--domain': ros_domain,
         '--out': place,
     }
-    words = [str(word) for option in options.items() for word in option]
+    words = [*more, *(str(word) for option in options.items() for word in option)]
     done = subprocess.run(
         [sys.executable, '-m', 'benchmarks.faults', *words],
         cwd=ROOT,

@@ -21,6 +21,8 @@ from rig.processes import Process
 
 _WAITING_S: Final = 5.0
 _MATCH_S: Final = 3.0
+_HANDS_OVER_S: Final = 12.0
+"""How long one that goes on may send what it holds, though another runs its routes."""
 
 
 def _bridge(world: World, target: int) -> Process:
@@ -171,7 +173,9 @@ FAULTS: Final = (
         _stop,
         _go_on,
         _bridge_is_replaced,
+        after_s=_HANDS_OVER_S,
         required_s=BRIDGE_S,
+        keeps_spool=True,
         by_another=True,
         seconds=45.0,
         needs='two bridges',

@@ -37,8 +37,11 @@ class Fault(NamedTuple):
         by_another: Whether another takes over, so that the time to recover counts from the
             breaking.
         required_s: Longest time to recover; None where nothing is required.
+        keeps_spool: Whether who is broken keeps a spool that another would take over with the
+            route: until it is mended, nothing is required of that stream.
         seconds: How long all of it takes, roughly, for the plan.
-        needs: What of a run it needs: `cluster`, `hosts`, `disk`, `one bridge`, `two bridges`.
+        needs: What of a run it needs: `cluster`, `hosts`, `disk`, `one bridge`, `two bridges`,
+            a stream `to ROS` or `from ROS`.
     """
 
     name: str
@@ -51,8 +54,13 @@ class Fault(NamedTuple):
     after_s: float = 0.0
     by_another: bool = False
     required_s: float | None = None
+    keeps_spool: bool = False
     seconds: float = 15.0
     needs: str = ''
+
+    def limit_s(self, stream: Stream) -> float | None:
+        """Longest time until a stream may flow again; None where nothing is required."""
+        return None if self.keeps_spool and stream.spool is not None else self.required_s
 
 
 def costs_nothing(_stream: Stream, _hold_s: float) -> Allowance:

@@ -40,5 +40,6 @@ FAULTS: Final = (
         _leave,
         repeats_from_kafka,
         seconds=35.0,
+        needs='to ROS',
     ),
 )

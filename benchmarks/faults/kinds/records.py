@@ -49,5 +49,6 @@ FAULTS: Final = (
         _jump_back,
         costs_nothing,
         seconds=10.0,
+        needs='to ROS',
     ),
 )

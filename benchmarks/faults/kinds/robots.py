@@ -41,6 +41,7 @@ FAULTS: Final = (
         aims_at=_from_kafka,
         after_s=LEASE_S + 4.0,
         seconds=35.0,
+        needs='to ROS',
     ),
     Fault(
         'publisher_kill',
@@ -51,5 +52,6 @@ FAULTS: Final = (
         costs_nothing,
         aims_at=_publisher,
         seconds=10.0,
+        needs='from ROS',
     ),
 )

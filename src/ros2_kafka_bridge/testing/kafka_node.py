@@ -248,7 +248,7 @@ def wait_for_brokers(
     """Wait until a cluster answers and counts these brokers among its own.
 
     Args:
-        nodes: That must keep running meanwhile.
+        nodes: That must keep running meanwhile; the error names the log of the first.
         bootstrap_servers: Where to ask.
         cluster_id: What must answer there.
         brokers: Their ids.

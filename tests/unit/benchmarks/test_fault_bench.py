@@ -7,13 +7,17 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from benchmarks.faults.checker import Verdict, summed
+from benchmarks.faults import __main__ as bench
+from benchmarks.faults import said
+from benchmarks.faults.checker import Verdict, Window, summed
 from benchmarks.faults.compare import main
+from benchmarks.faults.faults import FAULTS
 from benchmarks.faults.memberships import MEMBERSHIPS
 from benchmarks.faults.parts import end
 from benchmarks.faults.report import keep, show
-from benchmarks.faults.run import Outcome
-from benchmarks.faults.streams import STREAMS, configuration
+from benchmarks.faults.run import AROUND, Outcome, allowed
+from benchmarks.faults.setting import Setting
+from benchmarks.faults.streams import FROM_KAFKA, LATCHED, STREAMS, configuration
 from rig.processes import Programs
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.kafka.property_check import property_problems
@@ -113,3 +117,63 @@ def test_a_stream_tells_how_long_it_took_to_flow_again_and_how_those_times_lie(
     keep(tmp_path / 'faults.json', {}, [], outcome)
     [row] = json.loads((tmp_path / 'faults.json').read_text())['rows']
     assert row['recoveries'] == {'least_s': 0.5, 'median_s': 0.7, 'p95_s': 2.0, 'most_s': 2.0}
+
+
+def test_each_of_two_bridges_may_publish_its_own_window_behind_later_orders() -> None:
+    killed = Window('subscriber_kill', 0, None, 1)
+    one, two = (allowed(FROM_KAFKA, killed, bridges) for bridges in (1, 2))
+    assert two.out_of_order == 2 * one.out_of_order > 0
+    assert two.lost == one.lost, 'the dead subscriber had one cache'
+    assert allowed(FROM_KAFKA, Window(AROUND, 0, None, 1), 2).out_of_order == 0
+    for name, fault in FAULTS.items():
+        if 'one bridge' not in fault.needs:
+            of_one = [allowed(LATCHED, Window(name, 0, None, 1), bridges) for bridges in (1, 2)]
+            assert of_one[0] == of_one[1], 'from ROS only one bridge carries it at a time'
+
+
+@pytest.mark.parametrize(
+    ('stream', 'left_out'),
+    [
+        ('to_ros', ['publisher_kill']),
+        ('latched', ['subscriber_kill', 'rebalance_storm', 'clock']),
+    ],
+)
+def test_a_fault_is_left_out_where_none_of_the_streams_can_meet_it(
+    stream: str, left_out: list[str], tmp_path: Path
+) -> None:
+    all_there = bench.abilities(Setting(tmp_path, tuple(STREAMS.values()), 1.0, 1, 1, 3))
+    there = bench.abilities(Setting(tmp_path, (STREAMS[stream],), 1.0, 1, 1, 3))
+    lost = {name for name, fault in FAULTS.items() if fault.needs in all_there - there}
+    assert lost == set(left_out)
+
+
+def test_a_run_without_any_fault_that_can_be_done_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And does not look for one for ever."""
+    words = ['--streams', 'latched', '--faults', 'subscriber_kill', '--hosts', 'no']
+    assert bench.main([*words, '--out', str(tmp_path)]) == 2
+    told = capsys.readouterr().out
+    assert 'left out, for it needs the stream to_ros: subscriber_kill' in told
+    assert 'none of the faults can be done here' in told
+
+
+def test_who_stands_still_keeps_the_spool_that_both_bridges_of_a_machine_share() -> None:
+    """docs/high-availability.md says so; a dead one keeps nothing."""
+    stopped, killed = FAULTS['take_over_stop'], FAULTS['take_over']
+    assert stopped.limit_s(STREAMS['spooled']) is None
+    assert stopped.limit_s(LATCHED) == killed.limit_s(STREAMS['spooled']) == 10.0
+
+
+def test_a_route_that_waits_for_its_spool_is_still_being_handed_over() -> None:
+    says = '2026-11-27 09:42:{},000 INFO    spooled: {}'
+    its_turn = 'its turn has come, but process 7 still has the spool /spools/a.spool.lock'
+    lines = [
+        says.format('10', 'takes over: this bridge runs the route'),
+        says.format('12', 'takes over: this bridge runs the route'),
+        says.format('13', its_turn),
+        says.format('42', f'waiting ({its_turn}): 0 confirmed, 0/s, 0 in flight'),
+        says.format('43', 'running: 10 confirmed, 1/s, 0 in flight'),
+    ]
+    found = said.hand_overs_ns('spooled', lines, is_from_kafka=False)
+    assert [(at - found[0]) // 10**9 for at in found] == [0, 1, 30]
