@@ -5,12 +5,15 @@
 One process runs both routes on a real Kafka, with default settings; what sends and counts are
 processes of their own. With `--rate auto` the maximum is looked for first: the highest rate that
 both ways keep up with at once, in steps. Memory is what no other process shares and no file
-backs; its slope is that of a straight line through the means of ten seconds each, after the
-warm-up, with its standard error.
+backs; its slope is that of a straight line through the means of ten seconds each, in the second
+half, with its standard error. It has grown where the slope less two of these errors is above 16
+KiB a minute, a megabyte in an hour; then what holds more than at half-time is said, too. In less
+than four minutes a bridge has not settled, and nothing is said of its memory.
 """
 
 import argparse
 import json
+import math
 import signal
 import sys
 import tempfile
@@ -30,7 +33,7 @@ from benchmarks.machine import machine, versions
 from benchmarks.numbers import BOTH_WAYS, Count, count_topic
 from benchmarks.processes import programs
 from benchmarks.topics import EndOffset, topics
-from benchmarks.vitals import Slope, Vitals, means, slope, watched
+from benchmarks.vitals import Slope, Vitals, held, means, slope, watched
 from rig.processes import Process, ProcessError
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
@@ -46,8 +49,10 @@ STEP: Final = 1.5
 STEP_S: Final = 8.0
 KEPT: Final = 0.85
 BOX_S: Final = 10.0
+LEAST_BOXES: Final = 12  # in the second half
 LOOK_AROUND_S: Final = 15.0
 WARM_UP_SHARE: Final = 0.2
+MOST_KIB_PER_MIN: Final = 16.0
 REQUEST_S: Final = 10.0
 
 
@@ -80,6 +85,7 @@ class Result(NamedTuple):
         seen: The bridge, every second.
         around: What stood in Kafka and in the ROS graph, after the warm-up and to the end.
         warm_up_s: What does not count for the slope.
+        held: What held the memory of the bridge at half-time and at the end, in KiB.
         behind: Records that were still to be read when the sending ended: with many of them the
             bridge did not keep up, its queues were full, and the slope tells little.
         status: Of the bridge at its end.
@@ -89,6 +95,7 @@ class Result(NamedTuple):
     seen: list[Vitals]
     around: list[Around]
     warm_up_s: float
+    held: tuple[Mapping[str, int], Mapping[str, int]]
     behind: int
     to_ros: Way
     to_kafka: Way
@@ -101,13 +108,22 @@ class Result(NamedTuple):
 
     @property
     def memory(self) -> Slope:
-        """KiB per minute."""
-        points = [(one.at_s / 60, float(one.anon_kib)) for one in self.warm]
-        return slope(means(points, BOX_S / 60))
+        """KiB per minute, in the second half."""
+        half_s = (self.seen[0].at_s + self.seen[-1].at_s) / 2
+        late = [(one.at_s / 60, float(one.anon_kib)) for one in self.seen if one.at_s >= half_s]
+        boxes = means(late, BOX_S / 60)
+        return slope(boxes) if len(boxes) >= LEAST_BOXES else Slope(math.nan, math.nan)
+
+    @property
+    def holders(self) -> list[str]:
+        """What held more memory at the end than at half-time."""
+        half, end = self.held
+        more = sorted(((end[kind] - half.get(kind, 0), kind) for kind in end), reverse=True)
+        return [f'{kind} {kib:+,} KiB' for kib, kind in more if kib > 0]
 
     @property
     def grown(self) -> list[str]:
-        """What there was more of at the end than after the warm-up."""
+        """What there was more of at the end than after the warm-up; memory since half-time."""
         first, last = self.warm[0], self.warm[-1]
         around, then = self.around[0], self.around[-1]
         pairs = {
@@ -116,7 +132,10 @@ class Result(NamedTuple):
             'Kafka topics': (around.kafka_topics, then.kafka_topics),
             'ROS endpoints': (around.ros_endpoints, then.ros_endpoints),
         }
-        return [f'{name} ({a} to {b})' for name, (a, b) in pairs.items() if b > a]
+        grown = [f'{name} ({a} to {b})' for name, (a, b) in pairs.items() if b > a]
+        if self.memory.least > MOST_KIB_PER_MIN:
+            grown.append(f'memory ({", ".join(self.holders)})')
+        return grown
 
     @property
     def sound(self) -> bool:
@@ -209,6 +228,7 @@ def _delivered(stage: Stage) -> tuple[int, int]:
 def soak(servers: str, rates: Rates, minutes: float) -> Result:
     """Run for so long at these rates, and count."""
     around: list[Around] = []
+    half: Mapping[str, int] = {}  # memory at half-time
     warm_up_s = WARM_UP_SHARE * minutes * 60
     with staged(servers) as stage, open_node('soak', DOMAIN, Histories({}, {}, None)) as node:
         with (
@@ -221,6 +241,9 @@ def soak(servers: str, rates: Rates, minutes: float) -> Result:
                 time.sleep(min(LOOK_AROUND_S, minutes * 60 - elapsed_s))
                 if time.monotonic() - begun_s >= warm_up_s:
                     around.append(_look_around(servers, node))
+                if not half and time.monotonic() - begun_s >= minutes * 30:
+                    half = held(stage.bridge.pid)
+            end_held = held(stage.bridge.pid)
             seen = list(seen)  # noqa: PLW2901 -- what comes now is the end
             sent = [_end_of(sender) for sender in (to_ros, to_kafka)]
         behind = sent[0] - _delivered(stage)[0]
@@ -234,6 +257,7 @@ def soak(servers: str, rates: Rates, minutes: float) -> Result:
         seen,
         around,
         warm_up_s,
+        (half, end_held),
         behind,
         _way(sent[0], arrived),
         _way(sent[1], in_kafka),
@@ -285,7 +309,12 @@ def show(result: Result, console: Console) -> None:
         f'memory: {warm[0].anon_kib / 1024:.1f} MiB after the warm-up, '
         f'{last.anon_kib / 1024:.1f} at the end, '
         f'{max(one.anon_kib for one in result.seen) / 1024:.1f} at most; '
-        f'{memory.per_x:+.1f} KiB/min, standard error {memory.error:.1f}'
+        + (
+            'too short to tell whether it grows'
+            if math.isnan(memory.error)
+            else f'{memory.per_x:+.1f} KiB/min in the second half, '
+            f'standard error {memory.error:.1f}'
+        )
     )
     console.print(
         f'{last.threads} threads, {last.descriptors} descriptors, '
@@ -308,6 +337,7 @@ def report(result: Result) -> Mapping[str, Any]:
         'memory_kib_per_min': result.memory.per_x,
         'memory_kib_per_min_error': result.memory.error,
         'warm_up_s': result.warm_up_s,
+        'held_kib': result.held,
         'behind': result.behind,
         'grown': result.grown,
         'status': result.status,

@@ -3,12 +3,14 @@
 import math
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 _LEAST_POINTS = 3
+_ARENA_BYTES: Final = 64 << 20
 
 
 class Vitals(NamedTuple):
@@ -41,6 +43,37 @@ def vitals(pid: int) -> Vitals:
     except (FileNotFoundError, KeyError) as error:
         raise ProcessLookupError(f'process {pid} has ended') from error
     return Vitals(time.monotonic(), anon_kib, int(status['Threads']), descriptors)
+
+
+def held(pid: int) -> Counter[str]:
+    """Tell what holds the memory of a process that no file backs, in KiB.
+
+    `heap` is what malloc has of the first thread, `arenas` what it has of the others (glibc
+    begins each at a multiple of 64 MiB), `mapped` are Python's objects, large blocks and the
+    stacks of threads, `files` what was written to of programs and libraries.
+
+    Raises:
+        ProcessLookupError: It has ended.
+    """
+    found: Counter[str] = Counter()
+    kind = ''
+    try:
+        for line in Path('/proc', str(pid), 'smaps').read_text().splitlines():
+            word, *rest = line.split()
+            if not word.endswith(':'):
+                kind = _kind(int(word.partition('-')[0], 16), rest[4:])
+            elif word == 'Anonymous:':
+                found[kind] += int(rest[0])
+    except FileNotFoundError as error:
+        raise ProcessLookupError(f'process {pid} has ended') from error
+    return found
+
+
+def _kind(start: int, name: Sequence[str]) -> str:
+    """Which of them a mapping is, by where it begins and its name, if it has one."""
+    if not name:
+        return 'mapped' if start % _ARENA_BYTES else 'arenas'
+    return {'[heap]': 'heap', '[stack]': 'mapped'}.get(name[0], 'files')
 
 
 @contextmanager
@@ -77,9 +110,9 @@ class Slope(NamedTuple):
     error: float
 
     @property
-    def grows(self) -> bool:
-        """Whether it is more than what chance explains: three standard errors."""
-        return self.per_x > 3 * self.error
+    def least(self) -> float:
+        """What it grows at least, as far as chance goes: two standard errors less."""
+        return self.per_x - 2 * self.error
 
 
 def slope(points: Sequence[tuple[float, float]]) -> Slope:
