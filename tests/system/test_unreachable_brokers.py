@@ -1,9 +1,11 @@
 """A broker that names an address which nobody can reach (`advertised.listeners`)."""
 
 import contextlib
+import socket
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from threading import Thread
 
 import pytest
 from harness import Bench, eventually, to_kafka, to_ros
@@ -23,6 +25,13 @@ def wrong(request: pytest.FixtureRequest) -> str:
 @pytest.fixture
 def misled(wrong: str, tmp_path: Path, ros_domain: int) -> Iterator[tuple[Bench, Bench]]:
     """A bench on a listener whose address is right, and one where it is not."""
+    with misleading(wrong, tmp_path, ros_domain) as benches:
+        yield benches
+
+
+@contextlib.contextmanager
+def misleading(wrong: str, tmp_path: Path, ros_domain: int) -> Iterator[tuple[Bench, Bench]]:
+    """Two ways to a broker, of which one names a wrong address."""
     port, own = free_port(), free_port()
     listeners = {
         'listeners': f'WRONG://{HOST}:{port}',
@@ -68,3 +77,26 @@ def test_a_broker_that_names_a_wrong_address_is_away_and_named(
     lines = process.output().splitlines()
     assert not [line for line in lines if line.endswith('Kafka is back')]
     assert len([line for line in lines if 'Kafka is away' in line and 'WARNING' in line]) == 2
+
+
+def test_a_server_of_the_web_at_the_named_address_is_not_taken_for_the_broker(
+    tmp_path: Path, ros_domain: int, unique: Callable[[str], str]
+) -> None:
+    with socket.create_server((HOST, 0)) as web:
+        Thread(target=_refuse, args=(web,), daemon=True).start()
+        at = f'{HOST}:{web.getsockname()[1]}'
+        with misleading(at, tmp_path, ros_domain) as (_, bench):
+            file = str(bench.config([to_ros(unique('orders'), '/orders')]))
+            status, out, _ = bench.command('check', '--connect', file)
+    said = ' '.join(out.split())
+    assert status == 1
+    assert 'what answers there may be no broker' in said
+    assert 'set the offset of the group' not in said
+
+
+def _refuse(web: socket.socket) -> None:
+    with contextlib.suppress(OSError):
+        while True:
+            with web.accept()[0] as visitor:
+                visitor.recv(1000)
+                visitor.sendall(b'HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n')

@@ -15,6 +15,7 @@ from ros2_kafka_bridge.config.values import (
 )
 from ros2_kafka_bridge.kafka.properties import PropertyValue
 from ros2_kafka_bridge.outside.files import file_problem
+from ros2_kafka_bridge.outside.pem import tls_problems
 
 _NEEDED = {
     'OAUTHBEARER': (
@@ -191,15 +192,24 @@ class SchemaRegistrySettings(Settings):
         if given.get('basic.auth.user.info') is not None and given.get(_SOURCE) is not None:
             yield Mistake((_SOURCE,), 'basic.auth.user.info is there: leave one of them out')
         yield from _bearer_mistakes(given)
-        for name in _FILES if context.get('check_kafka') else ():
-            path, is_ca = given.get(name), name == 'ssl.ca.location'
-            if isinstance(path, str) and (why := file_problem(Path(path), or_directory=is_ca)):
-                yield Mistake((name,), why)
+        if context.get('check_kafka'):
+            yield from _file_mistakes(given)
 
     def properties(self) -> dict[str, PropertyValue]:
         """What the client is made with, secrets included."""
         values = {s: getattr(self, name) for s, name in field_names(type(self)).items()}
         return {spelled: value for spelled, value in values.items() if value is not None}
+
+
+def _file_mistakes(given: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Files that cannot be opened; else what is wrong inside them."""
+    found: dict[str, str] = {}
+    for name in _FILES:
+        path, is_ca = given.get(name), name == 'ssl.ca.location'
+        if isinstance(path, str) and (why := file_problem(Path(path), or_directory=is_ca)):
+            found[name] = why
+    for name, why in (found or tls_problems(given)).items():
+        yield Mistake((name,), why)
 
 
 def _bearer_mistakes(given: Mapping[str, Any]) -> Iterator[Mistake]:

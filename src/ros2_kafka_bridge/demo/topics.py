@@ -41,7 +41,8 @@ class Topics:
         except KafkaException as error:
             raise TransportError(
                 f'no broker answers at {self._servers} ({error.args[0].str()}): '
-                'is --bootstrap-servers right, does the broker run?'
+                'is --bootstrap-servers right, does the broker run? The demo has no TLS and no '
+                'login'
             ) from error
 
     def look_up(self, names: Sequence[str]) -> None:

@@ -26,6 +26,7 @@ from ros2_kafka_bridge.outside.masking import (
     masked_address,
     masked_addresses,
 )
+from ros2_kafka_bridge.outside.pem import tls_problems
 
 if TYPE_CHECKING:
     from confluent_kafka.schema_registry import Schema, SchemaRegistryClient
@@ -149,15 +150,12 @@ def _client(properties: dict[str, PropertyValue], mask: re.Pattern[str]) -> 'Sch
     from confluent_kafka.schema_registry import SchemaRegistryClient  # noqa: PLC0415
     from confluent_kafka.schema_registry.common._httpx_compat import httpx  # noqa: PLC0415
 
+    # Its own error names no file, and it asks the terminal for a password that is not there.
+    if wrong := tls_problems(properties):
+        raise ConfigError([f'schema_registry: {name}: {text}' for name, text in wrong.items()])
     try:
         return SchemaRegistryClient.new_client(properties)
-    except OSError as error:
-        # The error of a file that is missing or no certificate does not name it.
-        files = [f'{n} {v}' for n, v in properties.items() if n.endswith('.location')]
-        raise ConfigError(
-            [f'schema_registry: {error.strerror or error}: look at {" and ".join(files)}']
-        ) from None
-    except (ImportError, TypeError, ValueError, httpx.InvalidURL) as error:
+    except (ImportError, OSError, TypeError, ValueError, httpx.InvalidURL) as error:
         # Of a proxy, also one in the environment, whose protocol needs another package.
         raise ConfigError([f'schema_registry: {_shown(mask, error)}']) from None
 
@@ -386,7 +384,7 @@ _INCOMPATIBLE: Final = (
     'the registry says'
 )
 _CURES: Final = {
-    401: ': it wants to know who asks: look at basic.auth.user.info or bearer.auth.*',
+    401: ': it refuses this login, or wants one: look at basic.auth.user.info or bearer.auth.*',
     403: ': this user may not do that: give it the right to this subject',
     429: ': it has too many requests for now',
 }

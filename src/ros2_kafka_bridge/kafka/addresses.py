@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 from ros2_kafka_bridge.outside.masking import masked_addresses
 
 _ENTRY: Final = re.compile(
-    r'(?:(?P<protocol>[^:/]+)://)?(?P<host>\[[^\]]*\]|[^:/]*)(?::(?P<port>[^:/]*))?(?:/.*)?'
+    r'(?:(?P<protocol>[^:/]+)://)?(?P<host>\[[^\]]*\]|[^:/]*)(?::(?P<port>[^:/]*))?(?:/[^:]*)?'
 )
 _ODD: Final = re.compile(r'[\s;@\'"\[\]]')
 _NAMED: Final = re.compile(

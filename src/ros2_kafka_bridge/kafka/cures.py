@@ -13,12 +13,14 @@ class Cure(NamedTuple):
         words: A pattern that the text holds.
         text: What to do; `{right}` is the operation on the topic that the client needs.
         kind: What the error means, None where its code tells.
+        passes: Whether it mostly passes by itself: then it is no cause until it stays.
     """
 
     codes: str
     words: str
     text: str
     kind: type[BridgeError] | None = None
+    passes: bool = False
 
 
 OWN_GROUP: Final = 'give this route a group of its own (group in from), or leave group out'
@@ -84,8 +86,15 @@ CURES: Final = (
         TransportError,
     ),
     Cure(
-        '_AUTHENTICATION',  # a session just ended, or the connection did
-        r'current SASL state|handshake failed: Local: (?:Broker transport failure|Timed out)',
+        '_AUTHENTICATION',  # a session just ended, or nobody there knows of logins
+        r'current SASL state',
+        'if it stays: this listener may take no login, check security.protocol and the port',
+        TransportError,
+        passes=True,
+    ),
+    Cure(
+        '_AUTHENTICATION',  # the connection has ended
+        r'handshake failed: Local: (?:Broker transport failure|Timed out)',
         '',
         TransportError,
     ),
@@ -118,6 +127,14 @@ CURES: Final = (
         '',
         'if this batch unpacks to more than receive.message.max.bytes (100 MB by default), set '
         'that higher; else set the offset of the group behind it',
+        RouteError,
+    ),
+    Cure(
+        '_BAD_MSG',
+        r'Invalid response size',  # of HTTP, the first four letters
+        'what answers there may be no broker, or speak TLS: check the port in bootstrap.servers '
+        '(and advertised.listeners of the brokers), and security.protocol; where it is a broker, '
+        'set receive.message.max.bytes higher',
         RouteError,
     ),
     Cure('_BAD_MSG', '', 'set the offset of the group behind what cannot be read', RouteError),

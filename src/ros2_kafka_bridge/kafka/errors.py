@@ -12,6 +12,7 @@ from ros2_kafka_bridge.kafka.addresses import NamedBroker, broker_in, listed
 from ros2_kafka_bridge.kafka.cures import CURES, Cure
 from ros2_kafka_bridge.kafka.properties import is_secret
 from ros2_kafka_bridge.kafka.tls import address_in, distrust
+from ros2_kafka_bridge.kafka.tls_files import refused_file
 from ros2_kafka_bridge.outside.masking import MASK, finding, login, masked_address
 
 _SHORTEST_SECRET: Final = 4  # one letter would hide half of what is said
@@ -162,7 +163,7 @@ def explain(error: KafkaError, client: Client = UNKNOWN_CLIENT, reason: str = ''
     found = next((cure for cure in CURES if _fits(cure, name, text)), _NO_CURE)
     broker = broker_in(error.str()) if name in _UNREACHED else None
     cure = _of_wrong_address(broker, client) or found.text.format(right=client.right)
-    names_cause = bool(cure) and name != _NOBODY
+    names_cause = bool(cure) and name != _NOBODY and not found.passes
     if error.fatal():
         return Problem(f'the Kafka client gave up: {text}', cure, RouteError, names_cause)
     kind = found.kind or ERROR_CLASSES.get(error.code(), RouteError)
@@ -193,6 +194,8 @@ def _words(text: str, name: str, client: Client, reason: str) -> str:
         address = address_in(text)
         who = f'{address.host}:{address.port}: ' if address else ''
         return f'{who}{_DISTRUST}' + (f': {reason} (broker)' if reason else '')
+    if refused := refused_file(text, client.properties):
+        return f'{refused.name}: {refused.problem}'
     text = _REPEATED.sub(r'\1', _STATE.sub('', text))
     text = _finding(client.properties).sub(MASK, text)  # whoever refuses them may repeat them
     url = str(client.properties.get('sasl.oauthbearer.token.endpoint.url', ''))

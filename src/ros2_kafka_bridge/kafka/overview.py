@@ -193,7 +193,7 @@ class Overview:
         Errors as of `greeting`.
         """
         began_s = time.monotonic()
-        with self._admin.translated('the broker does not answer'):
+        with self._admin.translated():
             asked = self._admin.requests.describe_cluster(request_timeout=_REQUEST_S)
             answers = self._ask_for(sorted(set(topics)))
             cluster = asked.result()
@@ -276,7 +276,7 @@ class Overview:
         return None if value is None else value.value == 'true'
 
     def _metadata(self) -> Any:
-        with self._admin.translated('the broker does not answer'):
+        with self._admin.translated():
             return self._admin.requests.list_topics(timeout=_REQUEST_S)
 
     def _ask_for(self, topics: list[str]) -> Mapping[str, Any]:

@@ -19,12 +19,14 @@ from ros2_kafka_bridge.kafka.properties import (
     canonical,
     consumer_properties,
     file_fault,
+    is_classic,
     is_secret,
     plain_value,
     producer_properties,
     refusal,
     runs_code,
 )
+from ros2_kafka_bridge.kafka.tls_files import refused_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -33,6 +35,7 @@ _Kind = Literal['producer', 'consumer']
 
 # Without a command of its own librdkafka gets a ticket by kinit.
 _NO_TICKETS: Final[dict[str, PropertyValue]] = {'sasl.kerberos.min.time.before.relogin': 0}
+_PAIRS: Final = ('ssl.key.', 'ssl.certificate.')
 _OF_PROVIDERS: Final = ('ssl.key.', 'ssl.keystore.', 'ssl.certificate.')
 
 _TOKEN_METHOD: Final = 'sasl.oauthbearer.method'  # noqa: S105 (a name)
@@ -43,6 +46,9 @@ _TOKEN_URL: Final = 'sasl.oauthbearer.token.endpoint.url'  # noqa: S105 (a name)
 _NOWHERE: Final = 'http://'
 
 _PROPERTIES_LIMIT: Final = 1000
+
+_PROTOCOL: Final = 'group.protocol'
+_KIP_848_MENDED: Final = (2, 15)
 
 _CREATION = re.compile(r'^Failed to create (producer|consumer): ')
 _NO_NAME: Final = '-'
@@ -71,7 +77,11 @@ def property_problems(
             problems[name] = fault
         elif (error := _refused_alone(name, value)) is not None:
             problems[name] = _sentence(name, value, error)
-    right = {n: v for n, v in usable.items() if n not in problems}
+    if common is None and _PROTOCOL not in problems and (old := _outdated(usable)):
+        problems[_PROTOCOL] = old
+    # Without its partner a key or a certificate would be told to be wrong, too.
+    pairs = _PAIRS if any(n.startswith(_PAIRS) for n in problems) else ()
+    right = {n: v for n, v in usable.items() if n not in problems and not n.startswith(pairs)}
     shared = {n: plain_value(v) for n, v in (common or {}).items() if refusal(n) is None}
     kinds: tuple[_Kind, ...] = ('producer', 'consumer') if common is None else ('producer',)
     if TOKEN_SOURCE in right and (missing := _aws_problem({**shared, **right})):
@@ -79,6 +89,32 @@ def property_problems(
     for name, problem in _together({**shared, **right}, kinds).items():
         problems.setdefault(name, problem)
     return problems
+
+
+def _outdated(properties: Mapping[str, PropertyValue]) -> str | None:
+    from confluent_kafka import libversion  # noqa: PLC0415  # slow
+
+    told: object = libversion()
+    # confluent-kafka 2.12.0 tells the text alone, others a number beside it.
+    return group_protocol_fault(properties, str(told[0] if isinstance(told, tuple) else told))
+
+
+def group_protocol_fault(properties: Mapping[str, PropertyValue], librdkafka: str) -> str | None:
+    """Why the brokers must not be left to say who reads what (KIP-848), None where they may.
+
+    Args:
+        properties: Those of a consumer.
+        librdkafka: The version that is loaded, which need not be that of confluent-kafka's wheel:
+            a distribution links its own.
+    """
+    version = tuple(map(int, re.findall(r'\d+', librdkafka)[:2]))
+    if is_classic(properties) or version >= _KIP_848_MENDED:
+        return None
+    return (
+        f'needs librdkafka 2.15.0 or later, and {librdkafka} is loaded, whose members of such a '
+        'group can stand still for minutes, and commit with stale epochs: upgrade '
+        '(confluent-kafka 2.15 or later), or leave this line out (classic)'
+    )
 
 
 def _refused_alone(name: str, value: PropertyValue) -> str | None:
@@ -97,8 +133,7 @@ def _together(properties: Mapping[str, PropertyValue], kinds: tuple[_Kind, ...])
     if _asks_for_tokens(properties) and (
         error := _client_error('producer', _offline(_tls_alone(properties)))
     ):
-        name = _culprit(properties, error)
-        return {name: _sentence(name, properties[name], error)}
+        return dict([_told(properties, error)])
     for kind in kinds:
         settings = (
             producer_properties(properties, client_id='check')
@@ -108,9 +143,16 @@ def _together(properties: Mapping[str, PropertyValue], kinds: tuple[_Kind, ...])
         error = _client_error(kind, _offline(settings))
         if error is not None:
             users = {name: properties[name] for name in settings if name in properties}
-            name = _culprit(users, error)
-            problems.setdefault(name, _sentence(name, users.get(name, ''), error))
+            problems.setdefault(*_told(users, error))
     return problems
+
+
+def _told(properties: Mapping[str, PropertyValue], error: str) -> tuple[str, str]:
+    """The user's property that an error of a client speaks of, and what is wrong with it."""
+    if refused := refused_file(error, properties):
+        return refused
+    name = _culprit(properties, error)
+    return name, _sentence(name, properties.get(name, ''), error)
 
 
 def _aws_problem(properties: Mapping[str, PropertyValue]) -> str | None:

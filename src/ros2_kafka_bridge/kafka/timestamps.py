@@ -15,7 +15,8 @@ from confluent_kafka import (
 )
 
 from ros2_kafka_bridge.errors import RouteError, TransportError
-from ros2_kafka_bridge.kafka.errors import Client, translate
+from ros2_kafka_bridge.kafka.cause import ClientErrors
+from ros2_kafka_bridge.kafka.errors import translate
 from ros2_kafka_bridge.kafka.tls import check_files
 from ros2_kafka_bridge.kafka.topics import partitions_of
 from ros2_kafka_bridge.logs.lines import client_log
@@ -63,15 +64,17 @@ def read_timestamps(
         TransportError: The broker is away.
         RouteError: There is no such topic or partition, or it may not be read.
     """
-    about = Client('READ', properties)
+    cause = ClientErrors(properties, 'READ')
     check_files(properties, f'topic {topic}')
-    consumer = Consumer({**properties, 'enable.partition.eof': True}, logger=client_log(__name__))
+    own = {'enable.partition.eof': True, 'error_cb': cause.note}
+    consumer = Consumer({**properties, **own}, logger=client_log(__name__))
     with closing(consumer):
         try:
             starts = _starts(consumer, topic, last, partition)
             found = _read(consumer, topic, starts)
         except KafkaException as error:
-            raise translate(error.args[0], f'topic {topic} cannot be read', about) from error
+            consumer.poll(0)  # calls back what has come meanwhile
+            raise cause.translated(error.args[0], f'topic {topic} cannot be read') from error
     return _merged(found, {start.partition for start in starts if start.is_cut}, last)
 
 

@@ -32,7 +32,7 @@ def server() -> Iterator[RegistryServer]:
         ({'timeout': 3}, 'Missing required configuration property url'),
         ({'url': 'http://h', 'basic.auth': 'a'}, 'Unrecognized properties: basic.auth'),
         ({'url': 'localhost:8081'}, 'schema_registry: Invalid url localhost:8081'),
-        ({'url': 'http://h', 'ssl.ca.location': '/none.pem'}, r'ssl\.ca\.location /none\.pem'),
+        ({'url': 'http://h', 'ssl.ca.location': '/none.pem'}, r'ssl\.ca\.location: no such file'),
         (
             {'url': 'http://h', 'ssl.key.location': 'k.pem'},
             r'schema_registry: ssl\.certificate\.location required',
@@ -166,7 +166,7 @@ def test_a_field_may_come_or_go_but_not_change(
         (
             401,
             RouteError,
-            r'status 401\): it wants to know who asks: look at basic.auth.user.info',
+            r'status 401\): it refuses this login, or wants one: look at basic.auth.user.info',
         ),
         (403, RouteError, r'status 403\): this user may not do that'),
         (404, RouteError, r'status 404\); does url name a Schema Registry\?'),

@@ -65,7 +65,7 @@ def test_who_the_registry_does_not_know_is_told_so(
 ) -> None:
     error = encode_error(users.url, properties)
     assert type(error) is RouteError
-    assert 'Unauthorized (status 401): it wants to know who asks' in str(error)
+    assert 'Unauthorized (status 401): it refuses this login, or wants one' in str(error)
     assert SECRET not in str(error)
     assert type(decode_error(users.url, framed(1, b''), properties)) is RouteError
 

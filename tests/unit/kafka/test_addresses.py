@@ -37,6 +37,8 @@ def test_what_librdkafka_reads_as_it_was_meant_is_taken(servers: str) -> None:
         ('a;b', 'no host:port'),
         ('a:9092 b:9092', 'no host:port'),
         ('a:1:2', 'no host:port'),
+        ('PLAINTEXT//host:1', 'no host:port'),
+        ('host/:1', 'no host:port'),
         ('user@host:1', 'no host:port'),
         ('host :1', 'no host:port'),
         ('[::1', 'no host:port'),

@@ -8,6 +8,7 @@ from ros2_kafka_bridge.commands.screen import Finding
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.errors import BridgeError, TransportError
+from ros2_kafka_bridge.kafka.cause import NO_ANSWER
 from ros2_kafka_bridge.kafka.cures import OWN_GROUP
 from ros2_kafka_bridge.kafka.names import lock_group, lock_topic
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, TopicView, records
@@ -78,7 +79,7 @@ def ask(config: Config) -> tuple[CheckedCluster, list[Finding]]:
         greeting = overview.greeting()
     except BridgeError as error:
         where = config.kafka.get('bootstrap.servers')
-        away = isinstance(error, TransportError) and 'bootstrap.servers' not in str(error)
+        away = str(error).startswith(NO_ANSWER) and 'bootstrap.servers' not in str(error)
         cure = f'is bootstrap.servers ({where}) right, does the broker run?' if away else ''
         kafka = CheckedCluster(overview, str(error), None, '')
         return kafka, [Finding('bad', 'brokers', str(error), cure)]
@@ -255,7 +256,7 @@ def _missing_sink(topic: str, creates_topics: bool | None) -> Finding:  # noqa: 
         text += ': the route fails unless the broker creates topics by itself'
         return Finding('note', 'sink', text, 'create it')
     if creates_topics:
-        text += ': the broker creates it with its default settings'
+        text += ': the broker creates it with its default settings, if this user may'
         return Finding('note', 'sink', text, 'create it for partitions and copies of your choice')
     return Finding('bad', 'sink', f'{text}, and the broker creates none by itself', 'create it')
 
