@@ -282,9 +282,10 @@ def consumer_properties(
 def is_classic(properties: Mapping[str, Any]) -> bool:
     """Whether the members of a group agree among themselves, by way of one of them.
 
-    The other protocol is that of KIP-848, where the broker decides.
+    The other protocol is that of KIP-848, where the broker decides. librdkafka reads a value from
+    its first character that is no space, in any case.
     """
-    return str(properties.get('group.protocol', 'classic')).lower() == 'classic'
+    return str(properties.get('group.protocol', 'classic')).lstrip().lower() == 'classic'
 
 
 def member_name(properties: Mapping[str, Any], membership: Membership) -> dict[str, str]:

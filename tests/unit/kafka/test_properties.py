@@ -100,6 +100,37 @@ def test_the_group_protocol_of_brokers_takes_no_timeouts_of_clients() -> None:
     assert property_problems({'group.protocol': 'consumer'}) == {}
 
 
+@pytest.mark.parametrize('spelled', ['consumer', 'CONSUMER', ' Consumer'])
+def test_groups_that_the_brokers_arrange_need_a_librdkafka_that_holds_them(
+    spelled: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = {'group.protocol': spelled}
+    # As confluent-kafka 2.12.0 tells it, and those behind it.
+    for told in ('2.12.0', ('2.9.0', 0x020900FF), ('2.14.2', 0x020E02FF)):
+        monkeypatch.setattr(confluent_kafka, 'libversion', lambda told=told: told)
+        said = property_problems(asked)['group.protocol']
+        version = told if isinstance(told, str) else told[0]
+        assert f'librdkafka 2.15.0 or later, and {version} is loaded' in said
+        assert 'leave this line out' in said
+        assert property_problems({'group.protocol': ' Classic'}) == property_problems({}) == {}
+    monkeypatch.setattr(confluent_kafka, 'libversion', lambda: ('2.15.0', 0x020F00FF))
+    assert property_problems(asked) == {}
+
+
+def test_a_misspelled_group_protocol_is_told_as_such_by_every_librdkafka(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(confluent_kafka, 'libversion', lambda: ('2.14.2', 0x020E02FF))
+    found = property_problems({'group.protocol': 'consumers'})
+    assert found['group.protocol'].startswith('librdkafka refuses it: ')
+
+
+def test_a_classic_group_is_one_however_librdkafka_lets_it_be_spelled() -> None:
+    made = consumer_properties({'group.protocol': ' Classic'}, group='g', client_id='bridge')
+    assert made['partition.assignment.strategy'] == 'cooperative-sticky'
+    assert member_name({'group.protocol': ' Classic'}, 'static')
+
+
 def test_a_member_has_a_name_of_its_own_unless_it_is_dynamic_or_the_broker_decides() -> None:
     first, second = (member_name({}, 'static') for _ in range(2))
     assert first.keys() == second.keys() == {'group.instance.id'}
