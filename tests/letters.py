@@ -6,6 +6,9 @@ from typing import Any
 from harness import Bench, to_ros
 from words import ROS_TOPIC
 
+from ros2_kafka_bridge.kafka.transactions import Parcel, RefusedParcel, Transactions
+from ros2_kafka_bridge.threads.stop import Stop
+
 SMALL, LARGE = 100, 10_000  # limits of a route, in bytes
 HOSTILE = b'\x1b[2J\r\xff\xe2\x80\xae'
 
@@ -30,3 +33,17 @@ def done(bench: Bench, *arguments: str | Path) -> str:
 def long(number: int) -> bytes:
     """A record that is too large for the first route."""
     return b'%d ' % number + b'x' * SMALL
+
+
+def written_one_by_one(
+    properties: dict[str, Any], name: str, jobs: list[list[Parcel]]
+) -> list[RefusedParcel]:
+    """What is refused as parcels are written, each time in transactions of their own."""
+    refused: list[RefusedParcel] = []
+    while jobs:
+        with Transactions(properties, name, Stop()) as transactions:
+            while jobs and not transactions.spent:
+                found, jobs[0] = transactions.write(jobs[0])
+                refused += found
+                jobs = jobs[not jobs[0] :]
+    return refused

@@ -97,15 +97,27 @@ def node_behind_relay(place: Path) -> Iterator[tuple[LocalKafka, Relay]]:
     Args:
         place: For what the node keeps.
     """
-    behind, own = free_port(), free_port()
-    with Relay(behind) as relay:
-        listeners = {'PLAINTEXT': own, 'RELAY': relay.port}
-        properties = {
-            'listeners': f'RELAY://{HOST}:{behind}',
-            'advertised.listeners': ','.join(f'{n}://{HOST}:{p}' for n, p in listeners.items()),
-            'listener.security.protocol.map': ','.join(
-                f'{name}:PLAINTEXT' for name in ('CONTROLLER', *listeners)
-            ),
-        }
-        with LocalKafka(place, own, properties) as node:
-            yield node, relay
+    behind = free_port()
+    with Relay(behind) as relay, node_behind(place, behind, relay.port) as node:
+        yield node, relay
+
+
+@contextmanager
+def node_behind(place: Path, behind: int, way: int) -> Iterator[LocalKafka]:
+    """A node, and another way to it, by a port of somebody who passes all on to it.
+
+    Args:
+        place: For what the node keeps.
+        behind: Where it is to be told what came that way.
+        way: The port.
+    """
+    listeners = {'PLAINTEXT': free_port(), 'RELAY': way}
+    properties = {
+        'listeners': f'RELAY://{HOST}:{behind}',
+        'advertised.listeners': ','.join(f'{n}://{HOST}:{p}' for n, p in listeners.items()),
+        'listener.security.protocol.map': ','.join(
+            f'{name}:PLAINTEXT' for name in ('CONTROLLER', *listeners)
+        ),
+    }
+    with LocalKafka(place, listeners['PLAINTEXT'], properties) as node:
+        yield node

@@ -18,7 +18,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     ResourceType,
 )
 from harness import Bench, Process, eventually, headers, lines, to_kafka, values
-from letters import HOSTILE, SMALL, done, long, route, run
+from letters import HOSTILE, SMALL, done, long, route, run, written_one_by_one
 from secured import PASSWORD, USER, Right, group_right, running, topic_right
 from words import ROS_TOPIC, wait_for_commit
 
@@ -26,11 +26,10 @@ from ros2_kafka_bridge.dead_letters.writer import explain, from_kafka
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import DecodeError
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview
-from ros2_kafka_bridge.kafka.transactions import Parcel, Send, Transactions
+from ros2_kafka_bridge.kafka.transactions import Parcel, Send
 from ros2_kafka_bridge.monitoring.letters import newest
 from ros2_kafka_bridge.process.load import load_checked
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
-from ros2_kafka_bridge.threads.stop import Stop
 
 
 @pytest.fixture
@@ -217,9 +216,7 @@ def test_a_refused_record_is_told_whenever_the_answer_comes_and_all_others_are_w
         Parcel(2, [Send(large, 0), *[Send(small, 0)] * behind]),
         *[Parcel(3, [Send(small, 0)])] * bool(behind),
     ]
-    with Transactions(properties, topic_name, Stop()) as transactions:
-        [refused] = transactions.write(parcels)
-        assert transactions.write(parcels[:1]) == []
+    [refused] = written_one_by_one(properties, topic_name, [parcels, parcels[:1]])
     assert refused.parcel.number == 2
     assert str(refused.error) == 'Kafka refuses: Broker: Message size too large'
     count = 2 + bool(behind)

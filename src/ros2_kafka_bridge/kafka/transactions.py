@@ -20,6 +20,8 @@ TRANSACTION_S: Final = 20.0
 """How long a transaction may stay open: so long a killed one holds up readers of its topics."""
 
 _STEP_S: Final = 0.5
+_REPEAT_MS: Final = 1000
+_LATE_S: Final = 0.7  # of the time until a repeat librdkafka takes off a fifth at most
 _OPEN_S: Final = 15.0
 _COMMIT_S: Final = 15.0
 _LAST_ANSWERS_S: Final = 5.0
@@ -69,6 +71,18 @@ class RefusedParcel(NamedTuple):
     error: RecordError
 
 
+class Written(NamedTuple):
+    """What became of parcels; all that is not here was written.
+
+    Args:
+        refused: Those that Kafka will never take.
+        left: Those for which others have to be opened first: see `Transactions.spent`.
+    """
+
+    refused: list[RefusedParcel]
+    left: list[Parcel]
+
+
 class Transactions:
     """Writes parcels in transactions; whoever opens one of the same id shuts out the one before.
 
@@ -76,6 +90,13 @@ class Transactions:
         properties: librdkafka properties of a producer.
         transactional_id: Who may write, one at a time.
         stop: Ends the waiting at its second step.
+
+    Attributes:
+        spent: These write no more: open others, and look anew what is written, since somebody else
+            may have had a turn. So it is where only another client can end what is open, and where
+            an end was answered so late that librdkafka may have asked for it twice. What is still
+            on its way then would end the next transaction of this client in its middle: to brokers
+            they are one and the same, since librdkafka (2.16) gives all of a client one epoch.
     """
 
     def __init__(self, properties: Mapping[str, Any], transactional_id: str, stop: Stop) -> None:
@@ -85,6 +106,9 @@ class Transactions:
             'message.timeout.ms': int(TRANSACTION_S * 1000),
             'enable.idempotence': True,
             'acks': 'all',
+            # So that what was answered sooner was asked for once.
+            'retry.backoff.ms': _REPEAT_MS,
+            'retry.backoff.max.ms': _REPEAT_MS,
             # Each on its own, and judged by the broker alone: none is refused for the others.
             'batch.num.messages': 1,
             'message.max.bytes': _LARGEST_BYTES,
@@ -96,6 +120,7 @@ class Transactions:
         self._about = Client('WRITE', properties)
         self._producer: Producer | None = None
         self._failed: dict[int, KafkaError] = {}
+        self.spent = False
         self._gap = False  # in the numbers of the client's records, as the broker sees them
 
     def __enter__(self) -> Self:
@@ -106,15 +131,12 @@ class Transactions:
             RouteError: This user may not write transactions.
         """
         check_files(self._properties, 'the Kafka client')
-        self._begin_anew()
-        return self
-
-    def _begin_anew(self) -> None:
         try:
             self._producer = Producer(self._properties, logger=client_log(__name__))
+            self._repeat(self._client.init_transactions, _OPEN_S)
         except KafkaException as error:
             raise self._translated(error.args[0]) from error
-        self._repeat(self._client.init_transactions, _OPEN_S)
+        return self
 
     def __exit__(self, *_: object) -> None:
         # What is open is left to the next one, or to the broker's time-out: never committed here.
@@ -145,8 +167,8 @@ class Transactions:
     def _last_answers_s(self) -> float:
         return _STEP_S if self._stop.at_once else _LAST_ANSWERS_S
 
-    def write(self, parcels: Sequence[Parcel]) -> list[RefusedParcel]:
-        """Write parcels in one transaction; returns those that Kafka refuses, without the others.
+    def write(self, parcels: Sequence[Parcel]) -> Written:
+        """Write parcels in one transaction, without those that Kafka refuses.
 
         Raises:
             TransportError: The broker is away; whether they are written is known to Kafka alone.
@@ -154,14 +176,15 @@ class Transactions:
         """
         refused: list[RefusedParcel] = []
         left = list(parcels)
-        while left:
+        while left and not self.spent:
             bad = self._attempt(left)
             if bad is None:
+                left = []
                 break
             refused += bad
             numbers = {one.parcel.number for one in bad}
             left = [parcel for parcel in left if parcel.number not in numbers]
-        return refused
+        return Written(refused, left)
 
     @property
     def _client(self) -> Producer:
@@ -175,10 +198,28 @@ class Transactions:
             self._client.begin_transaction()
             for parcel in parcels:
                 self._produce(parcel)
-            self._repeat_raw(self._client.commit_transaction, _COMMIT_S)
+            self._wait_for_answers()
+            self._end(self._client.commit_transaction)
         except KafkaException as error:
             return self._after(self._reason(error.args[0]), parcels)
         return None
+
+    def _wait_for_answers(self) -> None:
+        """Wait for records, while their answers come: what takes long is then the commit."""
+        waiting = before = len(self._client)
+        while waiting and not self._stop.at_once:
+            self._client.poll(_STEP_S)
+            waiting = len(self._client)
+            if waiting >= before:
+                return
+            before = waiting
+
+    def _end(self, call: Callable[[float], Any]) -> None:
+        began_s = time.monotonic()
+        try:
+            self._repeat(call, _COMMIT_S)
+        finally:
+            self.spent = self.spent or time.monotonic() - began_s > _LATE_S
 
     def _produce(self, parcel: Parcel) -> None:
         for record, number in parcel.sends:
@@ -231,7 +272,7 @@ class Transactions:
             self._let_go()
             for failed in self._failed.values():  # an answer that has come only now
                 self._check_shut_out(failed)
-            self._begin_anew()  # the next client of this name ends what is open
+            self.spent = True  # the next client of this name ends what is open
         errors = {number: self._translated(failed) for number, failed in self._failed.items()}
         bad = [
             RefusedParcel(parcel, cause)
@@ -244,8 +285,7 @@ class Transactions:
         told = [failed for failed in self._failed.values() if failed.code() not in _NO_CAUSE]
         if self._gap and not told and error.code() == KafkaError.OUT_OF_ORDER_SEQUENCE_NUMBER:
             # The client has counted the record that was refused, the broker has not; with the end
-            # of this transaction both begin anew. A new client would do so, too, but take over
-            # from whoever has taken over meanwhile.
+            # of this transaction both begin anew.
             self._gap = False
             return []
         raise self._translated(told[0] if told else error)
@@ -253,7 +293,7 @@ class Transactions:
     def _abort(self) -> bool:
         """Abort; False where Kafka never began the transaction, or refused a part of it."""
         try:
-            self._repeat_raw(self._client.abort_transaction, _COMMIT_S)
+            self._end(self._client.abort_transaction)
         except KafkaException as error:
             self._check_shut_out(error.args[0])
             return False
@@ -264,12 +304,6 @@ class Transactions:
             raise self._translated(error)
 
     def _repeat(self, call: Callable[[float], Any], patience_s: float) -> None:
-        try:
-            self._repeat_raw(call, patience_s)
-        except KafkaException as error:
-            raise self._translated(error.args[0]) from error
-
-    def _repeat_raw(self, call: Callable[[float], Any], patience_s: float) -> None:
         """Call again while it only takes time: librdkafka goes on where it was."""
         deadline_s = time.monotonic() + patience_s
         while True:

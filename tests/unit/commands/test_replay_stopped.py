@@ -19,7 +19,7 @@ from ros2_kafka_bridge.dead_letters.filter import LetterFilter
 from ros2_kafka_bridge.dead_letters.letter import Letter
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import RecordSource
-from ros2_kafka_bridge.kafka.transactions import Parcel
+from ros2_kafka_bridge.kafka.transactions import Parcel, Written
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.route import settling
 from ros2_kafka_bridge.route.record_window import RecordEntry
@@ -38,6 +38,7 @@ class Stored:
         self.unseen: dict[tuple[str, int], Any] = {}
         self.letters_there = [read(kafka_letter(b'%d' % at), at) for at in range(LETTERS)]
         self.marked: list[int] = []
+        self.spent = False
 
     def has(self, topic: str) -> bool:
         return topic == TOPIC
@@ -51,11 +52,11 @@ class Stored:
     def bounds(self, *_: Any) -> range:
         return range(1000, 2000)  # they are gone
 
-    def write(self, parcels: Sequence[Parcel]) -> Sequence[Any]:
+    def write(self, parcels: Sequence[Parcel]) -> Written:
         for parcel in parcels:
             [send] = parcel.sends
             self.marked.append(int(dict(send.record.headers)['dead_letter.replayed'] or -1))
-        return []
+        return Written([], [])
 
 
 class StoppingReaders(MemoryMessageSink):

@@ -141,10 +141,10 @@ def replay(
         typer.Option('--force', help='Back to its Kafka topic also what would fail again.'),
     ] = False,
 ) -> None:
-    """Send letters again, each once and for all; what would fail again is left.
+    """Send letters again; what would fail again is left.
 
-    To Kafka each is written exactly once, however the replay ends, and however often it is begun;
-    to ROS at least once. docs/dead-letters.md explains it.
+    To Kafka each is written exactly once (brokers of Kafka 3.6.1 or later), however the replay
+    ends, and however often it is begun; to ROS at least once. docs/dead-letters.md explains it.
 
     Exit status: 0 done, 1 some were left or Kafka or ROS was away (the same command goes on with
     the rest), 2 the file or an option is wrong, or there is no such letter.

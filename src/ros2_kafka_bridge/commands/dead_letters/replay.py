@@ -1,6 +1,7 @@
 """Sending dead letters again: what `dead-letters replay` does.
 
-Each letter and the mark that it was replayed are written in one transaction: both, or none. The
+Each letter and the mark that it was replayed are written in one transaction: both, or none. Where
+that may be in danger (see `Transactions.spent`), others are opened, and the marks read anew. The
 transactional id belongs to the dead-letter topic, so a second replay shuts out the first before it
 reads the marks. Whatever ends a replay, the next one knows exactly what is left.
 """
@@ -26,12 +27,12 @@ from ros2_kafka_bridge.commands.dead_letters.restore import Again, Restorer
 from ros2_kafka_bridge.commands.screen import waiting
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters.filter import Index, LetterFilter, limited, read_index
-from ros2_kafka_bridge.dead_letters.letter import Letter, mark
+from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, mark
 from ros2_kafka_bridge.dead_letters.shown import escaped
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, RecordError
 from ros2_kafka_bridge.kafka.letters import LetterReader, Originals
 from ros2_kafka_bridge.kafka.properties import producer_properties
-from ros2_kafka_bridge.kafka.transactions import Parcel, RefusedParcel, Send, Transactions
+from ros2_kafka_bridge.kafka.transactions import Parcel, Send, Transactions
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.threads.stop import Stop, signals_to_heed
 
@@ -196,6 +197,7 @@ class _Run:
     ) -> None:
         self.began = False
         self.cut = False
+        self._todo: set[LetterPlace] | None = None  # of the topic; None: not looked at yet
         self._config: Config = query.config
         self._filter = query.filter
         self._options = options
@@ -211,26 +213,32 @@ class _Run:
         """Replay the letters of one dead-letter topic."""
         if self._is_cut():
             return
+        self._todo = None
         if self._options.dry_run:
             for letter in self._chosen(topic, whole=False):
                 self._tell(letter)
             return
         properties = producer_properties(self._config.kafka, client_id=self._config.name)
-        # First the door is shut behind which others could write marks, then these are read.
-        with (
-            ExitStack() as stack,
-            Transactions(properties, f'{topic}.replay', self._stop) as transactions,
-        ):
-            letters = self._chosen(topic, whole=True)
-            stack.enter_context(_heeding(self._stop))  # also while the transactions end
-            for batch in self._batches(letters):
-                self._send(batch, transactions)
+        with ExitStack() as stack:
+            while not self._is_cut():
+                # First the door is shut behind which others could write marks, then they are read.
+                with Transactions(properties, f'{topic}.replay', self._stop) as transactions:
+                    letters = self._chosen(topic, whole=True)
+                    stack.enter_context(_heeding(self._stop))  # also while the transactions end
+                    for batch in self._batches(letters):
+                        self._send(batch, transactions)
+                        if transactions.spent:
+                            break
+                    if not (transactions.spent and self._todo):
+                        return
 
     def _chosen(self, topic: str, *, whole: bool) -> Iterator[Letter]:
         """The letters to replay, with their values, in the order of each partition."""
         with waiting(f'Reading {topic}'):
             found = self._reader.letters(topic, self._filter.since_ms, whole=whole)
             index = read_index(found, self._filter)
+        if self._todo is None:  # what comes later may be what is replayed, and has failed again
+            self._todo = {letter.place for letter in index.letters}
         left = None
         if self._filter.limit is not None:
             left = self._filter.limit - sum(self._tally.sent.values()) - self._tally.left
@@ -243,12 +251,20 @@ class _Run:
     def _open(self, index: Index) -> Iterator[Letter]:
         """Those that are not replayed, and that can be."""
         for letter in index.letters:
+            if letter.place not in (self._todo or ()):
+                continue
             if letter.about is None:
                 self._tally.foreign += 1
             elif letter.place in index.marks and not self._options.again:
                 self._tally.before += 1
             else:
                 yield letter
+                continue
+            self._done(letter)
+
+    def _done(self, letter: Letter) -> None:
+        if self._todo:
+            self._todo.discard(letter.place)
 
     def _restored(self, letter: Letter) -> Again | None:
         try:
@@ -256,8 +272,12 @@ class _Run:
                 return self._restorer.for_ros(letter)
             return self._restorer.for_kafka(letter)
         except RecordError as error:
-            self._tally.leave(letter, escaped(str(error)))
+            self._leave(letter, error)
             return None
+
+    def _leave(self, letter: Letter, error: RecordError) -> None:
+        self._done(letter)
+        self._tally.leave(letter, escaped(str(error)))
 
     def _tell(self, letter: Letter) -> None:
         if again := self._restored(letter):
@@ -296,7 +316,7 @@ class _Run:
             return
         for name in dict.fromkeys(one.again.route.name for one in batch if one.again.route):
             part = [one for one in batch if one.again.route and one.again.route.name == name]
-            if self._is_cut():
+            if self._is_cut() or transactions.spent:
                 return
             self._publish(part, transactions)
 
@@ -314,12 +334,14 @@ class _Run:
     def _write(self, batch: Sequence[Ready], transactions: Transactions) -> None:
         """Write records and marks, or after publishing the marks alone."""
         parcels = [self._parcel(number, one) for number, one in enumerate(batch)]
-        refused: list[RefusedParcel] = transactions.write(parcels)
+        refused, not_yet = transactions.write(parcels)
         bad = {one.parcel.number: one.error for one in refused}
+        left = {parcel.number for parcel in not_yet}
         for number, one in enumerate(batch):
             if number in bad:
-                self._tally.leave(one.letter, escaped(str(bad[number])))
-            else:
+                self._leave(one.letter, bad[number])
+            elif number not in left:
+                self._done(one.letter)
                 self._tally.send(one.again, self._target(one.again))
 
     def _parcel(self, number: int, one: Ready) -> Parcel:

@@ -156,7 +156,7 @@ export class Letters {
 
   // A dry run first; what it said is shown with the button that does it.
   async begin(places) {
-    const to = h('select', {}, h('option', { value: 'kafka' }, 'their Kafka topic, exactly once'), h('option', { value: 'ros' }, 'ROS directly, at least once'));
+    const to = h('select', {}, h('option', { value: 'kafka' }, 'their Kafka topic, exactly once (Kafka 3.6.1 or later)'), h('option', { value: 'ros' }, 'ROS directly, at least once'));
     const again = h('input', { type: 'checkbox' });
     const force = h('input', { type: 'checkbox' });
     const what = places ? counted(places.length, 'letter') : 'All letters';
