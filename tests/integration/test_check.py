@@ -63,7 +63,13 @@ def test_each_thing_that_does_not_fit_is_a_line_with_its_cure(
         to_ros(there, '/later', name='later', **{'from': {'kafka': there, 'group': 'later'}}),
         to_ros(missing, '/lost', name='lost'),
         to_kafka('/sensor', there, name='sensor'),
-        to_kafka('/sensor', there, name='keyed', to={'kafka': there, 'key': '{message.dat}'}),
+        to_kafka(
+            '/sensor',
+            there,
+            name='keyed',
+            to={'kafka': there, 'key': '{message.dat}'},
+            **{'from': {'ros': '/sensor'}},  # the graph tells the type, and not the file
+        ),
         to_kafka('/nobody', missing, name='nobody'),
     ]
     file = bench.config(routes)

@@ -8,6 +8,7 @@ import signal
 import struct
 import time
 from collections.abc import Callable
+from typing import Any
 
 from from_ros import STRING, identities, of, publish, route, text
 from harness import Bench, eventually, headers, to_kafka, to_ros, totals, values
@@ -99,15 +100,15 @@ def test_a_key_is_made_of_the_publisher_or_of_fields_of_the_message(
 def test_a_key_of_a_field_that_the_type_lacks_fails_the_route_and_names_it(
     bench: Bench, topic_name: str
 ) -> None:
-    config = bench.config([to_kafka('/orders', topic_name)])
-    config.write_text(
-        config.read_text().replace(
-            f'kafka: {topic_name}', f'kafka: {topic_name}, key: "{{message.x}}"'
-        )
-    )
-    with bench.bridge(config) as bridge:
-        bridge.wait_for('std_msgs/msg/String has no number or text at x')
-        bridge.end()
+    ends: dict[str, Any] = {
+        'from': {'ros': '/orders'},
+        'to': {'kafka': topic_name, 'key': '{message.x}'},
+    }
+    config = bench.config([to_kafka('/orders', topic_name, **ends)])
+    options = ('--count', '0', '--readers', '0')
+    with bench.bridge(config) as bridge, bench.publisher('/orders', *options):
+        bridge.wait_for('failed: std_msgs/msg/String has no number or text at x')
+        assert bridge.end() == 0
 
 
 # Publishers of every kind

@@ -54,6 +54,14 @@ def key_parts(template: str) -> tuple[KeyPart, ...]:
     return (*parts, *_literal(template[end:]))
 
 
+def key_fields(template: str) -> list[str]:
+    """The fields that a key template names; none of one that is wrong by itself."""
+    try:
+        return [part.text for part in key_parts(template) if part.kind == 'message']
+    except ValueError:
+        return []
+
+
 def _literal(text: str) -> list[KeyPart]:
     if '{' in text or '}' in text:
         raise ValueError('a brace without its partner: placeholders are written {ros.topic}')

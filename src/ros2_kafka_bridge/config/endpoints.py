@@ -172,15 +172,16 @@ class SpoolSettings(Settings):
     )
     max_bytes: PositiveCount = setting(
         default=1024 * 1024 * 1024,
-        description='Bytes of messages in the file, at most; when_full says what happens then.',
+        description='Bytes of messages in the file with which it is full: when_full says what '
+        'happens then. What was taken by then (a batch of 500, the window) is written, too.',
     )
     max_age_s: Positive | None = setting(
         default=None, description='Age at which a message on disk is dropped, in seconds.'
     )
     sync: Literal['batch', 'never'] = setting(
         default='batch',
-        description='batch: what is written survives a power loss. never: it survives SIGKILL, '
-        'and the system decides when it reaches the disk.',
+        description='batch: each write waits until the disk says that it has it. never: what is '
+        'written survives SIGKILL, and the system decides when it reaches the disk.',
     )
 
 
@@ -197,8 +198,9 @@ class FromRos(Settings):
     )
     max_samples: PositiveCount = setting(
         default=2000,
-        description='Messages that DDS keeps for the bridge while it does not take, at most. '
-        'Fewer for large ones: while Kafka is away, so many of them are held in memory.',
+        description='Messages that DDS keeps for the bridge while it does not take, at most, of '
+        'each QoS that publishers offer. Fewer for large ones: while Kafka is away, so many of '
+        'them are held in memory.',
     )
 
 

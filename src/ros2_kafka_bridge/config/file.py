@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ros2_kafka_bridge.config.mistakes import Mistake
-    from ros2_kafka_bridge.config.values import CheckFormat, CheckKafka, CheckType
+    from ros2_kafka_bridge.config.values import CheckField, CheckFormat, CheckKafka, CheckType
 
 
 LINE_LIMIT_CHARS = 2000
@@ -31,6 +31,7 @@ def load(
     check_type: CheckType | None = None,
     check_kafka: CheckKafka | None = None,
     check_format: CheckFormat | None = None,
+    check_field: CheckField | None = None,
 ) -> Config:
     """The configuration in a file.
 
@@ -41,11 +42,13 @@ def load(
         check_type: Says what is wrong with the name of a message type, None where nothing is.
         check_kafka: Says what is wrong with librdkafka properties, by their names.
         check_format: Says what a format, or tracing, lacks here; None where it lacks nothing.
+        check_field: Says why a message type has no number or text at a path, None where it has.
 
     Raises:
         ConfigError: With every mistake in the file.
     """
-    return loads(read_text(path), str(path), environ, check_type, check_kafka, check_format)
+    checks = (check_type, check_kafka, check_format, check_field)
+    return loads(read_text(path), str(path), environ, *checks)
 
 
 def read_text(path: Path) -> str:
@@ -72,6 +75,7 @@ def loads(
     check_type: CheckType | None = None,
     check_kafka: CheckKafka | None = None,
     check_format: CheckFormat | None = None,
+    check_field: CheckField | None = None,
 ) -> Config:
     """The configuration in a text; see `load`.
 
@@ -91,6 +95,7 @@ def loads(
         'check_type': check_type,
         'check_kafka': check_kafka,
         'check_format': check_format,
+        'check_field': check_field,
         'environ': environ,
         'directory': directory,
         'message_path': _message_path(expanded.data, directory),

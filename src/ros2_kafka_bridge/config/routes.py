@@ -15,6 +15,7 @@ from ros2_kafka_bridge.config.endpoints import (
 from ros2_kafka_bridge.config.formats import JsonSettings, SchemaSettings
 from ros2_kafka_bridge.config.mistakes import Mistake, field_names, kind_of, near
 from ros2_kafka_bridge.config.values import (
+    CheckField,
     CheckFormat,
     CountOrNone,
     Name,
@@ -54,7 +55,7 @@ class Route(Settings):
     )
     when_full: Literal['wait', 'drop_oldest'] = setting(
         default='wait',
-        description='What happens when the sink takes no more: nothing is lost with wait.',
+        description='What happens when the sink takes no more: nothing is dropped with wait.',
     )
     on_error: Literal['dead_letter', 'stop', 'drop'] = setting(
         default='dead_letter', description='What happens to what can never be delivered.'
@@ -162,6 +163,22 @@ class RosToKafkaRoute(Route):
         description='Several bridges run this file, and one at a time runs this route: another '
         'takes over when it dies.',
     )
+
+    @classmethod
+    def mistakes(
+        cls, given: Mapping[str, Any], context: Mapping[str, Any], /
+    ) -> Iterator[Mistake]:
+        """The key names fields that the type has, where the file says the type."""
+        yield from super().mistakes(given, context)
+        check: CheckField | None = context.get('check_field')
+        key, message_type = look(given, 'to', 'key'), look(given, 'from', 'type')
+        if check and isinstance(key, str) and isinstance(message_type, str):
+            problems = [
+                check(message_type, field, context.get('message_path', ()))
+                for field in checks.key_fields(key)
+            ]
+            if told := '; '.join(dict.fromkeys(filter(None, problems))):
+                yield Mistake(('to', 'key'), told)
 
     @property
     def dead_letter_topic(self) -> str:

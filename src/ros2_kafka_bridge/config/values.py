@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 CheckType = Callable[[str, Sequence[Path]], str | None]
 """Name of a message type, folders of .msg files -> what is wrong with it, None if nothing."""
 
+CheckField = Callable[[str, str, Sequence[Path]], str | None]
+"""Message type, path of a field, folders of .msg files -> why it is no number or text, or None."""
+
 CheckFormat = Callable[[str], str | None]
 """Name of a format, or tracing -> what it lacks here, None where it lacks nothing."""
 

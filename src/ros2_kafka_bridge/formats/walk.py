@@ -30,6 +30,7 @@ from ros2_kafka_bridge.message_types.layout import (
 
 _BOOL: Final = Primitive('bool')
 _EVEN_BYTES: Final = 8192
+_MOST_NAMED: Final = 10
 
 
 def make_end(layout: Layout) -> Callable[[bytes], int]:
@@ -59,15 +60,40 @@ def make_reader(layout: Layout, path: str) -> Callable[[bytes], object]:
         ConfigError: There is no such field, it is not one number or text, or the type is
             nested too deeply.
     """
-    scalars = list(_scalars(layout, ''))
-    if path not in scalars:
-        near = [known for known in scalars if f'.{path}.' in f'.{known}.'][:3]
-        near = near or difflib.get_close_matches(path, scalars, n=1)
-        hint = f' (did you mean {" or ".join(near)}?)' if near else ''
-        raise ConfigError([f'{layout.type_name} has no number or text at {path}{hint}'])
+    if problem := scalar_problem(layout, path):
+        raise ConfigError([problem])
     code = _Code(target=path)
     code.message(layout)
     return code.compile(layout.type_name)
+
+
+def scalar_problem(layout: Layout, path: str) -> str | None:
+    """Say why a path leads to no number or text, and what is near it; None where it does."""
+    scalars = list(_scalars(layout, ''))
+    if path in scalars:
+        return None
+    inner = [known for known in scalars if f'.{path}.' in f'.{known}.'][:3]
+    near = inner or difflib.get_close_matches(path, scalars, n=1)
+    hint = f' (did you mean {" or ".join(near)}?)' if near else ''
+    reason = '' if inner else _why_none(layout, path, hint)
+    return f'{layout.type_name} has no number or text at {path}{reason or hint}'
+
+
+def _why_none(layout: Layout, path: str, hint: str) -> str:
+    """What is at the last step of a path that there is; of a name that there is not, the hint."""
+    kind: Kind = layout
+    at = ''
+    for step in path.split('.'):
+        if not isinstance(kind, Layout):
+            break
+        found = next((field.kind for field in kind.fields if field.name == step), None)
+        if found is None:
+            names = [field.name for field in kind.fields[:_MOST_NAMED]]
+            names += ['...'] * (len(kind.fields) > _MOST_NAMED)
+            return hint or f': {at or "it"} has {", ".join(names) or "no fields"}'
+        kind, at = found, f'{at}.{step}' if at else step
+    is_list = isinstance(kind, Array | Sequence)
+    return f': {at} is a list' if is_list else f': {at} has no fields'
 
 
 def _scalars(layout: Layout, prefix: str) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,12 +25,22 @@ def load_checked(file: Path, *, with_ros: bool = True) -> 'Config':
     """
     from ros2_kafka_bridge.config.file import load  # noqa: PLC0415 (heavy)
     from ros2_kafka_bridge.formats.extras import missing_extra  # noqa: PLC0415
+    from ros2_kafka_bridge.formats.walk import scalar_problem  # noqa: PLC0415
     from ros2_kafka_bridge.kafka.property_check import property_problems  # noqa: PLC0415
-    from ros2_kafka_bridge.message_types import KnownTypes  # noqa: PLC0415
+    from ros2_kafka_bridge.message_types import KnownTypes, load_layout  # noqa: PLC0415
 
     types = KnownTypes()
     check_type = partial(_not_installed, types) if with_ros else types.unknown
-    return load(file, os.environ, check_type, property_problems, missing_extra)
+    layout_of = cache(load_layout)
+
+    def check_field(message_type: str, field: str, folders: Sequence[Path]) -> str | None:
+        try:
+            layout = layout_of(message_type, () if with_ros else tuple(folders))
+        except ConfigError:
+            return None  # told of its type
+        return scalar_problem(layout, field)
+
+    return load(file, os.environ, check_type, property_problems, missing_extra, check_field)
 
 
 def _not_installed(types: 'KnownTypes', name: str, message_path: Sequence[Path]) -> str | None:
