@@ -11,7 +11,7 @@ drop_oldest drops leaves at once, and counts with what is before it.
 import logging
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import islice
 
@@ -39,6 +39,7 @@ from ros2_kafka_bridge.route.obstacle import (
     Cause,
     Obstacle,
 )
+from ros2_kafka_bridge.route.pieces import in_pieces
 from ros2_kafka_bridge.route.place import SENT
 from ros2_kafka_bridge.route.publishing import Publishing
 from ros2_kafka_bridge.route.record_window import RecordEntry, RecordWindow
@@ -142,7 +143,7 @@ class KafkaToRos:
         """Stay in the group, and finish what was published."""
         self._blocked.clear()
         self._confirm()
-        self._accept_all(self._source.stay())
+        self._accept_all([*reversed(self._source.stay())])
         self._settle()
         self._tick(None)
         time.sleep(LONGEST_NAP_S)
@@ -150,12 +151,13 @@ class KafkaToRos:
     # 1. Kafka -> entries
 
     def _poll(self, timeout_s: float) -> None:
-        self._accept_all(self._source.poll(BATCH, timeout_s))
+        for piece in in_pieces(self._source, BATCH, timeout_s):
+            self._accept_all(piece)
 
-    def _accept_all(self, records: Sequence[Record]) -> None:
+    def _accept_all(self, last_first: list[Record]) -> None:
         taken_s = time.monotonic()
-        for record in records:
-            self._accept(record, taken_s)
+        while last_first:  # none is held for longer than it is looked at
+            self._accept(last_first.pop(), taken_s)
 
     def _take(self, record: Record, value: bytes | None, taken_s: float) -> RecordEntry:
         entry = RecordEntry(record, value, taken_s)
@@ -239,7 +241,7 @@ class KafkaToRos:
         if drops and not self._window.is_full:
             self._poll(_BUSY_S)
         elif self._blocked.is_long:
-            self._accept_all(self._source.stay())
+            self._accept_all([*reversed(self._source.stay())])
         if drops:
             self._count(self._window.drop_oldest())
         if obstacle.cause is Cause.PACE:
@@ -363,20 +365,18 @@ class KafkaToRos:
             time.sleep(_BUSY_S)
         left = len(self._window)
         patience_s = 0.0 if stop.at_once else max(1.0, deadline_s - time.monotonic())
-        committed = self._source.commit_now(patience_s)
+        if not self._source.commit_now(patience_s):
+            self._log.warning('the last offsets are not committed: some records are repeated')
         if left:
             self._log.warning(
                 'gave up waiting for %d records in flight: they are read again next time', left
             )
-        if not committed:
-            self._log.warning('the last offsets are not committed: some records are repeated')
 
     def _stay_draining(self) -> bool:
         """Stay in the group, if that is possible; what still comes goes back as it is."""
         taken_s = time.monotonic()
         try:
-            records = self._source.stay()
-            self._give_back([self._take(record, record.value(), taken_s) for record in records])
+            self._give_back([self._take(it, it.value(), taken_s) for it in self._source.stay()])
             self._tick(None)
         except BridgeError as error:
             self._log.warning('%s', error)

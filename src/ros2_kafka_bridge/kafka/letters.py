@@ -25,7 +25,7 @@ from ros2_kafka_bridge.logs.lines import client_log
 
 _REQUEST_S: Final = 5.0
 _SILENT_S: Final = 20.0
-_BATCH: Final = 100
+_BATCH: Final = 50  # the headers of all of them are unpacked at once: see `route.pieces`
 _AHEAD: Final = 1000
 _AHEAD_BYTES: Final = 1_000_000
 _FEW: Final = 10  # in one batch, where they may be large

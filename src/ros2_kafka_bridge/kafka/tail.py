@@ -17,7 +17,7 @@ from ros2_kafka_bridge.kafka.topics import partitions_of
 
 # The caller is the thread of a route: while it waits here nothing is taken from ROS.
 _REQUEST_S: Final = 2.0
-_BATCH: Final = 100
+_BATCH: Final = 50  # the headers of all of them are unpacked at once: see `route.pieces`
 # The client bounds a fetch as it is packed, not what it becomes: with its own settings 4,000
 # records with headers of 900 kB, which zstd packs well, took 3.5 GB; with these 0.5 GB, however
 # many there are.
