@@ -1,4 +1,4 @@
-"""Moves every message between Apache Kafka and ROS 2, both ways, and loses none."""
+"""Moves every message between Kafka and ROS 2, both ways, and loses none that it can know of."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -19,7 +19,8 @@ from ros2_kafka_bridge.commands.topics.cli import topics
 from ros2_kafka_bridge.errors import BridgeError
 
 app = typer.Typer(
-    help='Moves every message between Apache Kafka and ROS 2, both ways, and loses none.',
+    help='Moves every message between Apache Kafka and ROS 2, both ways, and loses none that it '
+    'can know of.',
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,  # its import takes longer than all the rest of --help

@@ -112,7 +112,7 @@ class Deduplicator:
     """Remembers publisher and number of each record, and tells the repeated ones.
 
     It is exact: a number is new once, also one that comes late and fills a gap. What it forgets
-    at its limits counts as new again, so that nothing is ever left out by mistake. Not to be used
+    at its limits counts as new again, so that no limit leaves a message out. Not to be used
     from several threads at a time.
 
     It believes `ros.gid` and `ros.seq`. Whoever else may write to the topic can write a number

@@ -145,7 +145,8 @@ def test_behind_what_a_route_waits_for_stands_what_can_have_led_to_it_alone(
     )
     with shown(browser, told) as page:
         said = page.locator('.attention li .note')
-        well = 'Nothing is lost: it goes on by itself once that has ended.'
+        well = 'It goes on by itself once that has ended. What comes meanwhile waits in Kafka, '
+        well += 'as long as that keeps it.'
         led = re.compile(rf'{well} Last error, [0-9: -]+: Kafka does not let it into its group')
         expect(said).to_have_text([led, re.compile('lose that are not reliable and KEEP_ALL.$')])
 

@@ -236,7 +236,8 @@ METRICS: Final = (
         _of_routes(lambda told: told.snapshot.measures.spool_bytes),
     ),
     MetricDefinition(
-        'spool_limit_bytes', 'gauge', 'Bytes that may wait on disk; only routes with a spool.',
+        'spool_limit_bytes', 'gauge',
+        'Bytes on disk with which it is full; only routes with a spool.',
         _ROUTE, _spool_limits,
     ),
     MetricDefinition(

@@ -14,9 +14,10 @@ _ADVICE: Final = {
     'the configuration.',
 }
 _TO_ROS: Final = {
-    State.WAITING: 'Nothing is lost: it goes on by itself once that has ended.',
+    State.WAITING: 'It goes on by itself once that has ended. What comes meanwhile waits in '
+    'Kafka, as long as that keeps it.',
     State.PAUSED: 'Resume it when the reason for the pause is gone; what comes meanwhile waits in '
-    'Kafka.',
+    'Kafka, as long as that keeps it.',
 }
 _FROM_ROS: Final = {
     State.WAITING: 'It goes on by itself once that has ended. What it cannot take meanwhile, '
@@ -30,7 +31,7 @@ ERROR_ADVICE: Final = {
     'EncodeError': "Look into its dead letter, mend the route's format or its schema, replay it.",
     'LoopError': 'Let its sender leave bridge.origin out, or set skip_own: true; then replay it.',
     'RecordTooLargeError': 'Raise the limit that is named, then replay its dead letter.',
-    'RouteError': 'The route is tried again by itself: mend what is named.',
+    'RouteError': 'Mend what is named: its route tells whether it is tried again by itself.',
     'TimestampError': 'Mend the wrong clock, or the unit of the timestamps, then replay it.',
     'TransportError': 'It goes on by itself once the other side is back.',
 }

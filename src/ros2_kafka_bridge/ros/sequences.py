@@ -73,7 +73,7 @@ class Sequences:
             publisher = self._publishers.setdefault(gid, _Publisher(None))
         last = publisher.last
         if seq == last + 1:
-            publisher.last = seq
+            publisher.last, publisher.loses = seq, False
             return True
         if seq <= last or publisher.offer not in (None, offer):
             return False
@@ -85,11 +85,11 @@ class Sequences:
         return True
 
     def _say_before(self, gid: bytes, seq: int) -> None:
-        """Say that a publisher is older than this run: what it sent before may be nowhere."""
+        """Say that a publisher is older than this reader, which knows of no loss by that."""
         self._occasional.info(
-            f'publisher {gid.hex()} of {self._topic} begins here with its message number {seq}: '
-            'those before it are in Kafka as far as an earlier run or another bridge has taken '
-            'them (ros.seq tells)',
+            f'publisher {gid.hex()} of {self._topic} is read from its message number {seq} on, '
+            'the first that has come here: none before it counts as lost (ros.seq tells which of '
+            'them are in Kafka)',
             about=About(ros_topic=self._topic, gid=gid.hex(), seq=seq),
         )
 
@@ -101,9 +101,10 @@ class Sequences:
             f'{gid.hex()}, {last + 1} to {seq - 1}'
         )
         text = (
-            f'{lost}): they lay in a subscription that ROS could not read any more'
+            '): they lay in a subscription that ROS could not read any more'
             if is_ours
-            else f'{lost}): its publisher is KEEP_LAST or best effort and faster than its readers'
+            else '): its publisher is KEEP_LAST or best effort and faster than its readers, or '
+            'was out of reach'
         )
         about = About(ros_topic=self._topic, gid=gid.hex(), seq=last + 1)
-        self._occasional.warning(text, about=about)
+        self._occasional.warning(lost + text, about=about)

@@ -89,3 +89,18 @@ def test_routes_of_one_file_count_for_each_other() -> None:
     peers = ros.publishers(back, config, nobody)
     found = [it.text for it in ros.publisher_findings(back, peers, 'std_msgs/msg/String')]
     assert found[0] == 'route out of this file publishes /orders'
+
+
+def test_a_latched_publisher_is_promised_no_more_than_its_depth() -> None:
+    config = loads(
+        'name: b\nkafka: {bootstrap.servers: localhost:9}\nroutes:\n'
+        '  - {name: back, from: {ros: /orders}, to: {kafka: returned}, format: text}\n',
+        'bridge.yaml',
+        {},
+    )
+    [back] = config.routes
+    assert isinstance(back, RosToKafkaRoute)
+    string, qos = 'std_msgs/msg/String', profile(QoS(), 'reliable', 'transient_local')
+    latched = Peer('/node', string, bytes(16), '', 'reliable', 'transient_local', qos)
+    [found] = ros.publisher_findings(back, [latched], string)
+    assert found.text.endswith('comes afterwards, within its depth')

@@ -42,8 +42,22 @@ def test_what_came_before_the_first_message_is_no_gap_and_is_said(
     assert accepted(sequences, ONE, [7, 8], VOLATILE) == [7, 8]
     assert accepted(sequences, TWO, [1, 2], VOLATILE) == [1, 2]
     assert sequences.lost == 0
+    [said] = caplog.records
+    text = f'publisher {ONE.hex()} of /orders is read from its message number 7 on'
+    assert said.message.startswith(text)
+    assert 'none before it counts as lost' in said.message
+    assert said.levelno == logging.INFO
+
+
+def test_a_loss_of_ours_is_blamed_for_no_gap_behind_what_came_in_order(
+    sequences: Sequences, caplog: pytest.LogCaptureFixture
+) -> None:
+    sequences.offers({ONE: VOLATILE})
+    assert accepted(sequences, ONE, [1], VOLATILE) == [1]
+    sequences.expect_loss(VOLATILE)
+    assert accepted(sequences, ONE, [2, 9], VOLATILE) == [2, 9]
     [said] = caplog.messages
-    assert f'publisher {ONE.hex()} of /orders begins here with its message number 7' in said
+    assert 'could not read any more' not in said
 
 
 def test_publishers_are_counted_apart(sequences: Sequences) -> None:

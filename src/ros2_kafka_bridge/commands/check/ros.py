@@ -147,9 +147,9 @@ def _offer_finding(peer: Peer, topic: str) -> Finding:
         text = f'{offer}: what the network loses is lost before the bridge'
         return Finding('note', 'publishers', text)
     if peer.durability == 'volatile':
-        text = f'{offer}: what it sends while the bridge is dead is lost'
+        text = f'{offer}: what it sends while no bridge runs is lost'
         return Finding('ok', 'publishers', text)
-    text = f'{offer}: what it sends while the bridge is dead comes afterwards'
+    text = f'{offer}: what it sends while no bridge runs comes afterwards, within its depth'
     return Finding('ok', 'publishers', text)
 
 

@@ -17,7 +17,7 @@ def init(
     servers: Servers = '',
     force: Annotated[bool, typer.Option('--force', help='Overwrite a file.')] = False,
 ) -> None:
-    """Write a commented configuration to begin with; asks nothing, overwrites nothing.
+    """Write a commented configuration to begin with; overwrites no file without --force.
 
     It has the two usual routes, or with --from-graph a route for each ROS topic that is there
     now: what is published goes to Kafka, what is only subscribed to comes from Kafka. With

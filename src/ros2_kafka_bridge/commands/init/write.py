@@ -90,8 +90,8 @@ routes:
       # {message.header.frame_id}. In quotes: YAML reads a brace as its own.
       key: '{ros.topic}'
     format: text
-    # While Kafka takes no more, the bridge waits, and then ROS does: nothing is lost. For
-    # messages that are worth nothing when they are old: drop_oldest.
+    # While Kafka takes no more, the bridge waits, and drops nothing; then publishers are held
+    # back, or overwrite. For messages that are worth nothing when they are old: drop_oldest.
     when_full: wait
 """
 

@@ -34,7 +34,7 @@ def topics(
     that a bridge publishes is not counted, because the bridge would wait for the counting.
     Without FILE: localhost:9092 and ROS_DOMAIN_ID.
 
-    Exit status: 0 both sides were seen, 1 Kafka was not, 2 the file is wrong.
+    Exit status: 0 both sides were seen, 1 one of them was not, 2 the file is wrong.
     """
     if file is not None and servers:
         raise ConfigError([f'--bootstrap-servers: {file} says them already: leave one out'])

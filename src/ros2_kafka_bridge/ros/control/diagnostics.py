@@ -320,7 +320,9 @@ def _of_changes(route: AnyRoute, now: Snapshot, change: Change) -> Iterator[Diag
     if change.lost:
         yield Diagnosis(Level.ERROR, f'{change.lost} lost on a damaged disk: replace it')
     if change.lost_upstream:
-        text = f'{change.lost_upstream} lost before the bridge: give it a deeper queue'
+        is_of_ros = isinstance(route, RosToKafkaRoute)
+        cure = 'a publisher with a deeper queue' if is_of_ros else 'a longer retention'
+        text = f'{change.lost_upstream} lost before the bridge (see its log): {cure} may help'
         yield Diagnosis(Level.WARN, text)
 
 
