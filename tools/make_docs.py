@@ -44,7 +44,7 @@ FIRST = ('name', 'from', 'to', 'format')
 
 EXAMPLE = """\
 name: warehouse-1                       # of this bridge: consumer groups, origin header, node name
-kafka:                                  # any librdkafka property, by its own name
+kafka:                                  # librdkafka properties, by their own names
   bootstrap.servers: localhost:9092
 ros: {domain_id: 0}                     # default: ROS_DOMAIN_ID, as every ROS program
 defaults: {drain_s: 8}                  # any field of a route
@@ -116,8 +116,9 @@ of another one: where one of its routes reads them back, what it has not read ye
 
 ## Mistakes
 
-Every mistake in a file is reported at once, with file, line, field and what would be right;
-nothing is started then, and the exit status is 2. This file
+The mistakes in a file are reported at once, with file, line, field and what would be right: the
+first hundred, or where it is no YAML, the first alone. Nothing is started then, and the exit
+status is 2. This file
 
 ```yaml
 {wrong}```

@@ -214,7 +214,8 @@ def test_a_broker_that_is_not_there_is_one_sentence(place: Path) -> None:
         assert process.wait(60) == 2
     [sentence] = process.output().splitlines()
     assert sentence.startswith(f'no broker answers at {address} (')
-    assert sentence.endswith('): is --bootstrap-servers right, does the broker run?')
+    assert '): is --bootstrap-servers right, does the broker run? ' in sentence
+    assert sentence.endswith('The demo has no TLS and no login')
 
 
 def test_an_option_that_cannot_be_is_one_sentence(place: Path) -> None:

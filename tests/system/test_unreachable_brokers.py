@@ -25,13 +25,6 @@ def wrong(request: pytest.FixtureRequest) -> str:
 @pytest.fixture
 def misled(wrong: str, tmp_path: Path, ros_domain: int) -> Iterator[tuple[Bench, Bench]]:
     """A bench on a listener whose address is right, and one where it is not."""
-    with misleading(wrong, tmp_path, ros_domain) as benches:
-        yield benches
-
-
-@contextlib.contextmanager
-def misleading(wrong: str, tmp_path: Path, ros_domain: int) -> Iterator[tuple[Bench, Bench]]:
-    """Two ways to a broker, of which one names a wrong address."""
     port, own = free_port(), free_port()
     listeners = {
         'listeners': f'WRONG://{HOST}:{port}',
@@ -79,13 +72,13 @@ def test_a_broker_that_names_a_wrong_address_is_away_and_named(
     assert len([line for line in lines if 'Kafka is away' in line and 'WARNING' in line]) == 2
 
 
-def test_a_server_of_the_web_at_the_named_address_is_not_taken_for_the_broker(
+def test_a_server_of_the_web_is_no_broker_of_which_records_are_to_be_skipped(
     tmp_path: Path, ros_domain: int, unique: Callable[[str], str]
 ) -> None:
     with socket.create_server((HOST, 0)) as web:
         Thread(target=_refuse, args=(web,), daemon=True).start()
         at = f'{HOST}:{web.getsockname()[1]}'
-        with misleading(at, tmp_path, ros_domain) as (_, bench):
+        with contextlib.closing(Bench(tmp_path, at, ros_domain)) as bench:
             file = str(bench.config([to_ros(unique('orders'), '/orders')]))
             status, out, _ = bench.command('check', '--connect', file)
     said = ' '.join(out.split())

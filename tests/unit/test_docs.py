@@ -21,7 +21,8 @@ def test_the_page_and_the_schema_are_up_to_date() -> None:
 
 def named() -> Iterator[tuple[str, str, str]]:
     """Each test that a page names: the page, the file, the beginning of its name (or nothing)."""
-    for page in (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *(ROOT / 'docs').glob('*.md')):
+    alone = (ROOT / name for name in ('README.md', 'CONTRIBUTING.md', 'SECURITY.md'))
+    for page in (*alone, *(ROOT / 'docs').glob('*.md')):
         file = ''
         for path, name in re.findall(r'(tests/[\w/]+\.py)|`(test_\w+)`', page.read_text()):
             file = path or file
