@@ -1,12 +1,15 @@
 """Prints the first orders that the bridge publishes, as any ROS node would read them."""
 
+from contextlib import suppress
+
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 
 def main() -> None:
-    """Read `/orders` with a history that waits, so that nothing is lost here either."""
+    """Read `/orders` until Ctrl-C, with a history that waits: nothing is lost here either."""
     rclpy.init()
     node = rclpy.create_node('print_orders')
     qos = QoSProfile(
@@ -14,7 +17,8 @@ def main() -> None:
     )
     node.create_subscription(String, '/orders', lambda order: print(order.data, flush=True), qos)
     print('listening to /orders', flush=True)
-    rclpy.spin(node)
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(node)
 
 
 if __name__ == '__main__':

@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -79,6 +80,8 @@ def test_the_three_terminals_of_the_readme(
                 timeout=120,
             )
         assert running.end() == 0
+        printing.send(signal.SIGINT)  # Ctrl-C
+        assert printing.wait() == 0, printing.output()
 
 
 def test_the_configuration_of_the_readme_is_right(
