@@ -218,19 +218,24 @@ class _Run:
             for letter in self._chosen(topic, whole=False):
                 self._tell(letter)
             return
+        while not self._is_cut() and self._goes_on(topic):
+            pass
+
+    def _goes_on(self, topic: str) -> bool:
+        """Replay with one client; tells whether another has to go on with what is left."""
         properties = producer_properties(self._config.kafka, client_id=self._config.name)
-        with ExitStack() as stack:
-            while not self._is_cut():
-                # First the door is shut behind which others could write marks, then they are read.
-                with Transactions(properties, f'{topic}.replay', self._stop) as transactions:
-                    letters = self._chosen(topic, whole=True)
-                    stack.enter_context(_heeding(self._stop))  # also while the transactions end
-                    for batch in self._batches(letters):
-                        self._send(batch, transactions)
-                        if transactions.spent:
-                            break
-                    if not (transactions.spent and self._todo):
-                        return
+        # First the door is shut behind which others could write marks, then these are read.
+        with (
+            ExitStack() as stack,
+            Transactions(properties, f'{topic}.replay', self._stop) as transactions,
+        ):
+            letters = self._chosen(topic, whole=True)
+            stack.enter_context(_heeding(self._stop))  # also while the transactions end
+            for batch in self._batches(letters):
+                self._send(batch, transactions)
+                if transactions.spent:
+                    return bool(self._todo)
+        return False
 
     def _chosen(self, topic: str, *, whole: bool) -> Iterator[Letter]:
         """The letters to replay, with their values, in the order of each partition."""
