@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from harness import Bench, to_ros
-from wheels import LOCK, ROOT, build, contents, install, make_venv, run, there_and_back
+from wheels import LOCK, ROOT, build, contents, install, make_venv, run, there_and_back, uv
 
 
 @pytest.fixture(scope='module')
@@ -85,9 +85,26 @@ def test_what_an_extra_brings_is_named_where_it_is_missing(
     assert 'ros2-kafka-bridge[monitoring]' in told.stderr
 
 
+def test_the_formats_work_with_their_extras_alone(wheel: Path, tmp_path: Path) -> None:
+    python = make_venv(tmp_path / 'venv')
+    install(python, '--constraints', LOCK, f'{wheel}[ros,avro,protobuf]')
+    for name in ('avro', 'protobuf'):
+        program = python.parent / 'ros2-kafka-bridge'
+        told = run([program, 'schema', 'std_msgs/msg/String', '--format', name], tmp_path)
+        assert told.returncode == 0, told.stdout + told.stderr
+
+
 def test_the_warehouse_runs_from_its_extra_alone(wheel: Path, tmp_path: Path) -> None:
     python = make_venv(tmp_path / 'venv')
     install(python, '--constraints', LOCK, f'{wheel}[warehouse]')
     warehouse = python.parent / 'warehouse'
     told = run([warehouse, 'simulate', '--steps', '300'], tmp_path, 120)
     assert told.returncode == 0, told.stdout + told.stderr
+
+
+@pytest.mark.parametrize('version', ['3.11', '3.12', '3.13', '3.14'])
+def test_everything_but_ros_has_wheels_for_arm64(version: str, tmp_path: Path) -> None:
+    extras = [f'--extra={name}' for name in ('avro', 'depth', 'monitoring', 'protobuf', 'tracing')]
+    there = ('--python-platform', 'aarch64-manylinux_2_28', '--python-version', version)
+    uv('pip', 'compile', ROOT / 'pyproject.toml', *extras, *there, '--only-binary', ':all:',
+       '--output-file', tmp_path / 'needed.txt')  # fmt: skip

@@ -4,8 +4,8 @@ from importlib.util import find_spec
 from typing import Final
 
 _NEEDED: Final = {
-    'avro': ('fastavro', 'httpx', 'authlib', 'cachetools'),
-    'protobuf': ('google.protobuf', 'httpx', 'authlib', 'cachetools'),
+    'avro': ('fastavro', 'httpx2', 'authlib', 'cachetools'),
+    'protobuf': ('google.protobuf', 'httpx2', 'authlib', 'cachetools'),
     'monitoring': ('prometheus_client', 'starlette', 'uvicorn'),
     'tracing': ('opentelemetry.sdk', 'opentelemetry.exporter.otlp.proto.http'),
 }
