@@ -173,13 +173,25 @@ def logged(bridge: Process) -> list[str]:
 
 
 def test_without_rclpy_one_sentence_says_what_to_install(bench: Bench) -> None:
-    file = bench.config([to_ros('orders', '/orders')])
-    (bench.place / 'rclpy.py').write_text('raise ImportError("No module named \'rclpy\'")')
-    with bench.run(file, PYTHONPATH=str(bench.place)) as bridge:
-        assert bridge.wait() == 2
-    [sentence] = lines(bridge.log)
+    [sentence] = without('rclpy', bench)
     assert sentence.startswith("ROS 2 is not here (No module named 'rclpy')")
     assert sentence.endswith('install the wheels with: pip install "ros2-kafka-bridge[ros]"')
+
+
+def test_an_rclpy_of_another_python_is_not_said_to_be_missing(bench: Bench) -> None:
+    [sentence] = without('rclpy._rclpy_pybind11', bench)
+    assert sentence.startswith('ROS 2 is here, and ')
+    assert "(No module named 'rclpy._rclpy_pybind11'): a sourced ROS 2 needs its own" in sentence
+
+
+def without(module: str, bench: Bench) -> list[str]:
+    """What a bridge says whose rclpy finds no such module."""
+    file = bench.config([to_ros('orders', '/orders')])
+    error = f'ModuleNotFoundError({f"No module named {module!r}"!r}, name={module!r})'
+    (bench.place / 'rclpy.py').write_text(f'raise {error}')
+    with bench.run(file, PYTHONPATH=str(bench.place)) as bridge:
+        assert bridge.wait() == 2
+    return lines(bridge.log)
 
 
 def test_a_file_that_can_be_read_only_once_is_not_run(bench: Bench) -> None:

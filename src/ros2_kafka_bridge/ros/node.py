@@ -3,6 +3,7 @@
 import logging
 import os
 import re
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -302,16 +303,22 @@ def _import_rclpy() -> Any:
         cause = error.__cause__
         if not isinstance(cause, ImportError):
             raise
-        raise ConfigError(
-            [
-                (
-                    f'ROS 2 is not here ({cause}): source your ROS 2 installation, or install '
-                    'the wheels with: pip install "ros2-kafka-bridge[ros]"'
-                )
-            ]
-        ) from error
+        raise ConfigError([_why_not_loaded(cause)]) from error
     logging.getLogger(__name__).debug('rclpy is %s', rclpy.__file__)
     return rclpy
+
+
+def _why_not_loaded(cause: ImportError) -> str:
+    if cause.name == 'rclpy':
+        return (
+            f'ROS 2 is not here ({cause}): source your ROS 2 installation, or install '
+            'the wheels with: pip install "ros2-kafka-bridge[ros]"'
+        )
+    return (
+        f'ROS 2 is here, and {sys.executable} cannot load its rclpy ({cause}): a sourced ROS 2 '
+        'needs its own Python, with a venv that has --system-site-packages and not the extra '
+        '[ros]; the wheels need a terminal where none is sourced'
+    )
 
 
 @contextmanager
