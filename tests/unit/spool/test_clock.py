@@ -115,6 +115,22 @@ def test_how_long_a_message_was_in_the_bridge_does_not_change_with_the_clock(
     assert 30 <= h.direction.snapshot.measures.in_bridge.sum_s < 40
 
 
+def test_without_an_age_limit_an_outage_of_days_costs_nothing_and_the_last_needs_no_other(
+    house: Make, clocks: Clocks
+) -> None:
+    h = house(max_in_flight=2)
+    go_away(h)
+    h.give(*range(1, 11))
+    h.steps()
+    clocks.wait(9 * DAY_S)
+    h.steps()
+    assert not h.source.waiting
+    come_back(h)
+    h.until_all_confirmed()
+    assert h.numbers() == list(range(1, 11))
+    assert (h.count('taken'), h.count('confirmed'), h.count('dropped')) == (10, 10, 0)
+
+
 def test_what_was_dropped_before_the_disk_refused_is_counted(
     house: Make, clocks: Clocks, monkeypatch: pytest.MonkeyPatch
 ) -> None:

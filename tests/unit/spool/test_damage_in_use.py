@@ -5,6 +5,7 @@ import sqlite3
 from pathlib import Path
 
 import pytest
+from houses import Make, come_back, go_away
 from spools import EVERYTHING, GID, numbers, opened, read_all, rows
 
 from ros2_kafka_bridge.errors import RouteError
@@ -34,6 +35,24 @@ def test_damage_while_it_is_open_is_repaired_on_the_way(tmp_path: Path) -> None:
         spool.append(rows(5001, 5010))
         spool.release(5001)
         assert numbers(read_all(spool)) == list(range(5001, 5011))
+
+
+def test_a_damaged_message_is_counted_as_lost_and_no_other_waits_for_it(
+    house: Make, caplog: pytest.LogCaptureFixture
+) -> None:
+    h = house(max_in_flight=2)
+    go_away(h)
+    h.give(*range(1, 11))
+    h.steps()
+    with sqlite3.connect(h.spool._file._path) as other:
+        other.execute("UPDATE rows SET body = x'00' WHERE number = 6")
+    other.close()
+    come_back(h)
+    h.give(11)
+    h.until_all_confirmed()
+    assert h.numbers() == [1, 2, 3, 4, 5, 7, 8, 9, 10, 11]
+    assert (h.count('taken'), h.count('confirmed'), h.count('lost')) == (11, 10, 1)
+    assert '1 message in the spool cannot be read: lost' in caplog.text
 
 
 def test_damage_is_repaired_also_while_the_numbers_are_told(
