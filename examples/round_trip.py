@@ -1,6 +1,6 @@
 """Sends orders to Kafka and waits for them to come back through ROS, as bridge.yaml routes them.
 
-.venv/bin/python examples/round_trip.py --count 10000
+python examples/round_trip.py --count 10000
 """
 
 import argparse
@@ -9,14 +9,14 @@ import time
 import uuid
 from itertools import islice
 
-from confluent_kafka import Consumer, Producer
+from confluent_kafka import Consumer, KafkaException, Producer
 
 from ros2_kafka_bridge.testing.orders import encode, orders
 
 
 def send(servers: str, values: list[bytes]) -> None:
     """Produce the orders to the topic `orders`."""
-    producer = Producer({'bootstrap.servers': servers, 'enable.idempotence': True})
+    producer = Producer({'bootstrap.servers': servers, 'enable.idempotence': True, 'log_level': 2})
     for value in values:
         while True:
             try:
@@ -55,8 +55,12 @@ def main() -> None:
             'bootstrap.servers': args.bootstrap_servers,
             'group.id': f'round-trip-{uuid.uuid4()}',
             'auto.offset.reset': 'earliest',
+            'log_level': 2,
         }
     )
+    there = consumer.list_topics(timeout=5.0).topics  # raises where no Kafka answers
+    if missing := {'orders', 'orders.returned'} - there.keys():
+        sys.exit(f'Kafka has no topic {" and ".join(sorted(missing))}: make it first')
     consumer.subscribe(['orders.returned'])
     started_s = time.monotonic()
     send(args.bootstrap_servers, sent)
@@ -72,8 +76,15 @@ def main() -> None:
         f'{len(sent)} orders sent, {len(received)} came back in {took_s:.1f} s: '
         f'{lost} lost, {repeated} repeated, {order}'
     )
+    if lost:
+        print('Late, if no bridge runs: ros2-kafka-bridge check examples/bridge.yaml --connect')
     sys.exit(1 if lost else 0)
 
 
 if __name__ == '__main__':
-    main()
+    try:
+        main()
+    except KeyboardInterrupt:
+        sys.exit('stopped before the end')
+    except KafkaException as error:
+        sys.exit(f'Kafka: {error.args[0].str()}; does it run, and there?')

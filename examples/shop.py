@@ -1,6 +1,6 @@
 """A shop: sends orders to Kafka, and waits until a robot has done each of them.
 
-.venv/bin/python examples/shop.py --count 1000 --rate 100
+python examples/shop.py --count 1000 --rate 100
 """
 
 import argparse
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from itertools import islice
 
 import msgspec
-from confluent_kafka import Consumer, Producer
+from confluent_kafka import Consumer, KafkaException, Producer
 
 from ros2_kafka_bridge.testing.orders import encode, orders
 
@@ -35,10 +35,13 @@ def main() -> None:
     args = parser.parse_args()
 
     first_id = time.time_ns()  # no order of an earlier run has it
-    servers = {'bootstrap.servers': args.bootstrap_servers}
+    servers = {'bootstrap.servers': args.bootstrap_servers, 'log_level': 2}
     producer = Producer({**servers, 'enable.idempotence': True})
     reading = {'group.id': f'shop-{uuid.uuid4()}', 'auto.offset.reset': 'earliest'}
     consumer = Consumer({**servers, **reading})
+    there = consumer.list_topics(timeout=5.0).topics  # raises where no Kafka answers
+    if absent := {'orders', 'status'} - there.keys():
+        sys.exit(f'Kafka has no topic {" and ".join(sorted(absent))}: make it first')
     consumer.subscribe(['status'])
 
     done: list[int] = []
@@ -65,4 +68,9 @@ def main() -> None:
 
 
 if __name__ == '__main__':
-    main()
+    try:
+        main()
+    except KeyboardInterrupt:
+        sys.exit('stopped before the end')
+    except KafkaException as error:
+        sys.exit(f'Kafka: {error.args[0].str()}; does it run, and there?')

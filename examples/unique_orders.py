@@ -1,6 +1,6 @@
 """Prints the orders that came from ROS, each once, also where a bridge took over from another.
 
-.venv/bin/python examples/unique_orders.py --state orders.seen
+python examples/unique_orders.py --state orders.seen
 
 What was seen is kept in a file, so that a restart of this program forgets nothing. First the
 orders are worked on, then the file is written, then the offsets are committed: a crash in between

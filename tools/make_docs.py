@@ -47,16 +47,19 @@ name: warehouse-1                       # of this bridge: consumer groups, origi
 kafka:                                  # librdkafka properties, by their own names
   bootstrap.servers: localhost:9092
 ros: {domain_id: 0}                     # default: ROS_DOMAIN_ID, as every ROS program
+workers: 2                              # processes; one that dies is started again
 defaults: {drain_s: 8}                  # any field of a route
 routes:
   - name: orders
-    from: {kafka: orders, start: earliest}
+    from: {kafka: orders, start: earliest}    # latest is the default: no old commands
     to: {ros: /orders, type: std_msgs/msg/String}
-    format: text
-  - name: orders_returned
-    from: {ros: /orders}
-    to: {kafka: orders.returned}
-    format: text
+    format: text                              # a String as it is
+    max_rate: 500                             # for readers that are KEEP_LAST
+  - name: odometry
+    from: {ros: /odom}                        # the type that the graph shows
+    to: {kafka: robots.odometry, key: '{message.child_frame_id}'}
+    format: json                              # or cdr, avro, protobuf: any message type
+    when_full: drop_oldest                    # the default is to wait
 """
 
 WRONG = """\

@@ -7,15 +7,14 @@ import sys
 from pathlib import Path
 
 from harness import Bench, Process, eventually
+from pages import ROOT, fenced
 
-ROOT = Path(__file__).parents[2]
 BIN = Path(sys.executable).parent
 
 
 def commands() -> list[str]:
-    text = (ROOT / 'docs' / 'getting-started.md').read_text()
-    blocks = re.findall(r'```sh\n(.*?)```', text, re.DOTALL)
-    return [line for block in blocks for line in block.strip().splitlines()]
+    blocks = fenced('docs/getting-started.md', 'sh')
+    return [line for block in blocks for line in block.splitlines()]
 
 
 def test_the_ten_minutes_go_as_they_are_written(own_bench: Bench, tmp_path: Path) -> None:
@@ -26,7 +25,7 @@ def test_the_ten_minutes_go_as_they_are_written(own_bench: Bench, tmp_path: Path
 
     def words(line: str, *more: str) -> list[str]:
         """A command of the page, for this place: other broker, other directory."""
-        line = line.replace('.venv/bin/', f'{BIN}/').replace('examples/', f'{ROOT}/examples/')
+        line = line.replace('~/bridge/bin/', f'{BIN}/').replace('examples/', f'{ROOT}/examples/')
         return [word.replace('bridge.yaml', str(file)) for word in shlex.split(line)] + [*more]
 
     def done(line: str, *more: str) -> str:
@@ -37,15 +36,11 @@ def test_the_ten_minutes_go_as_they_are_written(own_bench: Bench, tmp_path: Path
         assert result.returncode == 0, result.stdout + result.stderr
         return result.stdout
 
-    made = subprocess.run(
-        ['make', '--no-print-directory', '-n', *shlex.split(demo)[1:]], cwd=ROOT,
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    *_, made_demo = made.stdout.strip().splitlines()
-    assert 'lost 0 (0.00 %)' in done(made_demo, '--seconds', '3')
+    assert 'lost 0 (0.00 %)' in done(demo, '--seconds', '3')
 
-    # The broker itself is run by test_local_kafka; here one is there already.
-    assert kafka == "make kafka TOPICS='orders status'"
+    # The broker itself is run by test_readme; here one is there already.
+    local_kafka = '~/bridge/bin/python -m ros2_kafka_bridge.testing.local_kafka'
+    assert kafka == f'{local_kafka} --topics orders status'
     for topic in ('orders', 'status'):
         bench.create_topic(topic)
     brokers = ('--bootstrap-servers', bench.bootstrap_servers)

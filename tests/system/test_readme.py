@@ -1,98 +1,120 @@
-"""The README's commands and the examples, run as they are written."""
+"""The README's commands as they are written, from an environment that holds nothing of ours."""
 
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from harness import Bench, Process
+from harness import Process
+from pages import ROOT, fenced
+from patience import patient
 
-ROOT = Path(__file__).parents[2]
+from rig.hosts import Host, Network
+from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.testing.local_kafka import install_kafka
+
+# Where packages come from, and whom to trust about that, is the machine's own.
+KEPT = ('PIP_', 'SSL_CERT_', 'HTTP_PROXY', 'HTTPS_PROXY', 'NO_PROXY', 'JAVA_HOME')
+PIP_S = 400
 
 
-def sh_blocks() -> list[list[str]]:
-    text = (ROOT / 'README.md').read_text()
-    return [
-        block.strip().splitlines() for block in re.findall(r'```sh\n(.*?)```', text, re.DOTALL)
-    ]
+class Newcomer:
+    """A user with a checkout, an empty home, and nothing else.
 
+    Args:
+        place: Where both are made.
+        host: A network of its own: there `localhost:9092` is free.
+    """
 
-def test_the_three_terminals_of_the_readme(
-    own_bench: Bench, tmp_path: Path, ros_domain: int
-) -> None:
-    bench = own_bench  # its topics have the names of the README
-    demo, kafka, bridge, round_trip = sh_blocks()
-    assert demo == ['make demo']  # run by test_getting_started
-    # The broker itself is run by test_local_kafka; here one is there already.
-    assert kafka == ["make kafka TOPICS='orders orders.returned'"]
-    assert bridge[0] == 'make setup'
-    example = (ROOT / 'examples' / 'bridge.yaml').read_text()
-    assert len(example.splitlines()) <= 12
-    config = tmp_path / 'bridge.yaml'
-    config.write_text(example.replace('localhost:9092', bench.bootstrap_servers))
-    environ = {'ROS_DOMAIN_ID': str(ros_domain)}
-    bench.create_topic('orders')
-    bench.create_topic('orders.returned')
+    def __init__(self, place: Path, host: Host) -> None:
+        self.place = place
+        self.checkout = place / 'checkout'
+        self._host = host
+        (place / 'home').mkdir()
+        shutil.copytree(
+            ROOT, self.checkout,
+            ignore=shutil.ignore_patterns('.*', '__pycache__', 'build', 'dist', 'tests'),
+        )  # fmt: skip
+        python = Path(sys.executable).resolve().parent
+        self._environ = {
+            **{name: value for name, value in os.environ.items() if name.startswith(KEPT)},
+            'HOME': str(place / 'home'),
+            'PATH': f'{python}:{os.environ["PATH"]}',
+            'ROS2_KAFKA_BRIDGE_KAFKA_JARS': str(install_kafka().parent),  # no net there to fetch
+        }
 
-    def command(line: str) -> list[str]:
-        line = line.replace('examples/bridge.yaml', str(config))
-        line = line.replace('.venv/bin/', f'{Path(sys.executable).parent}/')
-        return shlex.split(line)
-
-    checked = subprocess.run(
-        command(bridge[1]), cwd=ROOT, env={**os.environ, **environ}, check=False, timeout=60
-    )
-    assert checked.returncode == 0
-    with (
-        Process(command(bridge[2]), tmp_path / 'bridge.log', environ) as running,
-        Process(
-            [sys.executable, str(ROOT / 'examples' / 'print_orders.py')],
-            tmp_path / 'orders.log',
-            environ,
-        ) as printing,
-    ):
-        printing.wait_for('listening to /orders')
-        running.wait_for('reads orders')
+    def does(self, line: str) -> None:
+        """Run a command to its end, in the network of the machine."""
         done = subprocess.run(
-            [*command(round_trip[0]), '--bootstrap-servers', bench.bootstrap_servers],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=120,
-        )
-        assert done.returncode == 0, done.stdout + done.stderr + running.output()
-        assert re.fullmatch(
+            ['sh', '-c', line], cwd=self.checkout, env=self._environ, check=False,
+            capture_output=True, text=True, timeout=patient(PIP_S),
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    def starts(self, line: str, name: str) -> Process:
+        """A terminal in which a command runs, in the network of its own."""
+        variables = [f'{key}={value}' for key, value in self._environ.items()]
+        words = ['env', '-i', *variables, 'sh', '-c', f'cd {self.checkout} && exec {line}']
+        return Process(self._host.command(*words), self.place / f'{name}.log')
+
+
+@pytest.fixture
+def newcomer(tmp_path: Path) -> Iterator[Newcomer]:
+    try:
+        with Network('shop') as (shop,):
+            yield Newcomer(tmp_path, shop)
+    except ConfigError as reason:
+        pytest.skip(str(reason))
+
+
+@pytest.mark.timeout(600)
+def test_a_message_is_through_in_five_commands(newcomer: Newcomer) -> None:
+    make, install, kafka, run, send = (
+        line for block in fenced('README.md', 'sh') for line in block.splitlines()
+    )
+    show = '~/bridge/bin/python examples/print_orders.py'
+    assert f'`{show}`' in (ROOT / 'README.md').read_text()
+    newcomer.does(make)
+    newcomer.does(install)
+    with (
+        newcomer.starts(kafka, 'kafka') as broker,
+        newcomer.starts(run, 'bridge') as bridge,
+        newcomer.starts(show, 'robot') as robot,
+    ):
+        broker.wait_for('It has the topics orders, orders.returned.')
+        robot.wait_for('listening to /orders')
+        bridge.wait_for('reads orders')
+        with newcomer.starts(send, 'sender') as sender:
+            assert sender.wait(120) == 0, sender.output() + bridge.output()
+        assert re.search(
             r'10000 orders sent, 10000 came back in [\d.]+ s: 0 lost, 0 repeated, in order\n',
-            done.stdout,
+            sender.output(),
         )
         # It may match after the last of them: a late reader gets what comes from then on.
-        while '"order_id"' not in printing.output():
-            subprocess.run(
-                [*command(round_trip[0]), '--bootstrap-servers', bench.bootstrap_servers],
-                cwd=ROOT,
-                capture_output=True,
-                check=True,
-                timeout=120,
-            )
-        assert running.end() == 0
-        printing.send(signal.SIGINT)  # Ctrl-C
-        assert printing.wait() == 0, printing.output()
+        while '"order_id"' not in robot.output():
+            with newcomer.starts(send, 'sender') as sender:
+                assert sender.wait(120) == 0, sender.output()
+        check = '~/bridge/bin/ros2-kafka-bridge check examples/bridge.yaml --connect'
+        with newcomer.starts(check, 'check') as checked:
+            assert checked.wait(60) == 0, checked.output()
+        for each in (robot, bridge, broker):
+            each.send(signal.SIGINT)  # Ctrl-C
+            assert each.wait() == 0, each.output()
+            assert 'Traceback' not in each.output()
 
 
-def test_the_configuration_of_the_readme_is_right(
-    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its parts are those of one file."""
-    parts = re.findall(r'```yaml\n(.*?)```', (ROOT / 'README.md').read_text(), re.DOTALL)
-    config = tmp_path / 'bridge.yaml'
-    config.write_text(''.join(parts))
-    monkeypatch.setenv('KAFKA_PASSWORD', 'not-shown')
-    monkeypatch.setenv('BRIDGE_TOKEN', 'not-shown-either')
-    status, output, errors = bench.command('check', str(config))
-    assert status == 0, errors
-    assert 'not-shown' not in output
+def test_the_mistake_that_the_readme_shows_is_told_so(tmp_path: Path) -> None:
+    [configuration] = fenced('README.md', 'yaml')
+    (tmp_path / 'bridge.yaml').write_text(configuration.replace('msg/String', 'msg/Strin'))
+    program = Path(sys.executable).parent / 'ros2-kafka-bridge'
+    told = subprocess.run(
+        [program, *shlex.split('check bridge.yaml')], cwd=tmp_path, check=False,
+        capture_output=True, text=True, timeout=patient(60),
+    )  # fmt: skip
+    assert (told.returncode, told.stderr) == (2, fenced('README.md', '')[0])

@@ -1,4 +1,4 @@
-"""The pages that are made of the settings are today's; the tests that pages name are there."""
+"""Pages are today's, short, and lead somewhere; tests and commands that they name are there."""
 
 import re
 import subprocess
@@ -6,7 +6,12 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+import pytest
+import typer
+from pages import ROOT, fenced, links, pages, sections
+
+from ros2_kafka_bridge.cli import app
+from ros2_kafka_bridge.config.file import loads
 
 
 def test_the_page_and_the_schema_are_up_to_date() -> None:
@@ -21,8 +26,7 @@ def test_the_page_and_the_schema_are_up_to_date() -> None:
 
 def named() -> Iterator[tuple[str, str, str]]:
     """Each test that a page names: the page, the file, the beginning of its name (or nothing)."""
-    alone = (ROOT / name for name in ('README.md', 'CONTRIBUTING.md', 'SECURITY.md'))
-    for page in (*alone, *(ROOT / 'docs').glob('*.md')):
+    for page in pages():
         file = ''
         for path, name in re.findall(r'(tests/[\w/]+\.py)|`(test_\w+)`', page.read_text()):
             file = path or file
@@ -50,3 +54,42 @@ def test_the_gate_has_a_test_of_each_guarantee_that_names_it() -> None:
     )
     proven = {int(number) for number in re.findall(r'(?<=_)[1-8](?=_|\b)', names)}
     assert proven == set(range(1, 9))
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / 'README.md').read_text().split()) <= 1200
+
+
+def test_the_ten_lines_of_the_readme_are_those_of_the_example() -> None:
+    [shown] = fenced('README.md', 'yaml')
+    lines = [re.sub(r' +# .*', '', line) for line in shown.splitlines()]
+    assert lines == (ROOT / 'examples' / 'bridge.yaml').read_text().splitlines()
+    assert len(lines) == 10
+
+
+def test_the_example_of_the_configuration_page_is_right() -> None:
+    example, *_ = fenced('docs/configuration.md', 'yaml')
+    assert loads(example, 'bridge.yaml', {}).name == 'warehouse-1'
+
+
+@pytest.mark.parametrize('page', list(pages()), ids=lambda page: page.name)
+def test_what_a_page_links_to_is_there(page: Path) -> None:
+    for link in links(page):
+        assert link.target.exists(), link
+        if link.section:
+            assert link.section in sections(link.target), link
+
+
+def test_every_page_is_reached_from_the_readme() -> None:
+    reached, ahead = set(), [ROOT / 'README.md']
+    while ahead:
+        page = ahead.pop()
+        reached.add(page)
+        ahead += {link.target for link in links(page) if link.target.suffix == '.md'} - reached
+    assert set(pages()) - reached == set()
+
+
+def test_every_command_is_on_the_page_of_commands() -> None:
+    told = re.findall(r'`ros2-kafka-bridge ([a-z-]+)', (ROOT / 'docs' / 'commands.md').read_text())
+    command = typer.main.get_command(app)
+    assert set(told) == set(getattr(command, 'commands', {}))
