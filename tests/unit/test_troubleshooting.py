@@ -105,9 +105,3 @@ def test_a_bottleneck_is_looked_for_in_what_routes_of_that_direction_tell(
     }
     assert foreign
     assert named & foreign == set()
-
-
-@pytest.mark.parametrize('name', PAGES)
-def test_every_page_and_section_that_is_linked_is_there(name: str) -> None:
-    for target in re.findall(r'\]\((?!https?:)([^)#]+)', page(name)):
-        assert (ROOT / 'docs' / target).exists(), target
