@@ -77,7 +77,7 @@ def main() -> None:
         f'{lost} lost, {repeated} repeated, {order}'
     )
     if lost:
-        print('Late, if no bridge runs: ros2-kafka-bridge check examples/bridge.yaml --connect')
+        print('If no bridge runs, they wait in Kafka: start it (examples/bridge.yaml)')
     sys.exit(1 if lost else 0)
 
 
