@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from patience import patient
 
+from ros2_kafka_bridge.outside.extras import install_command
+
 PROGRAM = 'from ros2_kafka_bridge.cli import main; main()'
 
 
@@ -41,4 +43,5 @@ def test_it_names_a_depth_and_draws_without_a_screen(tmp_path: Path) -> None:
 def test_without_the_extra_a_sentence_says_how_to_get_it(tmp_path: Path, library: str) -> None:
     done = depth(tmp_path, f'import sys; sys.modules[{library!r}] = None;')
     assert done.returncode == 2
-    assert done.stderr == f"depth needs {library}: pip install 'ros2-kafka-bridge[depth]'\n"
+    said = f'depth needs {library}, which is not installed: {install_command("depth")}\n'
+    assert done.stderr == said

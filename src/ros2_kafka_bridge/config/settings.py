@@ -168,7 +168,7 @@ def _extra_mistakes(given: Mapping[str, Any], context: Mapping[str, Any]) -> Ite
     check: CheckFormat | None = context.get('check_format')
     listens = given.get('monitoring') is not None and look(given, 'monitoring', 'listen') != 'off'
     if check and listens and (problem := check('monitoring')):
-        yield Mistake(('monitoring',), f'{problem}, or say listen: off')
+        yield Mistake(('monitoring',), f'unless it says listen: off, {problem}')
 
 
 def _with(defaults: Mapping[str, Any], route: Any) -> Any:

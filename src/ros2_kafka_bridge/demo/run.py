@@ -17,6 +17,7 @@ from ros2_kafka_bridge.demo.topics import Topics
 from ros2_kafka_bridge.demo.trip import SendPlan, Trip
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.kafka.addresses import servers_problem
+from ros2_kafka_bridge.outside.extras import missing_ros
 from ros2_kafka_bridge.testing.embedded_broker import QUICK_FETCH, EmbeddedBroker
 from ros2_kafka_bridge.threads.stop import Stop, signals_to_heed
 
@@ -118,6 +119,8 @@ def _plan(options: DemoOptions) -> SendPlan:
         problems.append(f'--bootstrap-servers: {problem}; leave it out for an embedded broker')
     if options.domain is not None and not 0 <= options.domain <= HIGHEST_DOMAIN:
         problems.append(f'--domain {options.domain}: expected 0 to {HIGHEST_DOMAIN}')
+    if missing := missing_ros():  # the paper's nodes would end with a traceback
+        problems.append(missing)
     if problems:
         raise ConfigError(problems)
     return SendPlan(rate, max(1, round(rate * options.seconds)))

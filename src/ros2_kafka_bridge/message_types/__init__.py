@@ -35,6 +35,7 @@ from ros2_kafka_bridge.message_types.installed import (
     read_installed,
 )
 from ros2_kafka_bridge.message_types.layout import Array, Kind, Layout, Sequence
+from ros2_kafka_bridge.outside.extras import how_to_get_ros
 
 _HINTS: Final = 100
 
@@ -132,7 +133,7 @@ def _problem(name: str, known: list[str], *, hints: bool = True) -> str | None:
     elif known:
         hint = ''
     else:
-        hint = ': no ROS 2 messages are installed (source a ROS 2, or install the extra [ros])'
+        hint = f': no ROS 2 messages are installed: {how_to_get_ros()}'
     if not re.fullmatch(r'\w+/msg/\w+', name, re.ASCII):
         return f'{name or "an empty name"} is not of the form pkg/msg/Type{hint}'
     return f'no message type {name} here{hint}'

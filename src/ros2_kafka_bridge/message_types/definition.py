@@ -18,6 +18,7 @@ from ros2_kafka_bridge.message_types.description import (
     TypeDescription,
 )
 from ros2_kafka_bridge.message_types.layout import PRIMITIVES, Constant, Primitive, String
+from ros2_kafka_bridge.outside.extras import how_to_get_ros
 from ros2_kafka_bridge.outside.files import UnreadableError, read_regular
 
 _UINT8: Final = FieldType(Ids.UINT8, 0, 0, '')
@@ -103,8 +104,7 @@ def _parser() -> Any:
         with blamed('.msg files are read with rosidl_adapter, and it cannot be loaded'):
             from rosidl_adapter import parser  # noqa: PLC0415 -- comes with ROS
     except RouteError as error:
-        hint = 'source a ROS 2, or install the extra [ros]'
-        raise ConfigError([f'{error} ({hint})']) from error
+        raise ConfigError([f'{error} ({how_to_get_ros()})']) from error
     return parser
 
 

@@ -22,6 +22,7 @@ from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.logs.handler import THREAD
 from ros2_kafka_bridge.monitoring.state import Watch
+from ros2_kafka_bridge.outside.extras import missing_extra
 from ros2_kafka_bridge.threads.stop import SIGNALS, Stop
 
 if TYPE_CHECKING:
@@ -135,8 +136,8 @@ class _Process:
         try:
             from ros2_kafka_bridge.monitoring.server import Server  # noqa: PLC0415 (an extra)
         except ModuleNotFoundError as error:
-            text = f'metrics, health and the page need {error.name}: pip install '
-            raise ConfigError([f"{text}'ros2-kafka-bridge[monitoring]'"]) from error
+            problem = missing_extra('monitoring') or f'monitoring cannot be loaded: {error}'
+            raise ConfigError([problem]) from error
         return Server(self._watch, socket.socket(fileno=listener), self._fail)
 
     def _control(self) -> None:

@@ -24,10 +24,10 @@ def load_checked(file: Path, *, with_ros: bool = True) -> 'Config':
         ConfigError: With every mistake in the file.
     """
     from ros2_kafka_bridge.config.file import load  # noqa: PLC0415 (heavy)
-    from ros2_kafka_bridge.formats.extras import missing_extra  # noqa: PLC0415
     from ros2_kafka_bridge.formats.walk import scalar_problem  # noqa: PLC0415
     from ros2_kafka_bridge.kafka.property_check import property_problems  # noqa: PLC0415
     from ros2_kafka_bridge.message_types import KnownTypes, load_layout  # noqa: PLC0415
+    from ros2_kafka_bridge.outside.extras import missing_extra  # noqa: PLC0415
 
     types = KnownTypes()
     check_type = partial(_not_installed, types) if with_ros else types.unknown

@@ -209,3 +209,16 @@ def test_without_a_folder_for_temporary_files_the_cure_is_named(
     monkeypatch.setattr(tempfile, 'tempdir', '/proc/none')
     with pytest.raises(TransportError, match='set TMPDIR to one'):
         run(DemoOptions(rate=1, seconds=1))
+
+
+@pytest.mark.parametrize('compare', [False, True])
+def test_without_ros_nothing_begins_and_one_sentence_says_how_to_get_it(
+    compare: bool,  # noqa: FBT001 (a parameter of the test)
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.outside.extras.find_spec', lambda _: None)
+    with pytest.raises(ConfigError) as caught:
+        run(DemoOptions(seconds=0.1, compare=compare))
+    [problem] = caught.value.problems
+    assert problem.startswith("ROS 2 is not here (No module named 'rclpy'): ")
+    assert '[ros]' in problem or 'ros-rclpy' in problem

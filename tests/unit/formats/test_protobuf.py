@@ -223,7 +223,7 @@ def test_empty_messages_take_little_memory() -> None:
 def test_what_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'google.protobuf', None)
     for make in (make_decode, make_encode):
-        with pytest.raises(ConfigError, match=r'pip install "ros2-kafka-bridge\[protobuf\]"'):
+        with pytest.raises(ConfigError, match=r' -m pip install .*\[protobuf\]'):
             make(layout(), PLAIN)
 
 

@@ -113,7 +113,7 @@ def test_a_route_without_the_extra_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, 'fastavro', None)
     scope = Scope('t', schema=SchemaSettings(registry=not local), registry={'url': 'http://h'})
-    with pytest.raises(ConfigError, match=r'fastavro.*pip install "ros2-kafka-bridge\[avro\]"'):
+    with pytest.raises(ConfigError, match=r'fastavro.* -m pip install .*\[avro\]'):
         make(ROBOT, scope)
 
 

@@ -16,7 +16,8 @@ from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.mistakes import field_names
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats import extras
+from ros2_kafka_bridge.outside import extras
+from ros2_kafka_bridge.outside.extras import install_command
 from ros2_kafka_bridge.process import reloading
 from ros2_kafka_bridge.process.difference import (
     _OF_ALL_ROUTES,
@@ -349,8 +350,11 @@ def test_a_bridge_that_is_watched_needs_its_extra_and_says_so(
     monkeypatch.setattr(extras, 'find_spec', lambda name: None if name == 'uvicorn' else object())
     file = tmp_path / 'bridge.yaml'
     file.write_text(f'monitoring: {{}}\n{TEXT}')
-    with pytest.raises(ConfigError, match=r'bridge\.yaml:1: monitoring: monitoring needs uvicorn'):
+    with pytest.raises(ConfigError) as caught:
         load_checked(file)
+    sentence = str(caught.value)
+    assert 'bridge.yaml:1: monitoring: unless it says listen: off, monitoring needs uv' in sentence
+    assert sentence.endswith(install_command('monitoring'))  # to be copied to the end of the line
     file.write_text(f'monitoring: {{listen: off}}\n{TEXT}')
     load_checked(file)
 

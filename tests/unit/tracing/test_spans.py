@@ -15,8 +15,8 @@ from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing, headers_of
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
-from ros2_kafka_bridge.formats.extras import missing_extra
 from ros2_kafka_bridge.logs.lines import RouteLog
+from ros2_kafka_bridge.outside.extras import missing_extra
 from ros2_kafka_bridge.route.counters import Outcome
 from ros2_kafka_bridge.route.trace_context import parse
 from ros2_kafka_bridge.testing.memory import MemoryRecord

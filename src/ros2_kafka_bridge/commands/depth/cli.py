@@ -58,7 +58,7 @@ def depth(
     """Tell which KEEP_LAST depth a ROS reader needs for its traffic.
 
     Replays the arrivals through the queue of one reader, and estimates beyond what they show.
-    Needs the extra: pip install 'ros2-kafka-bridge[depth]'. docs/depth.md explains it.
+    Needs the extra [depth]. docs/depth.md explains it.
 
     Exit status: 0 a depth was found, 1 none can be recommended, 2 something is missing or wrong.
     """

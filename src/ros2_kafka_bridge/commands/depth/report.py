@@ -11,6 +11,7 @@ from ros2_kafka_bridge.commands.screen import screen, show_line, show_notes, sho
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
 from ros2_kafka_bridge.logs.text import count
+from ros2_kafka_bridge.outside.extras import missing_extra
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -132,10 +133,8 @@ def _import_extra(*, plots: bool) -> None:
         if plots:
             import matplotlib as mpl  # noqa: F401, PLC0415
     except ImportError as error:
-        library = (error.name or 'scipy').partition('.')[0]
-        raise ConfigError(
-            [f"depth needs {library}: pip install 'ros2-kafka-bridge[depth]'"]
-        ) from error
+        problem = missing_extra('depth') or f'depth cannot be loaded: {error}'
+        raise ConfigError([problem]) from error
 
 
 def _as_json(traffic: Traffic, choice: Choice) -> dict[str, Any]:

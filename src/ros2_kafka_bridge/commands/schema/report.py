@@ -10,9 +10,9 @@ from ros2_kafka_bridge.config.formats import JsonSettings
 from ros2_kafka_bridge.config.mistakes import near
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.extras import missing_extra
 from ros2_kafka_bridge.message_types import document, load_layout
 from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.outside.extras import missing_extra
 
 SCHEMAS: Final = ('json', 'avro', 'protobuf')
 

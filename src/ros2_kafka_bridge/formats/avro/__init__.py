@@ -25,7 +25,6 @@ from ros2_kafka_bridge.formats.avro.versions import (
     text_in,
     version_of,
 )
-from ros2_kafka_bridge.formats.extras import missing_extra
 from ros2_kafka_bridge.formats.looks import another_format
 from ros2_kafka_bridge.formats.registry import (
     FRAME,
@@ -40,6 +39,7 @@ from ros2_kafka_bridge.formats.values.read import make_read
 from ros2_kafka_bridge.formats.values.structs import Style, explain, make_structs
 from ros2_kafka_bridge.formats.values.write import make_write
 from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.outside.extras import missing_extra
 
 STYLE: Final = Style(integers='decimal', missing='default', unknown='ignore')
 """Where another version has fewer or more fields is the business of Avro's resolution."""

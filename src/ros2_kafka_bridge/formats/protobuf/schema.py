@@ -13,7 +13,6 @@ import re
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.extras import missing_extra
 from ros2_kafka_bridge.formats.values.structs import is_byte
 from ros2_kafka_bridge.message_types.layout import (
     Array,
@@ -25,6 +24,7 @@ from ros2_kafka_bridge.message_types.layout import (
     Sequence,
     String,
 )
+from ros2_kafka_bridge.outside.extras import missing_extra
 
 if TYPE_CHECKING:
     from google.protobuf.descriptor import FieldDescriptor

@@ -8,10 +8,11 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from ros2_kafka_bridge.formats.extras import missing_extra
+from ros2_kafka_bridge.outside import extras
+from ros2_kafka_bridge.outside.extras import missing_extra
 
 
-@pytest.mark.parametrize('extra', ['avro', 'protobuf', 'monitoring', 'tracing'])
+@pytest.mark.parametrize('extra', extras._NEEDED)
 def test_an_extra_installs_all_that_is_asked_for(
     extra: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -21,7 +22,7 @@ def test_an_extra_installs_all_that_is_asked_for(
         asked.append(module)
         return module
 
-    monkeypatch.setattr('ros2_kafka_bridge.formats.extras.find_spec', find)
+    monkeypatch.setattr('ros2_kafka_bridge.outside.extras.find_spec', find)
     assert missing_extra(extra) is None
     brought = set(all_of(Requirement(f'ros2-kafka-bridge[{extra}]'), set()))
     makers = packages_distributions()
