@@ -13,6 +13,7 @@ from patience import patient
 
 from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.commands.run import run
+from ros2_kafka_bridge.outside.extras import how_to_get_ros
 from ros2_kafka_bridge.testing.local_kafka import free_port
 
 Unique = Callable[[str], str]
@@ -175,7 +176,7 @@ def logged(bridge: Process) -> list[str]:
 def test_without_rclpy_one_sentence_says_what_to_install(bench: Bench) -> None:
     [sentence] = without('rclpy', bench)
     assert sentence.startswith("ROS 2 is not here (No module named 'rclpy')")
-    assert sentence.endswith('install the wheels with: pip install "ros2-kafka-bridge[ros]"')
+    assert sentence.endswith(how_to_get_ros())
 
 
 def test_an_rclpy_of_another_python_is_not_said_to_be_missing(bench: Bench) -> None:

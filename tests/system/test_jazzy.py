@@ -1,18 +1,40 @@
 """The bridge on the wheels of ROS 2 Jazzy; the nodes around it are on Kilted."""
 
+import os
+import subprocess
 from pathlib import Path
 
 import pytest
 from harness import Bench, eventually, headers, lines, to_kafka, to_ros, values
+from patience import patient
 
 JAZZY = Path(__file__).parents[2] / '.venv-jazzy' / 'bin' / 'python'
 COUNT = 5000
+LOOK = """\
+from ros2_kafka_bridge.ros import installation
+from ros2_kafka_bridge.ros.rclpy_api import NeededBy, lacking
+print(installation.rclpy_version()[0], [lacking(part) for part in NeededBy])
+"""
 
 
 @pytest.fixture
 def jazzy() -> Path:
     assert JAZZY.exists(), 'make test makes .venv-jazzy'
     return JAZZY
+
+
+def test_jazzy_has_all_that_the_bridge_uses_of_rclpy(jazzy: Path) -> None:
+    # The wheels of ROS 2 have set these to their own libraries.
+    own = {'_ROS_WHEELS_BOOTSTRAP_COMPLETE': '', 'LD_LIBRARY_PATH': ''}
+    done = subprocess.run(
+        [jazzy, '-c', LOOK],
+        capture_output=True,
+        text=True,
+        timeout=patient(60),
+        check=False,
+        env=os.environ | own,
+    )
+    assert (done.stdout, done.stderr) == ('7 [[], []]\n', '')
 
 
 def test_orders_through_both_directions_on_jazzy_arrive_once_and_in_order(

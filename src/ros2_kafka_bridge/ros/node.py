@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, RouteError, blamed
 from ros2_kafka_bridge.logs.text import printable
+from ros2_kafka_bridge.outside.extras import how_to_get_ros
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.fastdds_profile import (
     FASTDDS_2,
@@ -22,7 +23,14 @@ from ros2_kafka_bridge.ros.fastdds_profile import (
     user_profile,
     written,
 )
+from ros2_kafka_bridge.ros.installation import (
+    check_alone,
+    check_api,
+    rclpy_major,
+    rclpy_version,
+)
 from ros2_kafka_bridge.ros.profile_check import check_profile, check_topic
+from ros2_kafka_bridge.ros.rclpy_api import NeededBy
 
 _FASTDDS = 'rmw_fastrtps'
 _FIRST_WITH_FASTDDS_3 = 8
@@ -31,7 +39,6 @@ _LONGEST = 200
 # and refuse to run without it. What it says is said on stderr, too, and that is the bridge's log.
 _NO_LOG_FILES = ['--ros-args', '--disable-external-lib-logs']
 _PREFIX = 'kafka_bridge_'
-_VERSION = re.compile(r'rclpy-(\d+)\.')
 _STARTING = threading.Lock()  # two starts in one process would mix their environments
 
 
@@ -222,31 +229,26 @@ def middleware() -> str:
     return str(rclpy.utilities.get_rmw_implementation_identifier())
 
 
-def rclpy_folder() -> Path:
-    """Where the rclpy in use lies: that of the wheels, or of a sourced ROS 2."""
-    import rclpy  # noqa: PLC0415 (heavy)
-
-    return Path(rclpy.__file__).parent
-
-
 @contextmanager
 def open_node(name: str, domain_id: int | None, histories: Histories) -> Iterator[RosNode]:
     """Join the ROS graph with a node that has endpoints only.
 
     Raises:
-        ConfigError: rclpy is missing, or refuses the name or the environment.
+        ConfigError: rclpy is missing or too old, or refuses the name or the environment.
         TransportError: Nothing can be written.
     """
-    rclpy = _import_rclpy()
 
     def make(context: Any) -> Any:
+        import rclpy  # noqa: PLC0415 (heavy)
+        from rclpy.parameter import Parameter  # noqa: PLC0415
+
         return rclpy.create_node(
             node_name(name),
             context=context,
             use_global_arguments=False,
             enable_rosout=False,
             start_parameter_services=False,
-            parameter_overrides=[rclpy.Parameter('start_type_description_service', value=False)],
+            parameter_overrides=[Parameter('start_type_description_service', value=False)],
         )
 
     with open_made(make, domain_id, histories) as node:
@@ -260,7 +262,7 @@ def open_made(
     """Join the ROS graph with the node that `make` makes in a context.
 
     Raises:
-        ConfigError: rclpy is missing, or refuses the name or the environment.
+        ConfigError: rclpy is missing or too old, or refuses the name or the environment.
         TransportError: Nothing can be written.
     """
     rclpy = _import_rclpy()
@@ -298,7 +300,9 @@ def _import_rclpy() -> Any:
     try:
         with blamed('rclpy cannot be loaded'):
             import rclpy  # noqa: PLC0415 (heavy, and perhaps not there)
-            import rclpy.parameter  # noqa: PLC0415
+
+            check_alone()
+            check_api(NeededBy.ROUTES)
     except RouteError as error:
         cause = error.__cause__
         if not isinstance(cause, ImportError):
@@ -310,10 +314,7 @@ def _import_rclpy() -> Any:
 
 def _why_not_loaded(cause: ImportError) -> str:
     if cause.name == 'rclpy':
-        return (
-            f'ROS 2 is not here ({cause}): source your ROS 2 installation, or install '
-            'the wheels with: pip install "ros2-kafka-bridge[ros]"'
-        )
+        return f'ROS 2 is not here ({cause}): {how_to_get_ros()}'
     return (
         f'ROS 2 is here, and {sys.executable} cannot load its rclpy ({cause}): a sourced ROS 2 '
         'needs its own Python, with a venv that has --system-site-packages and not the extra '
@@ -339,17 +340,10 @@ def _profile(histories: Histories, users: Path | None) -> Iterator[None]:
 
 def _dialect() -> Dialect:
     """Jazzy (rclpy 7) and older come with Fast DDS 2, Kilted (rclpy 9) with Fast DDS 3."""
-    # importlib.metadata would load a parser of mail, for as long as the bridge runs.
-    installed = (path.name for path in rclpy_folder().parent.glob('rclpy-*-info'))
-    found = next(filter(None, map(_VERSION.match, installed)), None)
-    major = int(found[1] if found else _version_of_rclpy().partition('.')[0])
-    return FASTDDS_3 if major >= _FIRST_WITH_FASTDDS_3 else FASTDDS_2
-
-
-def _version_of_rclpy() -> str:
-    from importlib import metadata  # noqa: PLC0415 (heavy)
-
-    return metadata.version('rclpy')
+    major = rclpy_major(rclpy_version())
+    # Of an unknown version the profile is not taken, or is: `check_profile` looks.
+    is_old = major is not None and major < _FIRST_WITH_FASTDDS_3
+    return FASTDDS_2 if is_old else FASTDDS_3
 
 
 def _peer(info: Any) -> Peer:

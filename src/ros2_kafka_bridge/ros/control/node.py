@@ -30,7 +30,9 @@ from ros2_kafka_bridge.ros.control.diagnostics import (
 )
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
+from ros2_kafka_bridge.ros.installation import check_api
 from ros2_kafka_bridge.ros.node import RosNode, node_name, open_made, told_by_others
+from ros2_kafka_bridge.ros.rclpy_api import NeededBy
 from ros2_kafka_bridge.ros.types import TypeLoader
 from ros2_kafka_bridge.threads.stop import Stop
 
@@ -120,6 +122,7 @@ def _import_packages(types: TypeLoader, stop: Stop) -> bool:
     if any(types.load(name, stop) is None for name in _TYPES):
         return False
     with blamed('its ROS packages cannot be loaded'):
+        check_api(NeededBy.MANAGED_NODE)
         import_module('ros2_kafka_bridge.ros.control.lifecycle')
         import_module('ros2_kafka_bridge.ros.control.services')
     return True
