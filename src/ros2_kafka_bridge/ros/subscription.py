@@ -13,6 +13,7 @@ from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.ros.errors import left_behind, translated
 from ros2_kafka_bridge.ros.node import Peer, RosNode, is_of_a_stranger
 from ros2_kafka_bridge.ros.qos import mismatch, profile
+from ros2_kafka_bridge.ros.second_channel import unheard
 from ros2_kafka_bridge.ros.sequences import Sequences
 from ros2_kafka_bridge.ros.types import MessageType
 
@@ -100,6 +101,8 @@ class RosSource:
 
         self._take = take.take
         self._waiter = take.Waiter(self._node.context)
+        if may_miss := unheard(self._message_type.layout):
+            self._occasional.warning(may_miss)
         self.follow()
 
     def look(self) -> None:

@@ -196,6 +196,7 @@ def _route_findings(
             *check_ros.type_findings(message_type),
             *check_ros.key_findings(route, message_type),
             *check_ros.size_findings(route, message_type, node),
+            *check_ros.channel_findings(message_type),
             *check_format.format_findings(route, config, message_type),
             *check_format.registry_findings(route, config, message_type),
             *(check_kafka.sink_findings(route, kafka) if asks else ()),

@@ -1,5 +1,6 @@
 """What `check` finds in the ROS graph: who is there, and whether a route would match."""
 
+import contextlib
 from collections.abc import Iterator
 
 from ros2_kafka_bridge.commands.screen import Finding
@@ -9,6 +10,7 @@ from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.message_types.layout import is_bulk
 from ros2_kafka_bridge.ros.confirmation import Confirmation, asks_readers
 from ros2_kafka_bridge.ros.discovery import NOT_TOLD, partial_view, why_nobody
+from ros2_kafka_bridge.ros.installation import rclpy_folder
 from ros2_kafka_bridge.ros.matching import (
     is_own,
     others,
@@ -17,8 +19,9 @@ from ros2_kafka_bridge.ros.matching import (
     publisher_problem,
     reader_problem,
 )
-from ros2_kafka_bridge.ros.node import Peer, RosNode, domain_in_words, middleware, rclpy_folder
+from ros2_kafka_bridge.ros.node import Peer, RosNode, domain_in_words, middleware
 from ros2_kafka_bridge.ros.probe import Abilities, limits
+from ros2_kafka_bridge.ros.second_channel import unheard
 from ros2_kafka_bridge.ros.sockets import receive_buffer_bytes
 from ros2_kafka_bridge.threads.stop import Stop
 
@@ -194,6 +197,17 @@ def size_findings(
         )
         cure = 'a DDS profile with a larger receiveBufferSize (docs/tuning.md, DDS)'
         yield Finding('note', 'size', text, cure)
+
+
+def channel_findings(message_type: str | None) -> Iterator[Finding]:
+    """Whether ROS sends messages of a type where the bridge may not hear them."""
+    from ros2_kafka_bridge.message_types import load_layout, unknown_type  # noqa: PLC0415
+
+    if message_type is None or unknown_type(message_type):
+        return
+    with contextlib.suppress(ConfigError):  # told of its type
+        if may_miss := unheard(load_layout(message_type)):
+            yield Finding('note', 'middleware', may_miss)
 
 
 def key_findings(route: RosToKafkaRoute, message_type: str | None) -> Iterator[Finding]:
