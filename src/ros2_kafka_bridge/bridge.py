@@ -24,7 +24,7 @@ from ros2_kafka_bridge.ros.probe import Abilities, limits, probe, probe_topic
 from ros2_kafka_bridge.route.counters import Snapshot
 from ros2_kafka_bridge.route.status import StatusLog, left, totals
 from ros2_kafka_bridge.threads.pause import Pause
-from ros2_kafka_bridge.threads.stop import Part, Stop
+from ros2_kafka_bridge.threads.stop import Part, Stop, ctrl_c_asks
 from ros2_kafka_bridge.tracing.routes import open_tracing
 from ros2_kafka_bridge.turns.lane import Lane
 from ros2_kafka_bridge.turns.standing_by import stand_by
@@ -87,6 +87,8 @@ class Bridge:
     def run(self, tell: Tell = _tell_nobody, *, waits: bool = False) -> int:
         """Run until a stop is asked for; returns the exit status.
 
+        Whatever else ends it, as Ctrl-C in a program of one's own, goes on behind a drain.
+
         Args:
             tell: Told of a route that has failed for good before anything else happens: whoever
                 restarts this process must know it. The snapshots say so by then.
@@ -94,6 +96,7 @@ class Bridge:
 
         Raises:
             ConfigError: Nothing was started.
+            TransportError: Nothing can be written.
         """
         probed = probe_topic()
         routes = [lane.route for lane in self._lanes]
@@ -109,17 +112,17 @@ class Bridge:
             if waits and not self._wait_for_begin():
                 return 0
             self._say_what_runs()
-            for lane in self._lanes:
-                lane.thread = threading.Thread(
-                    target=self._keep_running,
-                    args=(lane, wiring, tell),
-                    name=lane.route.name,
-                    daemon=True,
-                )
-                lane.thread.start()
-            tell(Begun())
-            self._watch(tell)
-            self._shut_down()
+            with ctrl_c_asks(self.stop):
+                try:
+                    self._begin_routes(wiring, tell)
+                    tell(Begun())
+                    self._watch(tell)
+                except BaseException:  # a bug, or the handler of a signal that raises something
+                    if not self.stop.asked:
+                        self.stop.ask()
+                    raise
+                finally:
+                    self._shut_down()  # the routes need the node
         return 1 if self._crashed or any(lane.final for lane in self._lanes) else 0
 
     def snapshots(self) -> list[Snapshot]:
@@ -195,6 +198,16 @@ class Bridge:
         )  # fmt: skip
 
     # Run
+
+    def _begin_routes(self, wiring: Wiring, tell: Tell) -> None:
+        for lane in self._lanes:
+            lane.thread = threading.Thread(
+                target=self._keep_running,
+                args=(lane, wiring, tell),
+                name=lane.route.name,
+                daemon=True,
+            )
+            lane.thread.start()
 
     def _keep_running(self, lane: Lane, wiring: Wiring, tell: Tell) -> None:
         """Run one route until a stop; in a thread of its own."""

@@ -3,8 +3,10 @@
 import os
 import signal
 import stat
+import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, Final
 
 SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -111,6 +113,35 @@ class Part(Stop):
     def at_once(self) -> bool:
         """Whether to give up what is still in flight."""
         return self._now or self._whole.at_once
+
+
+@contextmanager
+def ctrl_c_asks(stop: Stop) -> Iterator[None]:
+    """Let Ctrl-C ask for a stop, and raise its exception behind the block, as `asyncio.run` does.
+
+    In the middle of a drain the exception would break it off. In another thread, and where the
+    program has a handler of its own, nothing is changed.
+
+    Raises:
+        KeyboardInterrupt: It came.
+    """
+    in_main = threading.current_thread() is threading.main_thread()
+    if not in_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    came: list[int] = []
+
+    def ask(number: int, _frame: Any) -> None:
+        came.append(number)
+        stop.ask()
+
+    signal.signal(signal.SIGINT, ask)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if came:
+        raise KeyboardInterrupt
 
 
 def signals_to_heed() -> Sequence[signal.Signals]:
