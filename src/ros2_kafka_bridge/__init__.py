@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         TimestampError,
         TransportError,
     )
-    from ros2_kafka_bridge.route.counters import Snapshot
+    from ros2_kafka_bridge.route.counters import Snapshot, State
 
 __version__ = '0.1.0'
 
@@ -36,6 +36,7 @@ __all__ = [
     'RecordTooLargeError',
     'RouteError',
     'Snapshot',
+    'State',
     'TimestampError',
     'TransportError',
     '__version__',
@@ -49,6 +50,7 @@ _HOMES = {
     'Config': 'config.settings',
     'Deduplicator': 'dedup',
     'Snapshot': 'route.counters',
+    'State': 'route.counters',
     'load': 'config.file',
     'loads': 'config.file',
     'without_repeats': 'dedup',

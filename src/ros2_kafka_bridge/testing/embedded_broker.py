@@ -10,11 +10,16 @@ from confluent_kafka import KafkaException, Producer
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.logs.lines import client_log
 
+__all__ = ['QUICK_FETCH', 'EmbeddedBroker']
+
 ANSWER_S: Final = 5.0
 
-# The mock answers a fetch that finds nothing when all of its time has passed, not when the next
-# record comes: with the default of 500 ms records would come in heaps, up to half a second late.
 QUICK_FETCH: Final[Mapping[str, str]] = MappingProxyType({'fetch.wait.max.ms': '10'})
+"""Properties of a consumer that is not to wait for its records.
+
+The mock answers a fetch that finds nothing when all of its time has passed, not when the next
+record comes: with the default of 500 ms records would come in heaps, up to half a second late.
+"""
 
 
 class EmbeddedBroker:

@@ -25,6 +25,8 @@ from ros2_kafka_bridge.testing.kafka_jars import archive_flags, install_jars, ja
 from ros2_kafka_bridge.testing.owned import start_owned
 
 HOST: Final = '127.0.0.1'
+"""Where a node listens if nothing else is said: nobody beyond this machine reaches it."""
+
 START_S: Final = 120.0
 STOP_S: Final = 15.0
 FORMAT_S: Final = 120.0

@@ -28,7 +28,7 @@ from ros2_kafka_bridge.testing.kafka_node import (
     wait_for_brokers,
 )
 
-__all__ = ['HOST', 'QUICK_RETURN', 'LocalKafka', 'free_port', 'install_kafka', 'main']
+__all__ = ['HOST', 'QUICK_RETURN', 'LocalKafka', 'free_port', 'install_kafka']
 
 NODE_ID: Final = 1
 START_ATTEMPTS: Final = 5
@@ -46,11 +46,14 @@ ONE_NODE: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 
-# For a node that is killed and started again: the controller waits for the end of the session
-# before it lets it in. On a machine that stands still for as long, it fences itself.
 QUICK_RETURN: Final[Mapping[str, str]] = MappingProxyType(
     {'broker.heartbeat.interval.ms': '200', 'broker.session.timeout.ms': '1500'}
 )
+"""Properties of a node that is killed and started again, and is to be back in 2 s.
+
+The controller waits for the end of the session before it lets it in. On a machine that stands
+still for as long, the node fences itself.
+"""
 
 
 class LocalKafka:
@@ -63,10 +66,10 @@ class LocalKafka:
     Args:
         directory: Keeps data, configuration and log; None makes one that ends with the `with`.
         port: Where clients connect; 0 chooses a free one.
-        properties: Properties of the broker, over those in `ONE_NODE`. `listeners` adds to the
+        properties: Properties of the broker, over its own. `listeners` adds to the
             node's own two, for example `SSL://127.0.0.1:29093` (see `free_port`).
-        jvm_flags: Flags of Java, behind those in `kafka_node.JVM_FLAGS`.
-        host: The address where it listens: that of a `hosts.Host` if it is started there.
+        jvm_flags: Flags of Java, behind its own.
+        host: The address where it listens: one of the network that it is started in.
     """
 
     def __init__(
@@ -216,7 +219,16 @@ class LocalKafka:
 def install_kafka(directory: Path | None = None) -> Path:
     """Let Maven fetch Kafka's jars, if they are not there yet, and map its classes then.
 
-    Arguments, result and errors are those of `kafka_jars.install_jars`.
+    Args:
+        directory: Where they are put. The default is what the environment variable
+            ROS2_KAFKA_BRIDGE_KAFKA_JARS names, else `.kafka/jars` if there is one here, else a
+            directory in the user's cache. `LocalKafka` looks at the default only.
+
+    Returns:
+        The directory that holds the jars.
+
+    Raises:
+        ConfigError: Java or Maven is missing, or Maven cannot fetch the jars.
     """
     fetched = fetch_jars(directory)
     if fetched.is_new:

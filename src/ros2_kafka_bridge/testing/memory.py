@@ -1,4 +1,7 @@
-"""The four ends of the bridge in memory: a test drives a direction step by step with them."""
+"""The four ends of the bridge in memory: a test drives a direction step by step with them.
+
+What they take and give is handed on here, so that who uses them imports nothing that is private.
+"""
 
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,6 +22,23 @@ from ros2_kafka_bridge.endpoints import (
 )
 from ros2_kafka_bridge.errors import BridgeError, RecordTooLargeError
 from ros2_kafka_bridge.kafka.partitions import Partitions
+
+__all__ = [
+    'HeaderList',
+    'Load',
+    'Matches',
+    'MemoryMessageSink',
+    'MemoryMessageSource',
+    'MemoryRecord',
+    'MemoryRecordSink',
+    'MemoryRecordSource',
+    'Message',
+    'Outgoing',
+    'Readers',
+    'Rebalance',
+    'Record',
+    'Reports',
+]
 
 
 @dataclass(frozen=True)

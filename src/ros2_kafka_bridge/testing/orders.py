@@ -13,9 +13,24 @@ import msgspec
 
 from ros2_kafka_bridge.errors import DecodeError
 
+__all__ = [
+    'MATERIALS',
+    'Coordinates',
+    'Dimensions',
+    'Material',
+    'Order',
+    'Product',
+    'decode',
+    'encode',
+    'orders',
+]
+
 Material = Literal['cardboard', 'fabric', 'glass', 'metal', 'paper', 'plastic', 'rubber', 'wood']
+"""What a product is made of."""
 
 MATERIALS: Final[tuple[Material, ...]] = get_args(Material)
+"""All of them; each is as likely as the others."""
+
 MOST_PRODUCTS: Final = 7
 
 

@@ -1,0 +1,102 @@
+"""A bridge inside a program of one's own: the one of docs/python.md, as it stands there."""
+
+import signal
+from pathlib import Path
+
+import pytest
+from harness import Bench, to_kafka, to_ros, values
+from pages import fenced
+
+from rig.processes import Process, Programs, ros_here
+
+ORDERS = [b'order %d' % number for number in range(500)]
+IN_THE_MAIN_THREAD = """
+import logging, os, sys
+from pathlib import Path
+from ros2_kafka_bridge import Bridge, load
+logging.basicConfig(level=logging.INFO)
+Bridge(load(Path(sys.argv[1]), os.environ)).run()
+"""
+ROS_BEFORE = """
+import rclpy
+rclpy.init()
+node = rclpy.create_node('mine')
+"""
+
+
+@pytest.fixture
+def returned(bench: Bench, topic_name: str) -> str:
+    """Where what is in `topic_name` comes back to."""
+    topic = f'{topic_name}.returned'
+    bench.create_topic(topic_name)
+    bench.create_topic(topic)
+    return topic
+
+
+def of_the_page() -> str:
+    [found] = [text for text in fenced('docs/python.md', 'python') if 'Bridge(' in text]
+    return found
+
+
+def program(bench: Bench, config: Path, text: str) -> Process:
+    """A program that gets a configuration; `with` starts it."""
+    file = bench.place / 'program.py'
+    file.write_text(text)
+    here = Programs(bench.place, ros_here(bench.domain))
+    return here.python('program', '-P', str(file), str(config))
+
+
+def both_ways(topic_name: str, returned: str) -> list[dict[str, object]]:
+    return [to_ros(topic_name, '/orders'), to_kafka('/orders', returned)]
+
+
+def move_orders(bench: Bench, running: Process, topic_name: str, returned: str) -> None:
+    running.wait_for('subscribes to /orders')
+    bench.produce(topic_name, ORDERS)
+    assert values(bench.records(returned, len(ORDERS))) == ORDERS
+
+
+def test_the_program_of_the_page_moves_orders_both_ways_and_is_stopped(
+    bench: Bench, topic_name: str, returned: str
+) -> None:
+    """What is the command's business, workers and monitoring, it passes over."""
+    routes = both_ways(topic_name, returned)
+    config = bench.config(routes, workers=2, monitoring={'listen': 'off'})
+    with program(bench, config, of_the_page()) as running:
+        move_orders(bench, running, topic_name, returned)
+        running.wait_for(f'to_kafka running {len(ORDERS)} ')
+        assert running.end() == 0, running.output()
+    assert f'bridge {bench.name} runs 2 routes' in running.output()
+    assert bench.committed(bench.group, topic_name) == len(ORDERS)
+
+
+def test_ctrl_c_in_a_run_of_the_main_thread_is_a_drain(
+    bench: Bench, topic_name: str, returned: str
+) -> None:
+    config = bench.config(both_ways(topic_name, returned))
+    with program(bench, config, IN_THE_MAIN_THREAD) as running:
+        move_orders(bench, running, topic_name, returned)
+        running.send(signal.SIGINT)
+        assert running.wait() == -signal.SIGINT, running.output()
+    said = f'stopped: {len(ORDERS)} taken, {len(ORDERS)} confirmed'
+    assert running.output().count(said) == 2, running.output()
+
+
+def test_ctrl_c_twice_ends_at_once_and_crashes_nothing(
+    bench: Bench, topic_name: str, returned: str
+) -> None:
+    config = bench.config(both_ways(topic_name, returned))
+    with program(bench, config, IN_THE_MAIN_THREAD) as running:
+        move_orders(bench, running, topic_name, returned)
+        running.send(signal.SIGINT)
+        running.wait_for('stopping: draining')
+        running.send(signal.SIGINT)
+        assert running.wait() == -signal.SIGINT, running.output()
+
+
+def test_a_program_that_has_used_ros_before_is_told_so(bench: Bench, topic_name: str) -> None:
+    config = bench.config([to_kafka('/orders', topic_name)])
+    with program(bench, config, ROS_BEFORE + of_the_page()) as running:
+        assert running.wait() == 1, running.output()
+    assert 'has started ROS in this process before the bridge' in running.output()
+    assert 'Traceback' not in running.output()
