@@ -5,7 +5,7 @@ import socket
 from contextlib import suppress
 from pathlib import Path
 from threading import Thread
-from typing import Final
+from typing import Final, Self
 
 from harness import Bench, values
 from letters import written_one_by_one
@@ -32,14 +32,29 @@ class LateEnd:
         self.port = int(self._server.getsockname()[1])
         self._kept = b''
         self.ends = 0
+
+    def __enter__(self) -> Self:
         Thread(target=self._accept, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        # What comes once Kafka is gone would fail in the midst of another test.
+        self._server.shutdown(socket.SHUT_RDWR)
+        self._server.close()
 
     def _accept(self) -> None:
-        while True:
-            client = self._server.accept()[0]
+        with suppress(OSError):  # it is closed
+            while True:
+                self._let_through(self._server.accept()[0])
+
+    def _let_through(self, client: socket.socket) -> None:
+        try:
             server = socket.create_connection((HOST, self._behind))
-            Thread(target=self._ask, args=(client, server), daemon=True).start()
-            Thread(target=self._answer, args=(server, client), daemon=True).start()
+        except OSError:  # Kafka is gone
+            client.close()
+            return
+        Thread(target=self._ask, args=(client, server), daemon=True).start()
+        Thread(target=self._answer, args=(server, client), daemon=True).start()
 
     def _ask(self, client: socket.socket, server: socket.socket) -> None:
         with suppress(OSError), client, server, client.makefile('rb') as asked:
@@ -72,7 +87,6 @@ def test_an_end_that_comes_late_leaves_the_next_transaction_whole(
     tmp_path: Path, topic_name: str, ros_domain: int
 ) -> None:
     behind = free_port()
-    way = LateEnd(behind)
     # Of the second transaction a part is refused, so that it is undone, and begun again.
     jobs = [[b'first'], [b'small', b'x' * 5000]]
     parcels = [
@@ -80,6 +94,7 @@ def test_an_end_that_comes_late_leaves_the_next_transaction_whole(
         for job in map(enumerate, jobs)
     ]
     with (
+        LateEnd(behind) as way,
         node_behind(tmp_path / 'kafka', behind, way.port) as node,
         contextlib.closing(Bench(tmp_path, node.bootstrap_servers, ros_domain)) as bench,
     ):
