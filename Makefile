@@ -8,11 +8,13 @@ A ?=
 JOBS ?= 4
 PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 PORT ?= 9092
+DIST ?= dist
 TOPICS ?=
 
 BIN := .venv/bin
 READY := .venv/ready
 JAZZY := .venv-jazzy/ready
+BUILD := --build-constraints requirements.lock
 LOCK := $(BIN)/uv pip compile pyproject.toml --all-extras --group dev --universal \
 	--python-version 3.11 --generate-hashes --no-header --quiet
 
@@ -28,7 +30,7 @@ export UV_SYSTEM_CERTS ?= true
 export ROS2_KAFKA_BRIDGE_KAFKA_JARS ?= $(CURDIR)/.kafka/jars
 
 .PHONY: help setup demo warehouse test test-long test-all jars check lint format types locked kafka
-.PHONY: bench experiment faults soak fuzz churn routes docs lock java
+.PHONY: bench experiment faults soak fuzz churn routes dist docs lock java
 .DEFAULT_GOAL := help
 
 help: ## what there is to make
@@ -102,7 +104,12 @@ churn: java $(READY) ## subscribers that come and go 1,000 times
 routes: java $(READY) ## 200 routes in one bridge: start-up, memory, threads
 	$(BIN)/python -m benchmarks.routes $(A)
 
-docs: $(READY) ## the tables in docs, from the code
+dist: $(READY) ## sdist, and the wheel that is built from it, to be installed elsewhere (DIST=dist)
+	@rm -f $(DIST)/ros2_kafka_bridge-*
+	@$(BIN)/uv build $(BUILD) --require-hashes --quiet --out-dir $(DIST)
+	@ls $(DIST)/ros2_kafka_bridge-*
+
+docs: $(READY) ## the tables in docs, from the code, and the version in package.xml
 	$(BIN)/python tools/make_docs.py $(A)
 
 lock: $(READY) ## requirements.lock, after a change of pyproject.toml
@@ -116,7 +123,7 @@ $(JAZZY): requirements-jazzy.lock $(READY)
 	@echo 'Setting up .venv-jazzy ...'
 	@$(PYTHON) -m venv --clear .venv-jazzy
 	@$(BIN)/uv pip install --quiet --python .venv-jazzy/bin/python --require-hashes -r $<
-	@$(BIN)/uv pip install --quiet --python .venv-jazzy/bin/python --no-deps --editable .
+	@$(BIN)/uv pip install --quiet --python .venv-jazzy/bin/python --no-deps $(BUILD) --editable .
 	@touch $@
 
 # pip is asked once, for uv, with the hashes of the lock. Always into an empty .venv: the wheels
@@ -131,7 +138,7 @@ $(READY): pyproject.toml requirements.lock
 	@awk '/^[a-z]/ {found = /^uv==/} found' requirements.lock > .venv/uv.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r .venv/uv.txt
 	@$(BIN)/uv pip install --quiet --python $(BIN)/python --require-hashes -r requirements.lock
-	@$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --editable .
+	@$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps $(BUILD) --editable .
 	@touch $@
 
 # Once for all, before the tests that need them begin at the same time.

@@ -1,9 +1,11 @@
 """What `colcon build` runs in a ROS workspace; pip reads pyproject.toml alone.
 
-Name, version and dependencies come from pyproject.toml. Setuptools would read that file by
-itself, and stop at its licence: older ones, such as that of Ubuntu 24.04, know it as a table only.
+Name and dependencies come from pyproject.toml, the version from the package. Setuptools would
+read pyproject.toml by itself, and stop at its licence: older ones, such as that of Ubuntu 24.04,
+know it as a table only.
 """
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,8 @@ from setuptools import Distribution, find_packages, setup
 PYPROJECT = Path(__file__).resolve().parent / 'pyproject.toml'
 PROJECT = tomllib.loads(PYPROJECT.read_text(encoding='utf-8'))['project']
 PACKAGE = 'ros2_kafka_bridge'
+FACE = PYPROJECT.parent / 'src' / PACKAGE / '__init__.py'
+[VERSION] = re.findall(r"^__version__ = '(.+)'$", FACE.read_text(encoding='utf-8'), re.MULTILINE)
 
 
 class WithoutPyproject(Distribution):
@@ -27,11 +31,12 @@ class WithoutPyproject(Distribution):
 setup(
     distclass=WithoutPyproject,
     name=PROJECT['name'],
-    version=PROJECT['version'],
+    version=VERSION,
     description=PROJECT['description'],
     license=PROJECT['license'],
     python_requires=PROJECT['requires-python'],
     install_requires=PROJECT['dependencies'],
+    extras_require=PROJECT['optional-dependencies'],
     packages=find_packages('src', include=[PACKAGE, f'{PACKAGE}.*']),
     package_dir={'': 'src'},
     package_data={PACKAGE: ['**/*']},

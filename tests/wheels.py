@@ -40,6 +40,22 @@ def contents(wheel: Path) -> dict[str, bytes]:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
+def interpreter(version: str) -> Path | None:
+    """A Python of that version that really answers: a shim of pyenv may stand for none."""
+    named = [Path(folder, f'python{version}') for folder in ('/usr/bin', '/usr/local/bin')]
+    installed = Path.home().glob(f'.pyenv/versions/{version}.*/bin/python{version}')
+    managed = Path.home().glob(f'.local/share/uv/python/cpython-{version}.*/bin/python{version}')
+    code = 'import ssl, sqlite3, sys; print("%d.%d" % sys.version_info[:2])'
+    for candidate in (*named, *sorted(installed), *sorted(managed)):
+        if candidate.exists():
+            told = subprocess.run(
+                [candidate, '-c', code], capture_output=True, text=True, check=False
+            )
+            if told.stdout.strip() == version:
+                return candidate
+    return None
+
+
 def make_venv(place: Path, python: str | Path = sys.executable) -> Path:
     """Make an empty environment; returns its Python."""
     uv('venv', '--python', python, place)

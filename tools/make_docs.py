@@ -1,12 +1,14 @@
 """Writes docs/configuration.md and docs/bridge.schema.json from the settings classes.
 
-The drawings of docs/warehouse.md come from the topics of the warehouse.
+The drawings of docs/warehouse.md come from the topics of the warehouse, the version in package.xml
+from the package.
 
 With --check it writes nothing and fails where one of them is out of date.
 """
 
 import argparse
 import json
+import re
 import sys
 from dataclasses import MISSING, fields
 from inspect import cleandoc
@@ -15,6 +17,7 @@ from typing import Any
 
 from warehouse_docs import fill
 
+from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.config.base import Settings
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.mistakes import field_names
@@ -39,6 +42,7 @@ from ros2_kafka_bridge.config.validation import json_schema as schema_of_file
 from ros2_kafka_bridge.errors import ConfigError
 
 DOCS = Path(__file__).parent.parent / 'docs'
+PACKAGE = DOCS.parent / 'package.xml'
 DIALECT = 'https://json-schema.org/draft/2020-12/schema'
 FIRST = ('name', 'from', 'to', 'format')
 
@@ -230,21 +234,26 @@ def _type(schema: dict[str, Any]) -> str:
     return words[schema.get('type', 'object')]
 
 
+def _of_this_version(package: str) -> str:
+    """Give package.xml, which can refer to nothing, the version of the package."""
+    return re.sub(r'<version>.*</version>', f'<version>{__version__}</version>', package)
+
+
 def main() -> int:
     """Write the files, or compare them with what would be written."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--check', action='store_true', help='write nothing, fail on a difference')
     check = parser.parse_args().check
     texts = {
-        'configuration.md': configuration_page(),
-        'bridge.schema.json': json.dumps(json_schema(), indent=2) + '\n',
-        'warehouse.md': fill((DOCS / 'warehouse.md').read_text('utf-8')),
+        DOCS / 'configuration.md': configuration_page(),
+        DOCS / 'bridge.schema.json': json.dumps(json_schema(), indent=2) + '\n',
+        DOCS / 'warehouse.md': fill((DOCS / 'warehouse.md').read_text('utf-8')),
+        PACKAGE: _of_this_version(PACKAGE.read_text('utf-8')),
     }
     stale = []
-    for name, text in texts.items():
-        path = DOCS / name
+    for path, text in texts.items():
         if not path.exists() or path.read_text('utf-8') != text:
-            stale.append(name)
+            stale.append(path.name)
             if not check:
                 path.write_text(text, 'utf-8')
     if check and stale:

@@ -11,6 +11,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from ros2_kafka_bridge.outside.extras import missing_extra
 from warehouse.benchmark.cli import benchmark
 from warehouse.simulate import simulate
 from warehouse.validate import validate
@@ -117,6 +118,7 @@ def run(
 
     Exit status: 0 stopped, 1 a part could not be kept running, 2 could not start.
     """
+    _look_for_libraries()
     from warehouse import run as all_of_it  # noqa: PLC0415 (--help must be quick)
     from warehouse.nodes import MODULES  # noqa: PLC0415
     from warehouse.run_options import Options  # noqa: PLC0415
@@ -150,6 +152,7 @@ def module(
     ] = None,
 ) -> None:
     """Run one module as a ROS 2 node until Ctrl-C."""
+    _look_for_libraries()
     from warehouse.domain.site import DEFAULT_SITE  # noqa: PLC0415 (--help must be quick)
     from warehouse.nodes import MODULES  # noqa: PLC0415
 
@@ -268,6 +271,7 @@ def benchmark_chain(
 
     Exit status: 0 measured, 1 the warehouse did not come up or an order was not assigned.
     """
+    _look_for_libraries()
     from warehouse.benchmark import chain  # noqa: PLC0415 (--help must be quick)
 
     raise typer.Exit(chain.run(bootstrap_servers, robots, step_s, orders, pause_s, json))
@@ -294,6 +298,9 @@ def main() -> None:
     """Run the command line."""
     try:
         app()
+    except ModuleNotFoundError:
+        _look_for_libraries()
+        raise
     except Exception as error:
         from warehouse.mistakes import MISTAKES  # noqa: PLC0415 (heavy: only where one was made)
 
@@ -302,6 +309,12 @@ def main() -> None:
         if isinstance(error, OSError) and error.filename is not None:
             _fail(f'{error.filename}: {error.strerror}')
         raise
+
+
+def _look_for_libraries() -> None:
+    """Say in a sentence what is missing: the processes below would each fail by a traceback."""
+    if problem := missing_extra('warehouse'):
+        _fail(problem)
 
 
 def _not_on_site(path: Path | None, robot: str, cell: tuple[int, int] | None) -> str:

@@ -14,6 +14,8 @@ import pytest
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 from harness import Bench, Process, to_kafka, to_ros, values
 
+from ros2_kafka_bridge import __version__
+
 ROOT = Path(__file__).parents[2]
 PACKAGE = 'ros2_kafka_bridge'
 PARTS = ('LICENSE', 'README.md', 'launch', 'package.xml', 'pyproject.toml', 'resource',
@@ -141,16 +143,29 @@ def test_without_the_python_libraries_it_says_where_they_come_from(workspace: Wo
     assert 'Traceback' not in told.stderr
 
 
+def test_an_extra_that_is_missing_is_named_by_its_libraries(workspace: Workspace) -> None:
+    code = (
+        "import sys; sys.modules['scipy'] = None; from ros2_kafka_bridge.cli import main; "
+        "sys.argv[1:] = ['depth', '--recording', 'none']; main()"
+    )
+    told = _run(workspace, BINARIES / 'python', '-c', code)
+    assert told.returncode == 2
+    [sentence] = told.stderr.splitlines()
+    assert 'depth needs scipy' in sentence
+    assert "'scipy>=" in sentence
+
+
 def test_the_whole_command_line_is_there_too(workspace: Workspace) -> None:
     told = _run(workspace, workspace.executable.parent / 'ros2-kafka-bridge', '--version')
-    assert told.stdout.strip() == _project()['version']
+    assert told.stdout.strip() == __version__
 
 
 def test_the_package_has_the_version_and_the_words_of_the_project() -> None:
     project = _project()
     package = ET.parse(ROOT / 'package.xml').getroot()  # noqa: S314 (our own file)
-    for field in ('version', 'description', 'license'):
+    for field in ('description', 'license'):
         assert package.findtext(field) == project[field]
+    assert package.findtext('version') == __version__
     assert package.findtext('name') == PACKAGE
 
 

@@ -1,11 +1,12 @@
-"""The newer Pythons that users have: the locked wheels exist for them, and all works as here."""
+"""The newer Pythons that users have: the locked wheels exist for them, and work as they do here.
 
-import subprocess
+Messages both ways: test_wheel.py.
+"""
+
 from pathlib import Path
 
 import pytest
-from harness import Bench
-from wheels import LOCK, ROOT, build, install, make_venv, run, there_and_back
+from wheels import LOCK, ROOT, build, install, interpreter, make_venv, run
 
 VERSIONS = ('3.12', '3.13')
 # What the bridge proper stands on; the rest of tests/unit takes as long as all else here.
@@ -22,22 +23,6 @@ for package in (ros2_kafka_bridge, warehouse):
             importlib.import_module(found.name)
             print(found.name)
 """
-
-
-def interpreter(version: str) -> Path | None:
-    """A Python of that version that really answers: a shim of pyenv may stand for none."""
-    named = [Path(folder, f'python{version}') for folder in ('/usr/bin', '/usr/local/bin')]
-    installed = Path.home().glob(f'.pyenv/versions/{version}.*/bin/python{version}')
-    managed = Path.home().glob(f'.local/share/uv/python/cpython-{version}.*/bin/python{version}')
-    code = 'import ssl, sqlite3, sys; print("%d.%d" % sys.version_info[:2])'
-    for candidate in (*named, *sorted(installed), *sorted(managed)):
-        if candidate.exists():
-            told = subprocess.run(
-                [candidate, '-c', code], capture_output=True, text=True, check=False
-            )
-            if told.stdout.strip() == version:
-                return candidate
-    return None
 
 
 @pytest.fixture(scope='module', params=VERSIONS)
@@ -76,10 +61,3 @@ def test_the_unit_tests_of_the_bridge_pass(python: Path, tmp_path: Path) -> None
     options = ('-q', '-p', 'no:cacheprovider', '--rootdir', ROOT, '-c', ROOT / 'pyproject.toml')
     told = run([python, '-m', 'pytest', *options, *tests], tmp_path, 880)
     assert told.returncode == 0, told.stdout + told.stderr
-
-
-def test_orders_through_both_directions_arrive_once_and_in_order(
-    python: Path, bench: Bench, topic_name: str
-) -> None:
-    bridge = there_and_back(bench, topic_name, python)
-    assert 'Warning' not in bridge.output()

@@ -12,6 +12,12 @@ from pages import ROOT, fenced, links, pages, sections
 
 from ros2_kafka_bridge.cli import app
 from ros2_kafka_bridge.config.file import loads
+from ros2_kafka_bridge.outside.extras import PUBLISHED
+
+NOT_YET = (
+    '**It is not on PyPI yet.** `pip install ros2-kafka-bridge` finds nothing today, and who '
+    'registers that name need not'
+)
 
 
 def test_the_page_and_the_schema_are_up_to_date() -> None:
@@ -93,3 +99,17 @@ def test_every_command_is_on_the_page_of_commands() -> None:
     told = re.findall(r'`ros2-kafka-bridge ([a-z-]+)', (ROOT / 'docs' / 'commands.md').read_text())
     command = typer.main.get_command(app)
     assert set(told) == set(getattr(command, 'commands', {}))
+
+
+def test_nobody_is_told_to_install_by_a_name_that_may_be_anybodys() -> None:
+    """Until a release has registered it: `PUBLISHED` is the one place that says so."""
+    name = r'pip install [^`\n]*ros2-kafka-bridge(?=[\[\s`\'"]|$)'
+    code = [*ROOT.glob('src/**/*.py'), *ROOT.glob('examples/**/*.py')]
+    told = {
+        str(file.relative_to(ROOT)): line
+        for file in (*pages(), *code)
+        for line in file.read_text().splitlines()
+        if re.search(name, line) and '--no-index' not in line
+    }
+    assert PUBLISHED or told == {'docs/install.md': NOT_YET}
+    assert ('not on PyPI yet' in (ROOT / 'README.md').read_text()) is not PUBLISHED

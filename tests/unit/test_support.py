@@ -56,8 +56,9 @@ def test_a_distribution_that_is_said_to_be_tested_long_has_a_lock_and_tests() ->
     assert {row.ros.split(',')[0] for row in rows('long')} == {'Kilted', 'Jazzy'}
     assert locked('requirements-jazzy.lock', 'ros-rclpy') == '7'  # that of Jazzy
     for row in rows('long'):
-        [test] = re.findall(r'\((tests/[\w/]+\.py)\)', row.known)
-        assert (ROOT / test).exists()
+        tests = re.findall(r'\((tests/[\w/]+\.py)\)', row.known)
+        assert tests
+        assert all((ROOT / test).exists() for test in tests)
 
 
 def test_only_what_the_locked_wheels_are_for_is_said_to_be_tested() -> None:
@@ -77,3 +78,10 @@ def test_the_pythons_that_are_said_to_be_tested_are_those_of_tests_and_metadata(
     assert named == pythons('gate', 'long')
     assert project['requires-python'] == f'>={min(named)}'
     assert max(pythons('no')) < min(named)
+
+
+def test_every_extra_with_wheels_of_ros_stays_below_what_was_not_tried() -> None:
+    project = tomllib.loads((ROOT / 'pyproject.toml').read_text())['project']
+    asked = [one for extra in project['optional-dependencies'].values() for one in extra]
+    wheels = {one for one in asked if one.startswith('ros-rclpy')}
+    assert wheels == {'ros-rclpy[fastrtps]>=9.1.2,<10'}  # Lyrical's is 10
