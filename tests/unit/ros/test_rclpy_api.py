@@ -176,6 +176,12 @@ def test_no_row_is_left_of_what_nobody_uses_any_more(uses: Uses) -> None:
     assert len({(str(row), row.part) for row in TABLE}) == len(TABLE)
 
 
+def test_what_is_used_outside_of_the_managed_node_is_looked_at_without_it() -> None:
+    outside = (path for path in ROOM.rglob('*.py') if ROOM / 'control' not in path.parents)
+    used = {use.name for path in outside for use in uses_of(path)}
+    assert not used & {str(row) for row in TABLE if row.part is NeededBy.MANAGED_NODE}
+
+
 @pytest.mark.parametrize('row', TABLE, ids=str)
 def test_a_row_has_the_arguments_that_the_room_passes(row: Used, uses: Uses) -> None:
     calls = [use for use in uses[str(row)] if use.positional is not None]
