@@ -14,7 +14,8 @@ TESTS: Final = Path(__file__).parent
 
 # Seconds for the body of a test that names no limit of its own (pytest.mark.timeout).
 LIMITS_S: Final = {'unit': 60, 'integration': 150, 'system': 300, 'faults': 300}
-FIXTURES_S: Final = 150.0  # for all that are made before a test, and for all that end after it
+FIXTURES_S: Final = 150.0  # for all that are made before a test, or end after it: at least
+_own_s: Final = pytest.StashKey[float]()
 
 
 def tier(item: pytest.Item) -> str:
@@ -26,27 +27,28 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Give the body of each test its limit."""
     for item in items:
         own = item.get_closest_marker('timeout')
-        limit_s = own.args[0] if own else LIMITS_S[tier(item)]
+        item.stash[_own_s] = own.args[0] if own else 0.0
+        limit_s = item.stash[_own_s] or LIMITS_S[tier(item)]
         item.add_marker(pytest.mark.timeout(patient(limit_s)), append=False)
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_setup() -> Generator[None]:
+def pytest_runtest_setup(item: pytest.Item) -> Generator[None]:
     """Limit the fixtures: pytest-timeout looks at bodies only, so that reruns have limits, too."""
-    with _limited('fixtures that are made'):
+    with _limited('fixtures that are made', item):
         return (yield)
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_teardown() -> Generator[None]:
+def pytest_runtest_teardown(item: pytest.Item) -> Generator[None]:
     """Limit their end."""
-    with _limited('fixtures that end'):
+    with _limited('fixtures that end', item):
         return (yield)
 
 
 @contextmanager
-def _limited(what: str) -> Iterator[None]:
-    limit_s = patient(FIXTURES_S)
+def _limited(what: str, item: pytest.Item) -> Iterator[None]:
+    limit_s = patient(max(FIXTURES_S, item.stash[_own_s]))
 
     def fail(_number: int, _frame: FrameType | None) -> None:
         pytest.fail(f'Timeout (>{limit_s:.1f}s) of {what}')

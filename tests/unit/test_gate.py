@@ -184,6 +184,16 @@ def test_a_fixture_that_hangs_fails_each_time_it_is_used(tree: Path, where: str)
     assert counts(said)['rerun'] == 1
 
 
+def test_the_fixtures_of_a_long_test_have_as_long_as_it(tree: Path) -> None:
+    long = '@pytest.mark.timeout(250)\ndef test_it'
+    (tree / 'integration' / 'test_hangs.py').write_text(
+        FIXTURE.format(where='before').replace('def test_it', long)
+    )
+    status, said = run(tree, TEST_PATIENCE='0.01')
+    assert status == 1
+    assert 'Timeout (>2.5s) of fixtures that ' in said
+
+
 def test_a_test_that_fails_in_its_body_and_at_its_end_was_run_again_once(tree: Path) -> None:
     (tree / 'integration' / 'test_both.py').write_text(BOTH)
     status, said = run(tree)
