@@ -10,11 +10,13 @@ PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 PORT ?= 9092
 DIST ?= dist
 TOPICS ?=
+ENGINE ?= docker
 
 BIN := .venv/bin
 READY := .venv/ready
 JAZZY := .venv-jazzy/ready
 BUILD := --build-constraints requirements.lock
+VERSION = $(shell sed -n "s/^__version__ = '\(.*\)'$$/\1/p" src/ros2_kafka_bridge/__init__.py)
 LOCK := $(BIN)/uv pip compile pyproject.toml --all-extras --group dev --universal \
 	--python-version 3.11 --generate-hashes --no-header --quiet
 
@@ -30,7 +32,7 @@ export UV_SYSTEM_CERTS ?= true
 export ROS2_KAFKA_BRIDGE_KAFKA_JARS ?= $(CURDIR)/.kafka/jars
 
 .PHONY: help setup demo warehouse test test-long test-all jars check lint format types locked kafka
-.PHONY: bench experiment faults soak fuzz churn routes dist docs lock java
+.PHONY: bench experiment faults soak fuzz churn routes dist image docs lock java
 .DEFAULT_GOAL := help
 
 help: ## what there is to make
@@ -108,6 +110,10 @@ dist: $(READY) ## sdist, and the wheel that is built from it, to be installed el
 	@rm -f $(DIST)/ros2_kafka_bridge-*
 	@$(BIN)/uv build $(BUILD) --require-hashes --quiet --out-dir $(DIST)
 	@ls $(DIST)/ros2_kafka_bridge-*
+
+image: ## the image that Containerfile describes (ENGINE=podman, A='--build-arg BASE=...')
+	$(ENGINE) build --file Containerfile --tag ros2-kafka-bridge --tag ros2-kafka-bridge:$(VERSION) \
+		--label org.opencontainers.image.version=$(VERSION) $(A) .
 
 docs: $(READY) ## the tables in docs, from the code, and the version in package.xml
 	$(BIN)/python tools/make_docs.py $(A)

@@ -39,6 +39,8 @@ ROS_DOMAINS: Final = (*range(1, 102), *range(215, 233))
 # How long some modules take, in seconds, and how long a test of the others does about.
 LONG: Final = {
     'faults/test_secured_kafka_faults': 355,
+    'system/containers/test_image': 180,
+    'system/containers/test_compose': 160,
     'system/test_foreign_errors': 300,
     'system/test_other_pythons': 250,
     'system/test_reload': 230,
