@@ -335,7 +335,8 @@ class Namesakes:
         if there > 1 and not self._said:
             self._log.warning(
                 'another node is called %s, too: a service of that name may reach either bridge; '
-                'give one another name, by name: in its file or --ros-args -r __node:=NAME',
+                'leave that of one out (monitoring: {node: false}), or give it another name, by '
+                '--ros-args -r __node:=NAME or, if they do not take turns, by name: in its file',
                 self._node.get_fully_qualified_name(),
             )
         self._said = there > 1
