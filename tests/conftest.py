@@ -64,6 +64,7 @@ LONG: Final = {
     'system/test_local_kafka': 100,
     'system/test_systemd_unit': 60,
     'system/test_discovery_server': 45,
+    'system/test_kubernetes': 70,
     'system/test_readme': 80,
     'system/test_examples': 75,
     'system/test_experiment': 70,
