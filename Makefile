@@ -44,7 +44,7 @@ demo: $(READY) ## orders through Kafka and ROS 2 and back, with Python alone (A=
 	@$(BIN)/ros2-kafka-bridge demo $(A)
 
 warehouse: $(READY) ## orders, robots and a live page: a whole warehouse (A='--robots 30', A=--help)
-	@$(BIN)/warehouse run --orders-per-minute 5 $(A)
+	@$(BIN)/ros2-kafka-warehouse run --orders-per-minute 5 $(A)
 
 test: $(if $(filter-out tests/unit%,$(T)),jars) $(if $(filter $(LONG:=%) tests,$(T)),$(JAZZY)) $(READY) ## what a change must pass (some: T=tests/unit, A='-k name')
 	$(PYTEST) $(T) $(A)
@@ -85,7 +85,7 @@ bench: java $(READY) ## drain a topic both ways, latency, convert messages, plan
 	$(BIN)/python -m benchmarks.drain $(A)
 	$(BIN)/python -m benchmarks.latency
 	$(BIN)/python -m benchmarks.formats
-	$(BIN)/warehouse benchmark
+	$(BIN)/ros2-kafka-warehouse benchmark
 
 experiment: java $(READY) ## the paper's experiment, repeated and widened: half an hour, a report
 	$(BIN)/python -m benchmarks.experiment $(A)

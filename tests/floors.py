@@ -2,12 +2,18 @@
 
 from typing import Any
 
-from warehouse.domain.execution_profiles import Battery, ExecutionProfiles, RobotType
-from warehouse.domain.site import Product, RobotPlace, Site
-from warehouse.messages.message import Cell, node_id
-from warehouse.messages.monitor import FleetReport, RobotReport
-from warehouse.messages.robots import FleetState, Load, Position, PowerSupply, RobotState
-from warehouse.messages.tasks import Task, Tasks
+from ros2_kafka_warehouse.domain.execution_profiles import Battery, ExecutionProfiles, RobotType
+from ros2_kafka_warehouse.domain.site import Product, RobotPlace, Site
+from ros2_kafka_warehouse.messages.message import Cell, node_id
+from ros2_kafka_warehouse.messages.monitor import FleetReport, RobotReport
+from ros2_kafka_warehouse.messages.robots import (
+    FleetState,
+    Load,
+    Position,
+    PowerSupply,
+    RobotState,
+)
+from ros2_kafka_warehouse.messages.tasks import Task, Tasks
 
 ROWS = (
     '..........',

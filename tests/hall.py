@@ -2,13 +2,13 @@
 
 from typing import Any
 
-from warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
-from warehouse.domain.site import Product, RobotPlace, Site
-from warehouse.domain.task_organizer import TaskOrganizer
-from warehouse.messages.message import Cell, node_id
-from warehouse.messages.monitor import Blocked, FleetReport, RobotReport
-from warehouse.messages.orders import OpenOrders, Order, OrderLine
-from warehouse.messages.robots import (
+from ros2_kafka_warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
+from ros2_kafka_warehouse.domain.site import Product, RobotPlace, Site
+from ros2_kafka_warehouse.domain.task_organizer import TaskOrganizer
+from ros2_kafka_warehouse.messages.message import Cell, node_id
+from ros2_kafka_warehouse.messages.monitor import Blocked, FleetReport, RobotReport
+from ros2_kafka_warehouse.messages.orders import OpenOrders, Order, OrderLine
+from ros2_kafka_warehouse.messages.robots import (
     ActionState,
     ActionStatus,
     Error,
@@ -18,7 +18,7 @@ from warehouse.messages.robots import (
     PowerSupply,
     RobotState,
 )
-from warehouse.messages.tasks import Assignment, Assignments, Costs, Task, TaskStatus
+from ros2_kafka_warehouse.messages.tasks import Assignment, Assignments, Costs, Task, TaskStatus
 
 PROFILES = ExecutionProfiles(
     {

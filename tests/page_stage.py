@@ -8,11 +8,11 @@ from harness import Bench, Process
 from playwright.sync_api import Page
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
-from warehouse.codec import encode
-from warehouse.messages.message import Message
-from warehouse.messages.monitor import FleetReport, RobotReport
-from warehouse.messages.onlookers import Plan, Plans
-from warehouse.messages.robots import FleetState, Position, PowerSupply, RobotState
+from ros2_kafka_warehouse.codec import encode
+from ros2_kafka_warehouse.messages.message import Message
+from ros2_kafka_warehouse.messages.monitor import FleetReport, RobotReport
+from ros2_kafka_warehouse.messages.onlookers import Plan, Plans
+from ros2_kafka_warehouse.messages.robots import FleetState, Position, PowerSupply, RobotState
 
 PATIENCE_MS: Final = 60_000
 ROBOT: Final = 'carrier-01'

@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from warehouse.domain.referee import Referee
-from warehouse.domain.rules import Frame, Job, Limits, Rules, Seen
-from warehouse.messages.message import Cell
+from ros2_kafka_warehouse.domain.referee import Referee
+from ros2_kafka_warehouse.domain.rules import Frame, Job, Limits, Rules, Seen
+from ros2_kafka_warehouse.messages.message import Cell
 
 ROWS = (
     '......',

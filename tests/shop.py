@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from warehouse.domain.orders import OrderDesk
-from warehouse.domain.site import read_site
-from warehouse.messages.orders import Line, Order, OrderEvent, OrderRequest, OrderStatus
-from warehouse.messages.tasks import Assignments, Task, Tasks, TaskStatus
+from ros2_kafka_warehouse.domain.orders import OrderDesk
+from ros2_kafka_warehouse.domain.site import read_site
+from ros2_kafka_warehouse.messages.orders import Line, Order, OrderEvent, OrderRequest, OrderStatus
+from ros2_kafka_warehouse.messages.tasks import Assignments, Task, Tasks, TaskStatus
 
 SITE = read_site()
 ENDS = {OrderStatus.DELIVERED, OrderStatus.PARTIAL, OrderStatus.FAILED, OrderStatus.CANCELLED}

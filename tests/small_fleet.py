@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
-from warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
-from warehouse.domain.robots import Fleet
-from warehouse.domain.site import Product, RobotPlace, Site
-from warehouse.messages.message import Cell, node_id
-from warehouse.messages.monitor import FleetReport, OperatorCommand, RobotReport
-from warehouse.messages.robots import (
+from ros2_kafka_warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
+from ros2_kafka_warehouse.domain.robots import Fleet
+from ros2_kafka_warehouse.domain.site import Product, RobotPlace, Site
+from ros2_kafka_warehouse.messages.message import Cell, node_id
+from ros2_kafka_warehouse.messages.monitor import FleetReport, OperatorCommand, RobotReport
+from ros2_kafka_warehouse.messages.robots import (
     Action,
     ActionStatus,
     ErrorLevel,

@@ -4,8 +4,8 @@ import json
 
 from harness import Bench
 
-from warehouse.domain.site import Site
-from warehouse.topics import BRIDGE, TOPICS
+from ros2_kafka_warehouse.domain.site import Site
+from ros2_kafka_warehouse.topics import BRIDGE, TOPICS
 
 BRIDGE_NODE = 'kafka_bridge_warehouse'
 Graph = dict[str, dict[str, list[str]]]
@@ -21,7 +21,7 @@ def running_graph(bench: Bench, site: Site) -> Graph:
 
 
 def drawn_graph(site: Site) -> Graph:
-    """The graph as `warehouse.topics`, and so the drawings, have it."""
+    """The graph as `ros2_kafka_warehouse.topics`, and so the drawings, have it."""
     robots = [name.replace('-', '_') for name in site.robots]
     return {
         name: {'publishers': _nodes(topic.publishers), 'subscribers': _nodes(topic.subscribers)}

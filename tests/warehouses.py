@@ -17,24 +17,25 @@ from typing import Any, Self
 from confluent_kafka import OFFSET_BEGINNING, Consumer, TopicPartition
 from harness import Bench, Process, eventually
 
-from warehouse.codec import decode, encode
-from warehouse.domain.site import Site, make_site
-from warehouse.messages.monitor import OperatorCommand
-from warehouse.messages.onlookers import ValidatorReport
-from warehouse.messages.orders import LineStatus, OrderEvent, OrderRequest, OrderStatus
-from warehouse.messages.robots import ActionStatus, FleetState
-from warehouse.send import random_requests
+from ros2_kafka_warehouse.codec import decode, encode
+from ros2_kafka_warehouse.domain.site import Site, make_site
+from ros2_kafka_warehouse.messages.monitor import OperatorCommand
+from ros2_kafka_warehouse.messages.onlookers import ValidatorReport
+from ros2_kafka_warehouse.messages.orders import LineStatus, OrderEvent, OrderRequest, OrderStatus
+from ros2_kafka_warehouse.messages.robots import ActionStatus, FleetState
+from ros2_kafka_warehouse.send import random_requests
 
 
 class Warehouse:
-    """`warehouse run` on a real Kafka, without the page, with short steps and few robots."""
+    """`ros2-kafka-warehouse run` on a real Kafka, with no page, short steps and few robots."""
 
     def __init__(self, bench: Bench, *options: str, robots: int = 4, step_s: float = 0.1) -> None:
         self.bench = bench
         self.site: Site = make_site(robots, seed=0)
         self.logs = bench.place / 'logs'
         command = (
-            sys.executable, '-m', 'warehouse', 'run', f'--robots={robots}', f'--step-s={step_s}',
+            sys.executable, '-m', 'ros2_kafka_warehouse', 'run', f'--robots={robots}',
+            f'--step-s={step_s}',
             f'--bootstrap-servers={bench.bootstrap_servers}', '--port=0', f'--logs={self.logs}',
             *options,
         )  # fmt: skip
@@ -80,7 +81,7 @@ class Warehouse:
         return (self.logs / f'{name}.log').read_text().count(ready)
 
     def said(self) -> str:
-        """What `warehouse run` has printed, and the ends of the logs of its parts."""
+        """What `ros2-kafka-warehouse run` has printed, and the ends of the logs of its parts."""
         return self.process.output()
 
     def story(self) -> str:

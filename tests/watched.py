@@ -4,14 +4,19 @@ from typing import Any
 
 import msgspec
 
-from warehouse.codec import decode, encode
-from warehouse.domain.execution_profiles import read_execution_profiles
-from warehouse.domain.monitor import Monitor
-from warehouse.domain.robot_failure_profile import read_failure_profile
-from warehouse.domain.site import RobotPlace, Site
-from warehouse.messages.message import Cell, node_id
-from warehouse.messages.monitor import FailureEvent, FleetReport, OperatorCommand, RobotReport
-from warehouse.messages.robots import (
+from ros2_kafka_warehouse.codec import decode, encode
+from ros2_kafka_warehouse.domain.execution_profiles import read_execution_profiles
+from ros2_kafka_warehouse.domain.monitor import Monitor
+from ros2_kafka_warehouse.domain.robot_failure_profile import read_failure_profile
+from ros2_kafka_warehouse.domain.site import RobotPlace, Site
+from ros2_kafka_warehouse.messages.message import Cell, node_id
+from ros2_kafka_warehouse.messages.monitor import (
+    FailureEvent,
+    FleetReport,
+    OperatorCommand,
+    RobotReport,
+)
+from ros2_kafka_warehouse.messages.robots import (
     Error,
     ErrorLevel,
     FleetOrders,
@@ -23,7 +28,7 @@ from warehouse.messages.robots import (
     RobotOrder,
     RobotState,
 )
-from warehouse.messages.tasks import Task, TaskStatus
+from ros2_kafka_warehouse.messages.tasks import Task, TaskStatus
 
 PROFILES = read_execution_profiles()
 TABLE = read_failure_profile()

@@ -1,10 +1,10 @@
-"""The drawings and the table of docs/warehouse.md, from `warehouse.topics`."""
+"""The drawings and the table of docs/warehouse.md, from `ros2_kafka_warehouse.topics`."""
 
 import re
 from collections import defaultdict
 from collections.abc import Iterable
 
-from warehouse.topics import BRIDGE, KAFKA, TOPICS, Topic
+from ros2_kafka_warehouse.topics import BRIDGE, KAFKA, TOPICS, Topic
 
 __all__ = ['fill']
 

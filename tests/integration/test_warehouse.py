@@ -11,13 +11,13 @@ from confluent_kafka import Consumer, Producer
 from harness import Bench, Process
 from patience import patient
 
-from warehouse.codec import decode
-from warehouse.messages.orders import OrderEvent, OrderStatus
+from ros2_kafka_warehouse.codec import decode
+from ros2_kafka_warehouse.messages.orders import OrderEvent, OrderStatus
 
 
 def test_the_warehouse_delivers_whatever_comes_and_ctrl_c_ends_all_of_it(bench: Bench) -> None:
     command = [
-        sys.executable, '-m', 'warehouse', 'run', '--robots=2', '--step-s=0.1',
+        sys.executable, '-m', 'ros2_kafka_warehouse', 'run', '--robots=2', '--step-s=0.1',
         '--port=0', f'--logs={bench.place / "logs"}',
     ]  # fmt: skip
     with Process(command, bench.place / 'run.log', bench.environ) as run:

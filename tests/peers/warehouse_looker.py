@@ -9,7 +9,7 @@ from nav_msgs.msg import OccupancyGrid, Path
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
-from warehouse.nodes.standard import ros_name
+from ros2_kafka_warehouse.nodes.standard import ros_name
 
 rclpy.init()
 node = rclpy.create_node('looker')

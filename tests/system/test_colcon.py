@@ -67,7 +67,9 @@ def workspace(
 
 def _copy(source: Path, target: Path) -> None:
     if source.is_dir():
-        shutil.copytree(source, target, ignore=shutil.ignore_patterns('__pycache__', 'warehouse'))
+        shutil.copytree(
+            source, target, ignore=shutil.ignore_patterns('__pycache__', 'ros2_kafka_warehouse')
+        )
     else:
         shutil.copy(source, target)
 

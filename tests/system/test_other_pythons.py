@@ -16,8 +16,8 @@ UNIT = (
     'formats/test_text.py',
 )  # fmt: skip
 IMPORT_ALL = """
-import importlib, pkgutil, ros2_kafka_bridge, warehouse
-for package in (ros2_kafka_bridge, warehouse):
+import importlib, pkgutil, ros2_kafka_bridge, ros2_kafka_warehouse
+for package in (ros2_kafka_bridge, ros2_kafka_warehouse):
     for found in pkgutil.walk_packages(package.__path__, f'{package.__name__}.'):
         if not found.name.endswith('.__main__'):
             importlib.import_module(found.name)
@@ -44,7 +44,7 @@ def test_every_module_is_imported_without_a_warning(python: Path, tmp_path: Path
     told = run([python, '-P', *strict, '-c', IMPORT_ALL], tmp_path, 120)
     assert told.returncode == 0, told.stderr
     found = {name.split('.')[0] for name in told.stdout.splitlines()}
-    assert found == {'ros2_kafka_bridge', 'warehouse'}
+    assert found == {'ros2_kafka_bridge', 'ros2_kafka_warehouse'}
 
 
 def test_the_command_line_tells_its_version(python: Path, tmp_path: Path) -> None:

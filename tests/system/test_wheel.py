@@ -105,6 +105,18 @@ def test_the_wheel_holds_every_file_of_both_packages_and_no_other(wheel: Path) -
     assert held == {name.removeprefix('src/') for name in files('src')}
 
 
+def test_all_that_it_installs_bears_its_name(wheel: Path) -> None:
+    """Of two distributions with a package or command of one name pip overwrites one, silently."""
+    packages = {name.partition('/')[0] for name in contents(wheel)}
+    [entries] = (
+        text for name, text in contents(wheel).items() if name.endswith('/entry_points.txt')
+    )
+    commands = set(re.findall(r'^(\S+) = ', entries.decode(), re.MULTILINE))
+    assert commands
+    assert {name for name in packages if not name.startswith('ros2_kafka_')} == set()
+    assert {name for name in commands if not name.startswith('ros2-kafka-')} == set()
+
+
 def test_the_sdist_builds_the_same_wheel(dist: Dist, tmp_path: Path) -> None:
     assert contents(build('wheel', dist.sdist, tmp_path)) == contents(dist.wheel)
 
@@ -197,7 +209,7 @@ def test_the_program_without_an_extra_names_it_in_a_sentence(
 def test_the_warehouse_without_its_extra_names_it_in_a_sentence(
     bare: Path, words: list[str], tmp_path: Path
 ) -> None:
-    told = run([bare / 'warehouse', *words], tmp_path)
+    told = run([bare / 'ros2-kafka-warehouse', *words], tmp_path)
     assert told.returncode == 2
     [sentence] = told.stderr.splitlines()
     assert sentence.endswith("[warehouse]'")
@@ -247,7 +259,7 @@ def test_the_formats_work_with_their_extras_alone(wheel: Path, tmp_path: Path) -
 def test_the_warehouse_runs_from_its_extra_alone(wheel: Path, tmp_path: Path) -> None:
     python = make_venv(tmp_path / 'venv')
     install(python, '--constraints', LOCK, f'{wheel}[warehouse]')
-    warehouse = python.parent / 'warehouse'
+    warehouse = python.parent / 'ros2-kafka-warehouse'
     told = run([warehouse, 'simulate', '--steps', '300'], tmp_path, 120)
     assert told.returncode == 0, told.stdout + told.stderr
 

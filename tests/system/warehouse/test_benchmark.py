@@ -8,12 +8,17 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from warehouse.benchmark import instances, report
-from warehouse.benchmark.cli import benchmark
-from warehouse.benchmark.instances import Instance, generate, large_warehouse, small_warehouse
-from warehouse.benchmark.runner import Crash, Outcome, run, run_for_ever
-from warehouse.domain.grid import Distances, Grid
-from warehouse.domain.maps import Job
+from ros2_kafka_warehouse.benchmark import instances, report
+from ros2_kafka_warehouse.benchmark.cli import benchmark
+from ros2_kafka_warehouse.benchmark.instances import (
+    Instance,
+    generate,
+    large_warehouse,
+    small_warehouse,
+)
+from ros2_kafka_warehouse.benchmark.runner import Crash, Outcome, run, run_for_ever
+from ros2_kafka_warehouse.domain.grid import Distances, Grid
+from ros2_kafka_warehouse.domain.maps import Job
 
 app = typer.Typer()
 app.command()(benchmark)
@@ -225,7 +230,7 @@ def test_a_broken_rule_or_a_task_that_was_left_is_an_exit_status_of_1(
         instance = generate(10, 10, seed=0)
         return Outcome(instance, (), {}, {}, (7,), (1.0,), ('{"step": 0, "robots": []}',))
 
-    monkeypatch.setattr('warehouse.benchmark.runner.run', leaves_one)
+    monkeypatch.setattr('ros2_kafka_warehouse.benchmark.runner.run', leaves_one)
     result = CliRunner().invoke(app, ['--robots', '10', '--frequency', '10'])
     assert result.exit_code == 1
     assert 'Not done, though it could be: [7]' in result.output

@@ -4,7 +4,7 @@ from harness import Bench, eventually
 from warehouse_graph import drawn_graph, running_graph
 from warehouses import Warehouse
 
-from warehouse.messages.orders import Line, OrderRequest, OrderStatus
+from ros2_kafka_warehouse.messages.orders import Line, OrderRequest, OrderStatus
 
 MANY = 600
 

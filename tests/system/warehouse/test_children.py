@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from harness import eventually
 
-from warehouse import children
-from warehouse.children import Child, Program
+from ros2_kafka_warehouse import children
+from ros2_kafka_warehouse.children import Child, Program
 
 
 def _child(code: str, place: Path, again_s: float = 60.0) -> Child:

@@ -12,16 +12,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from warehouse.domain.execution_profiles import read_execution_profiles
-from warehouse.domain.faults import CODES, FaultPlan
-from warehouse.domain.order_plan import OrderPlan
-from warehouse.domain.robot_failure_profile import read_failure_profile
-from warehouse.domain.simulation import MODULES, Simulation
-from warehouse.domain.simulation_result import Result
-from warehouse.domain.site import make_site
-from warehouse.messages.monitor import FailureEvent
-from warehouse.messages.orders import OrderStatus
-from warehouse.messages.robots import RobotState
+from ros2_kafka_warehouse.domain.execution_profiles import read_execution_profiles
+from ros2_kafka_warehouse.domain.faults import CODES, FaultPlan
+from ros2_kafka_warehouse.domain.order_plan import OrderPlan
+from ros2_kafka_warehouse.domain.robot_failure_profile import read_failure_profile
+from ros2_kafka_warehouse.domain.simulation import MODULES, Simulation
+from ros2_kafka_warehouse.domain.simulation_result import Result
+from ros2_kafka_warehouse.domain.site import make_site
+from ros2_kafka_warehouse.messages.monitor import FailureEvent
+from ros2_kafka_warehouse.messages.orders import OrderStatus
+from ros2_kafka_warehouse.messages.robots import RobotState
 
 T = TypeVar('T')
 

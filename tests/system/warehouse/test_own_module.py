@@ -7,8 +7,8 @@ from pathlib import Path
 from harness import Bench, Process, eventually
 from warehouses import Warehouse
 
-from warehouse.messages.monitor import OperatorCommand
-from warehouse.messages.orders import Line, OrderRequest, OrderStatus
+from ros2_kafka_warehouse.messages.monitor import OperatorCommand
+from ros2_kafka_warehouse.messages.orders import Line, OrderRequest, OrderStatus
 
 EXAMPLES = Path(__file__).parents[3] / 'examples'
 

@@ -15,10 +15,10 @@ from page_stage import PATIENCE_MS, ROBOT, Stage
 from playwright.sync_api import Browser, expect, sync_playwright
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
-from warehouse.codec import decode
-from warehouse.messages.monitor import FailureEvent, FleetReport, OperatorCommand
-from warehouse.messages.onlookers import ValidatorReport, Violation
-from warehouse.messages.orders import (
+from ros2_kafka_warehouse.codec import decode
+from ros2_kafka_warehouse.messages.monitor import FailureEvent, FleetReport, OperatorCommand
+from ros2_kafka_warehouse.messages.onlookers import ValidatorReport, Violation
+from ros2_kafka_warehouse.messages.orders import (
     Line,
     OpenOrders,
     Order,
@@ -27,7 +27,7 @@ from warehouse.messages.orders import (
     OrderRequest,
     OrderStatus,
 )
-from warehouse.topics import KAFKA
+from ros2_kafka_warehouse.topics import KAFKA
 
 CHROMIUM: Final = shutil.which('chromium')
 
@@ -71,7 +71,7 @@ def create_topics(bench: Bench) -> None:
 
 def serve(bench: Bench, *more: str) -> Process:
     options = ['--bootstrap-servers', bench.bootstrap_servers, '--port', '0', *more]
-    server = bench._start('-m', 'warehouse.page', *options)
+    server = bench._start('-m', 'ros2_kafka_warehouse.page', *options)
     server.wait_for('shown at')
     return server
 

@@ -5,8 +5,8 @@ from harness import Bench
 from warehouses import Warehouse
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
-from warehouse.messages.orders import OrderStatus
-from warehouse.nodes import MODULES
+from ros2_kafka_warehouse.messages.orders import OrderStatus
+from ros2_kafka_warehouse.nodes import MODULES
 
 WITHOUT_MEMORY = (
     'execution_profiles',

@@ -12,20 +12,20 @@ import pytest
 from harness import eventually
 from ruamel.yaml import YAML
 
-import warehouse
-from warehouse.codec import decode, encode
-from warehouse.domain.faults import CODES
-from warehouse.domain.site import DEFAULT_SITE, make_site, read_site
-from warehouse.messages.monitor import OperatorCommand
-from warehouse.messages.orders import Line, OrderRequest
-from warehouse.nodes import MODULES
-from warehouse.page.failures import FAILURES
-from warehouse.run import programs_of, write_site
-from warehouse.run_options import Options, site_of
-from warehouse.send import RequestError, read_requests
-from warehouse.topics import BRIDGE, KAFKA, TOPICS
+import ros2_kafka_warehouse
+from ros2_kafka_warehouse.codec import decode, encode
+from ros2_kafka_warehouse.domain.faults import CODES
+from ros2_kafka_warehouse.domain.site import DEFAULT_SITE, make_site, read_site
+from ros2_kafka_warehouse.messages.monitor import OperatorCommand
+from ros2_kafka_warehouse.messages.orders import Line, OrderRequest
+from ros2_kafka_warehouse.nodes import MODULES
+from ros2_kafka_warehouse.page.failures import FAILURES
+from ros2_kafka_warehouse.run import programs_of, write_site
+from ros2_kafka_warehouse.run_options import Options, site_of
+from ros2_kafka_warehouse.send import RequestError, read_requests
+from ros2_kafka_warehouse.topics import BRIDGE, KAFKA, TOPICS
 
-BRIDGE_FILE = Path(warehouse.__file__).parent / 'data' / 'bridge.yaml'
+BRIDGE_FILE = Path(ros2_kafka_warehouse.__file__).parent / 'data' / 'bridge.yaml'
 
 
 def test_the_bridge_joins_the_topics_that_belong_together() -> None:
@@ -50,11 +50,11 @@ def test_the_bridge_drops_nothing_but_old_snapshots() -> None:
 def test_every_module_that_a_topic_names_has_a_file_of_its_name() -> None:
     named = {name for topic in TOPICS for name in (*topic.publishers, *topic.subscribers)}
     assert named - {BRIDGE} == set(MODULES)
-    assert all(find_spec(f'warehouse.nodes.{name}') for name in MODULES)
+    assert all(find_spec(f'ros2_kafka_warehouse.nodes.{name}') for name in MODULES)
 
 
 def test_the_command_line_starts_without_ros_kafka_or_numbers() -> None:
-    code = 'import sys, warehouse.cli; print(*sys.modules)'
+    code = 'import sys, ros2_kafka_warehouse.cli; print(*sys.modules)'
     loaded = subprocess.run([sys.executable, '-c', code], capture_output=True, check=True)
     heavy = {b'rclpy', b'confluent_kafka', b'numpy', b'scipy', b'starlette', b'rich'}
     assert not heavy & set(loaded.stdout.split())
@@ -81,7 +81,7 @@ def test_what_is_asked_of_the_page_and_of_the_robots_reaches_them(tmp_path: Path
 def test_a_failure_comes_at_the_step_that_was_asked_for(tmp_path: Path) -> None:
     trace = tmp_path / 'trace.jsonl'
     fault = ('--fail=carrier-02:MOTION_FAULT@7', f'--trace={trace}', '--steps=12')
-    command = [sys.executable, '-m', 'warehouse', 'simulate', *fault]
+    command = [sys.executable, '-m', 'ros2_kafka_warehouse', 'simulate', *fault]
     subprocess.run(command, check=True, capture_output=True)
     steps = trace.read_text().splitlines()
     assert next(number for number, line in enumerate(steps, 1) if 'motionFault' in line) == 7
@@ -101,7 +101,7 @@ def test_a_command_that_has_waited_for_over_a_minute_is_old() -> None:
 def test_a_command_that_kafka_does_not_take_is_said() -> None:
     command = ['command', 'pause', '--bootstrap-servers=127.0.0.1:1']
     done = subprocess.run(
-        [sys.executable, '-m', 'warehouse', *command],
+        [sys.executable, '-m', 'ros2_kafka_warehouse', *command],
         capture_output=True,
         text=True,
         check=False,
@@ -135,7 +135,7 @@ def test_a_line_that_is_no_order_is_named(tmp_path: Path) -> None:
         (['command', 'failRobot', '--robot=r'], 'failRobot needs --robot and --failure'),
         (['run', '--site=nowhere.yaml'], 'nowhere.yaml'),
         (['run', '--port=99999'], 'less than or equal to 65535'),
-        (['run', '--logs=/proc/foo'], 'warehouse: /proc/foo: '),
+        (['run', '--logs=/proc/foo'], 'ros2-kafka-warehouse: /proc/foo: '),
         (['run', f'--site={DEFAULT_SITE}', '--robots=13'], 'site.yaml: has 12 robots, not 13'),
         (['run', '--profiles=nowhere.yaml'], 'nowhere.yaml: cannot be read'),
         (['run', '--host=no such host'], '--host no such host: '),
@@ -159,7 +159,7 @@ def test_a_mistake_of_the_user_is_said_without_a_traceback(
     arguments: list[str], said: str
 ) -> None:
     done = subprocess.run(
-        [sys.executable, '-m', 'warehouse', *arguments],
+        [sys.executable, '-m', 'ros2_kafka_warehouse', *arguments],
         capture_output=True,
         text=True,
         check=False,
@@ -171,7 +171,7 @@ def test_a_mistake_of_the_user_is_said_without_a_traceback(
 
 def test_a_domain_that_is_no_number_is_said() -> None:
     done = subprocess.run(
-        [sys.executable, '-m', 'warehouse', 'run', '--port=0'],
+        [sys.executable, '-m', 'ros2_kafka_warehouse', 'run', '--port=0'],
         capture_output=True,
         text=True,
         check=False,
@@ -185,7 +185,7 @@ def test_the_type_of_a_robot_that_nobody_knows_is_said_by_the_simulation(tmp_pat
     own = write_site(make_site(3), tmp_path)
     own.write_text(own.read_text().replace('type: hauler', 'type: hauller'))
     done = subprocess.run(
-        [sys.executable, '-m', 'warehouse', 'simulate', f'--site={own}', '--steps=1'],
+        [sys.executable, '-m', 'ros2_kafka_warehouse', 'simulate', f'--site={own}', '--steps=1'],
         capture_output=True,
         text=True,
         check=False,
@@ -198,7 +198,9 @@ def test_the_type_of_a_robot_that_nobody_knows_is_said_by_the_simulation(tmp_pat
 @pytest.mark.parametrize('wait_s', [0.03, 0.1, 0.2])
 def test_ctrl_c_in_the_middle_of_the_start_is_quiet(wait_s: float) -> None:
     with subprocess.Popen(
-        [sys.executable, '-m', 'warehouse', 'simulate'], stderr=subprocess.PIPE, text=True
+        [sys.executable, '-m', 'ros2_kafka_warehouse', 'simulate'],
+        stderr=subprocess.PIPE,
+        text=True,
     ) as process:
         # From its first line of Python on: before, Python itself says what it was about to do.
         eventually(lambda: 'site-packages' in Path(f'/proc/{process.pid}/maps').read_text(), 10)

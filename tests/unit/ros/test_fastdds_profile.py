@@ -146,7 +146,7 @@ def propagation(root: ET.Element) -> list[tuple[str | None, str | None]]:
     'made',
     [
         make_profile(Histories({}, {})),
-        (files('warehouse') / 'data/fastdds.xml').read_text(),
+        (files('ros2_kafka_warehouse') / 'data/fastdds.xml').read_text(),
         PAGE.read_text().partition('```xml\n')[2].partition('```')[0],
     ],
     ids=['of the bridge', 'of the warehouse', 'of the docs'],

@@ -3,10 +3,10 @@
 from floors import CHARGER, PACKING, PROFILES, SAFE, TEA, report, site, state, task, tasks
 from msgspec.structs import replace
 
-from warehouse.domain.cost_estimator import BATTERY_S, CARRY, SPARE_S, CostEstimator
-from warehouse.domain.execution_profiles import Battery
-from warehouse.messages.monitor import Blocked, FleetReport, RobotReport
-from warehouse.messages.tasks import Costs, Tasks, TaskStatus
+from ros2_kafka_warehouse.domain.cost_estimator import BATTERY_S, CARRY, SPARE_S, CostEstimator
+from ros2_kafka_warehouse.domain.execution_profiles import Battery
+from ros2_kafka_warehouse.messages.monitor import Blocked, FleetReport, RobotReport
+from ros2_kafka_warehouse.messages.tasks import Costs, Tasks, TaskStatus
 
 HOME = (0, 0)
 

@@ -4,15 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from warehouse.codec import decode, encode
-from warehouse.domain.execution_profiles import (
+from ros2_kafka_warehouse.codec import decode, encode
+from ros2_kafka_warehouse.domain.execution_profiles import (
     STEPS,
     ExecutionProfiles,
     Response,
     read_execution_profiles,
 )
-from warehouse.domain.profile_files import ProfileError
-from warehouse.domain.robot_failure_profile import read_failure_profile
+from ros2_kafka_warehouse.domain.profile_files import ProfileError
+from ros2_kafka_warehouse.domain.robot_failure_profile import read_failure_profile
 
 ONE_TYPE = """
 robot_types:

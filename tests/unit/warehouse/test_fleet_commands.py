@@ -3,10 +3,10 @@
 import pytest
 from small_fleet import PROFILES, STOCK, Floor, loaded, pick, report_of, site
 
-from warehouse.domain.faults import FaultPlan
-from warehouse.domain.robots import Fleet
-from warehouse.messages.monitor import OperatorCommand
-from warehouse.messages.robots import ErrorLevel, FleetOrders, FleetState
+from ros2_kafka_warehouse.domain.faults import FaultPlan
+from ros2_kafka_warehouse.domain.robots import Fleet
+from ros2_kafka_warehouse.messages.monitor import OperatorCommand
+from ros2_kafka_warehouse.messages.robots import ErrorLevel, FleetOrders, FleetState
 
 
 def test_a_blocked_cell_is_driven_on_by_nobody_until_it_is_unblocked() -> None:

@@ -3,8 +3,8 @@
 import pytest
 from small_fleet import CHARGER, QUICK, STOCK, Floor, loaded, pick
 
-from warehouse.domain.faults import CRASH_STEPS
-from warehouse.messages.robots import Action, ActionStatus, ErrorLevel, FleetOrders
+from ros2_kafka_warehouse.domain.faults import CRASH_STEPS
+from ros2_kafka_warehouse.messages.robots import Action, ActionStatus, ErrorLevel, FleetOrders
 
 
 def broken(code: str, floor: Floor | None = None) -> Floor:

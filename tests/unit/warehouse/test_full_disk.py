@@ -7,9 +7,9 @@ from typing import Never
 
 import pytest
 
-from warehouse import run
-from warehouse.ros_domain import claim_domain
-from warehouse.run_options import StartError
+from ros2_kafka_warehouse import run
+from ros2_kafka_warehouse.ros_domain import claim_domain
+from ros2_kafka_warehouse.run_options import StartError
 
 
 def test_a_domain_is_claimed_on_a_full_disk_too(monkeypatch: pytest.MonkeyPatch) -> None:

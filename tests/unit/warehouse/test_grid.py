@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from warehouse.domain.grid import Distances, Grid, one_way
-from warehouse.messages.message import Cell
+from ros2_kafka_warehouse.domain.grid import Distances, Grid, one_way
+from ros2_kafka_warehouse.messages.message import Cell
 
 FLOORS = st.integers(1, 7).flatmap(
     lambda width: st.lists(st.text('..@', min_size=width, max_size=width), min_size=1, max_size=7)

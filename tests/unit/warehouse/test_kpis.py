@@ -2,13 +2,13 @@
 
 import pytest
 
-from warehouse.codec import decode, encode
-from warehouse.domain.kpis import ACTIVITIES, Kpis, KpiView, percentile
-from warehouse.messages.message import node_id
-from warehouse.messages.monitor import FailureEvent, FleetReport, RobotReport
-from warehouse.messages.onlookers import Plans
-from warehouse.messages.orders import Order, OrderEvent, OrderStatus
-from warehouse.messages.robots import (
+from ros2_kafka_warehouse.codec import decode, encode
+from ros2_kafka_warehouse.domain.kpis import ACTIVITIES, Kpis, KpiView, percentile
+from ros2_kafka_warehouse.messages.message import node_id
+from ros2_kafka_warehouse.messages.monitor import FailureEvent, FleetReport, RobotReport
+from ros2_kafka_warehouse.messages.onlookers import Plans
+from ros2_kafka_warehouse.messages.orders import Order, OrderEvent, OrderStatus
+from ros2_kafka_warehouse.messages.robots import (
     ActionState,
     ActionStatus,
     ErrorLevel,
@@ -18,7 +18,7 @@ from warehouse.messages.robots import (
     PowerSupply,
     RobotState,
 )
-from warehouse.messages.tasks import Assignment, Assignments
+from ros2_kafka_warehouse.messages.tasks import Assignment, Assignments
 
 S = OrderStatus
 

@@ -4,7 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from warehouse.domain.maps import Job, MapError, Trip, read_map, read_scenario, read_tasks
+from ros2_kafka_warehouse.domain.maps import (
+    Job,
+    MapError,
+    Trip,
+    read_map,
+    read_scenario,
+    read_tasks,
+)
 
 MAPD = '3,4\n3\n1\n500\n.ee.\n.@@r\n.e..\n'
 MOVINGAI = 'type octile\nheight 2\nwidth 3\nmap\n.G@\nT.W\n'

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from warehouse.domain.matching import Weights, match, prices, sequences
+from ros2_kafka_warehouse.domain.matching import Weights, match, prices, sequences
 
 INF = float('inf')
 TABLES = arrays(

@@ -4,11 +4,11 @@ import msgspec
 import pytest
 from watched import PROFILES, TABLE, Watched
 
-from warehouse.domain.order_plan import OrderPlan
-from warehouse.domain.simulation import Simulation
-from warehouse.domain.site import read_site
-from warehouse.messages.monitor import RobotReport
-from warehouse.messages.robots import PowerSupply
+from ros2_kafka_warehouse.domain.order_plan import OrderPlan
+from ros2_kafka_warehouse.domain.simulation import Simulation
+from ros2_kafka_warehouse.domain.site import read_site
+from ros2_kafka_warehouse.messages.monitor import RobotReport
+from ros2_kafka_warehouse.messages.robots import PowerSupply
 
 # Nothing, and contact.
 

@@ -3,10 +3,10 @@
 import msgspec
 from watched import SITE, Watched, a_task, block_ahead
 
-from warehouse.domain.monitor import Monitor
-from warehouse.messages.message import node_id
-from warehouse.messages.robots import FleetOrders, OrderNode, RobotOrder
-from warehouse.messages.tasks import Tasks
+from ros2_kafka_warehouse.domain.monitor import Monitor
+from ros2_kafka_warehouse.messages.message import node_id
+from ros2_kafka_warehouse.messages.robots import FleetOrders, OrderNode, RobotOrder
+from ros2_kafka_warehouse.messages.tasks import Tasks
 
 
 def test_a_robot_that_does_not_begin_to_drive_has_the_cell_ahead_driven_around(

@@ -3,12 +3,12 @@
 import msgspec
 from watched import SITE, Watched
 
-from warehouse.codec import decode, encode
-from warehouse.domain.monitor import Monitor
-from warehouse.domain.site import RobotPlace
-from warehouse.messages.monitor import FailureEvent, FleetReport, OperatorCommand
-from warehouse.messages.onlookers import ValidatorReport, Violation
-from warehouse.messages.robots import ErrorLevel, SafetyState
+from ros2_kafka_warehouse.codec import decode, encode
+from ros2_kafka_warehouse.domain.monitor import Monitor
+from ros2_kafka_warehouse.domain.site import RobotPlace
+from ros2_kafka_warehouse.messages.monitor import FailureEvent, FleetReport, OperatorCommand
+from ros2_kafka_warehouse.messages.onlookers import ValidatorReport, Violation
+from ros2_kafka_warehouse.messages.robots import ErrorLevel, SafetyState
 
 
 def test_an_emergency_stop_that_is_released_in_time_costs_nothing(watched: Watched) -> None:

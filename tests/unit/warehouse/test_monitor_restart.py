@@ -6,9 +6,9 @@ import msgspec
 import pytest
 from watched import Watched, block_ahead
 
-from warehouse.messages.monitor import FailureEvent, OperatorCommand
-from warehouse.messages.onlookers import ValidatorReport, Violation
-from warehouse.messages.robots import FleetState, PowerSupply, SafetyState
+from ros2_kafka_warehouse.messages.monitor import FailureEvent, OperatorCommand
+from ros2_kafka_warehouse.messages.onlookers import ValidatorReport, Violation
+from ros2_kafka_warehouse.messages.robots import FleetState, PowerSupply, SafetyState
 
 
 def _story(watched: Watched, restart_at: int) -> list[FailureEvent]:

@@ -3,9 +3,9 @@
 import msgspec
 from watched import CHARGER, SITE, Watched, a_task
 
-from warehouse.domain.monitor import Monitor
-from warehouse.messages.message import node_id
-from warehouse.messages.robots import (
+from ros2_kafka_warehouse.domain.monitor import Monitor
+from ros2_kafka_warehouse.messages.message import node_id
+from ros2_kafka_warehouse.messages.robots import (
     ActionState,
     ActionStatus,
     Error,
@@ -13,7 +13,7 @@ from warehouse.messages.robots import (
     Load,
     PowerSupply,
 )
-from warehouse.messages.tasks import Tasks, TaskStatus
+from ros2_kafka_warehouse.messages.tasks import Tasks, TaskStatus
 
 
 def test_a_low_battery_is_charged_soon_and_a_critical_one_at_once(watched: Watched) -> None:

@@ -6,13 +6,19 @@ import pytest
 from msgspec.structs import replace
 from shop import SITE, Shop, request, said, task
 
-from warehouse.codec import encode
-from warehouse.domain.execution_profiles import read_execution_profiles
-from warehouse.domain.orders import OrderDesk
-from warehouse.domain.random_orders import random_order
-from warehouse.domain.site import make_site
-from warehouse.messages.orders import Line, LineStatus, OrderEvent, OrderRequest, OrderStatus
-from warehouse.messages.tasks import TaskStatus
+from ros2_kafka_warehouse.codec import encode
+from ros2_kafka_warehouse.domain.execution_profiles import read_execution_profiles
+from ros2_kafka_warehouse.domain.orders import OrderDesk
+from ros2_kafka_warehouse.domain.random_orders import random_order
+from ros2_kafka_warehouse.domain.site import make_site
+from ros2_kafka_warehouse.messages.orders import (
+    Line,
+    LineStatus,
+    OrderEvent,
+    OrderRequest,
+    OrderStatus,
+)
+from ros2_kafka_warehouse.messages.tasks import TaskStatus
 
 
 def test_a_new_order_is_received_once_however_often_it_comes() -> None:
@@ -211,7 +217,7 @@ def test_orders_that_wait_for_a_person_do_not_fill_the_desk_until_there_are_very
 
 
 def test_ids_that_are_over_are_forgotten_the_oldest_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('warehouse.domain.orders._ENDED_KEPT', 3)
+    monkeypatch.setattr('ros2_kafka_warehouse.domain.orders._ENDED_KEPT', 3)
     shop = Shop()
     shop.ask(request('open'))
     refused = [request(f'no-{number}', station='moon') for number in range(5)]

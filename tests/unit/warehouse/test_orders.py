@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from shop import ENDS, SITE, Shop, request, said, task
 
-from warehouse.domain.orders import OrderDesk, event_name
-from warehouse.messages.orders import Line, OrderEvent, OrderRequest, OrderStatus
-from warehouse.messages.tasks import Assignment, Assignments, Task, Tasks, TaskStatus
+from ros2_kafka_warehouse.domain.orders import OrderDesk, event_name
+from ros2_kafka_warehouse.messages.orders import Line, OrderEvent, OrderRequest, OrderStatus
+from ros2_kafka_warehouse.messages.tasks import Assignment, Assignments, Task, Tasks, TaskStatus
 
 # What becomes of them
 

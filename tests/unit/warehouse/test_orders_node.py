@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from warehouse import kafka
-from warehouse.domain.orders import OrderDesk
-from warehouse.domain.site import read_site
-from warehouse.messages.orders import (
+from ros2_kafka_warehouse import kafka
+from ros2_kafka_warehouse.domain.orders import OrderDesk
+from ros2_kafka_warehouse.domain.site import read_site
+from ros2_kafka_warehouse.messages.orders import (
     Line,
     LineStatus,
     OpenOrders,
@@ -22,8 +22,8 @@ from warehouse.messages.orders import (
     OrderRequest,
     OrderStatus,
 )
-from warehouse.nodes import orders
-from warehouse.nodes.orders import Asked, Ended, Memory, memory_of
+from ros2_kafka_warehouse.nodes import orders
+from ros2_kafka_warehouse.nodes.orders import Asked, Ended, Memory, memory_of
 
 OPEN = OpenOrders(
     (

@@ -10,10 +10,10 @@ import typer
 from starlette.requests import Request
 from starlette.types import Message, Scope
 
-from warehouse.domain.site import Site
-from warehouse.page import app
-from warehouse.page.__main__ import serve
-from warehouse.page.app import Page, make_app
+from ros2_kafka_warehouse.domain.site import Site
+from ros2_kafka_warehouse.page import app
+from ros2_kafka_warehouse.page.__main__ import serve
+from ros2_kafka_warehouse.page.app import Page, make_app
 
 SITE = Site('small', ('....',), {'packing-1': (3, 0)}, {}, {})
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from warehouse.domain.site import Site
-from warehouse.page.feed import Feed
-from warehouse.page.view import View
+from ros2_kafka_warehouse.domain.site import Site
+from ros2_kafka_warehouse.page.feed import Feed
+from ros2_kafka_warehouse.page.view import View
 
 SITE = Site('small', ('....',), {'packing-1': (3, 0)}, {}, {})
 

@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
-from warehouse.domain.faults import CODES
-from warehouse.domain.site import Product, RobotPlace, Site
-from warehouse.messages.monitor import OperatorCommand
-from warehouse.messages.orders import OrderRequest
-from warehouse.page.failures import FAILURES
-from warehouse.page.forms import BadForm, read_command, read_order, read_rate
+from ros2_kafka_warehouse.domain.faults import CODES
+from ros2_kafka_warehouse.domain.site import Product, RobotPlace, Site
+from ros2_kafka_warehouse.messages.monitor import OperatorCommand
+from ros2_kafka_warehouse.messages.orders import OrderRequest
+from ros2_kafka_warehouse.page.failures import FAILURES
+from ros2_kafka_warehouse.page.forms import BadForm, read_command, read_order, read_rate
 
 SITE = Site(
     name='two aisles',

@@ -11,7 +11,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from ros2_kafka_bridge.monitoring.guard import names_of
-from warehouse.page.guard import Guard
+from ros2_kafka_warehouse.page.guard import Guard
 
 PAGE = 'http://127.0.0.1:8080'
 JSON = {'content-type': 'application/json'}

@@ -1,7 +1,13 @@
 """When orders wait that nobody answers, the page says so; and only then."""
 
-from warehouse.messages.orders import OpenOrders, Order, OrderEvent, OrderRequest, OrderStatus
-from warehouse.page.intake import Intake, Standstill
+from ros2_kafka_warehouse.messages.orders import (
+    OpenOrders,
+    Order,
+    OrderEvent,
+    OrderRequest,
+    OrderStatus,
+)
+from ros2_kafka_warehouse.page.intake import Intake, Standstill
 
 NOTHING = OpenOrders()
 

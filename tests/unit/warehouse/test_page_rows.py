@@ -4,8 +4,8 @@ from datetime import UTC, datetime
 
 import pytest
 
-from warehouse.messages.monitor import FailureEvent, RobotReport
-from warehouse.messages.orders import (
+from ros2_kafka_warehouse.messages.monitor import FailureEvent, RobotReport
+from ros2_kafka_warehouse.messages.orders import (
     Line,
     LineStatus,
     Order,
@@ -14,7 +14,7 @@ from warehouse.messages.orders import (
     OrderRequest,
     OrderStatus,
 )
-from warehouse.messages.robots import (
+from ros2_kafka_warehouse.messages.robots import (
     ActionState,
     ActionStatus,
     Error,
@@ -24,8 +24,8 @@ from warehouse.messages.robots import (
     PowerSupply,
     RobotState,
 )
-from warehouse.messages.tasks import Assignment, Task, TaskStatus
-from warehouse.page.rows import RobotRow, ended_row, failure_row, order_row, robot_row
+from ros2_kafka_warehouse.messages.tasks import Assignment, Task, TaskStatus
+from ros2_kafka_warehouse.page.rows import RobotRow, ended_row, failure_row, order_row, robot_row
 
 
 def a_state(**changes: object) -> RobotState:

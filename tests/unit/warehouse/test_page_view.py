@@ -9,13 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from warehouse.codec import encode
-from warehouse.domain.order_requests import shortened
-from warehouse.domain.site import Site
-from warehouse.messages.message import Message
-from warehouse.messages.monitor import FailureEvent, FleetReport, OperatorCommand, RobotReport
-from warehouse.messages.onlookers import Plans, ValidatorReport, Violation
-from warehouse.messages.orders import (
+from ros2_kafka_warehouse.codec import encode
+from ros2_kafka_warehouse.domain.order_requests import shortened
+from ros2_kafka_warehouse.domain.site import Site
+from ros2_kafka_warehouse.messages.message import Message
+from ros2_kafka_warehouse.messages.monitor import (
+    FailureEvent,
+    FleetReport,
+    OperatorCommand,
+    RobotReport,
+)
+from ros2_kafka_warehouse.messages.onlookers import Plans, ValidatorReport, Violation
+from ros2_kafka_warehouse.messages.orders import (
     Line,
     OpenOrders,
     Order,
@@ -24,10 +29,16 @@ from warehouse.messages.orders import (
     OrderRequest,
     OrderStatus,
 )
-from warehouse.messages.robots import ErrorLevel, FleetState, Position, PowerSupply, RobotState
-from warehouse.page.app import new_order_id
-from warehouse.page.view import View
-from warehouse.topics import KAFKA
+from ros2_kafka_warehouse.messages.robots import (
+    ErrorLevel,
+    FleetState,
+    Position,
+    PowerSupply,
+    RobotState,
+)
+from ros2_kafka_warehouse.page.app import new_order_id
+from ros2_kafka_warehouse.page.view import View
+from ros2_kafka_warehouse.topics import KAFKA
 
 SITE = Site('small', ('....',), {'packing-1': (3, 0)}, {}, {})
 NOW_S = 1000.0

@@ -4,17 +4,17 @@ from collections.abc import Sequence
 
 from floors import CHARGER, PACKING, PROFILES, TEA, fleet, report, site, state, task, tasks
 
-from warehouse.domain.path_planner import PathPlanner
-from warehouse.messages.message import Cell, node_cell
-from warehouse.messages.monitor import Blocked, FleetReport, RobotReport
-from warehouse.messages.robots import (
+from ros2_kafka_warehouse.domain.path_planner import PathPlanner
+from ros2_kafka_warehouse.messages.message import Cell, node_cell
+from ros2_kafka_warehouse.messages.monitor import Blocked, FleetReport, RobotReport
+from ros2_kafka_warehouse.messages.robots import (
     ActionState,
     ActionStatus,
     FleetOrders,
     RobotOrder,
     RobotState,
 )
-from warehouse.messages.tasks import Assignment, Assignments, Task, TaskStatus
+from ros2_kafka_warehouse.messages.tasks import Assignment, Assignments, Task, TaskStatus
 
 START = (0, 0)
 

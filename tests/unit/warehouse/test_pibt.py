@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from warehouse.domain.grid import Distances, Grid, one_way
-from warehouse.domain.pibt import Pibt, Robot
-from warehouse.messages.message import Cell
+from ros2_kafka_warehouse.domain.grid import Distances, Grid, one_way
+from ros2_kafka_warehouse.domain.pibt import Pibt, Robot
+from ros2_kafka_warehouse.messages.message import Cell
 
 DRIVE_STEPS = 3  # of a slow robot, from cell to cell
 

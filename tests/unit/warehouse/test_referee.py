@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from refereed import AT_STOCK, FREE, HOMES, RULES, TEA, WITH_TEA, judged, robot
 
-from warehouse.domain.referee import Referee
-from warehouse.domain.rules import Frame, Job, Seen
-from warehouse.messages.message import Cell
+from ros2_kafka_warehouse.domain.referee import Referee
+from ros2_kafka_warehouse.domain.rules import Frame, Job, Seen
+from ros2_kafka_warehouse.messages.message import Cell
 
 
 def test_a_floor_that_started_again_is_taken_as_it_is() -> None:

@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 from refereed import AT_STOCK, RULES, TEA, WITH_TEA, judged, robot
 
-from warehouse.domain.referee import Referee
-from warehouse.domain.rules import Frame, Job, Limits, Seen
-from warehouse.messages.message import Cell
+from ros2_kafka_warehouse.domain.referee import Referee
+from ros2_kafka_warehouse.domain.rules import Frame, Job, Limits, Seen
+from ros2_kafka_warehouse.messages.message import Cell
 
 
 def carried(*frames: tuple[Seen, ...], job: Job = TEA) -> list[str]:

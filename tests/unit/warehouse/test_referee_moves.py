@@ -3,9 +3,9 @@
 import pytest
 from refereed import HOMES, judged, robot
 
-from warehouse.domain.referee import Referee
-from warehouse.domain.rules import Frame, Rules
-from warehouse.messages.message import Cell
+from ros2_kafka_warehouse.domain.referee import Referee
+from ros2_kafka_warehouse.domain.rules import Frame, Rules
+from ros2_kafka_warehouse.messages.message import Cell
 
 
 def test_driving_to_a_neighbour_breaks_nothing() -> None:

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from warehouse.codec import decode, encode
-from warehouse.domain.faults import CODES, symptom
-from warehouse.domain.profile_files import ProfileError
-from warehouse.domain.robot_failure_profile import (
+from ros2_kafka_warehouse.codec import decode, encode
+from ros2_kafka_warehouse.domain.faults import CODES, symptom
+from ros2_kafka_warehouse.domain.profile_files import ProfileError
+from ros2_kafka_warehouse.domain.robot_failure_profile import (
     KINDS,
     SIGNS,
     Evidence,
@@ -16,7 +16,7 @@ from warehouse.domain.robot_failure_profile import (
     diagnose,
     read_failure_profile,
 )
-from warehouse.messages.robots import ErrorLevel
+from ros2_kafka_warehouse.messages.robots import ErrorLevel
 
 SHIPPED = read_failure_profile()
 

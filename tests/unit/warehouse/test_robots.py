@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_fleet import CHARGER, PROFILES, ROWS, STOCK, Floor, drop, loaded, pick, report_of
 
-from warehouse.domain.faults import CODES
-from warehouse.domain.robots import Fleet
-from warehouse.messages.message import Cell
-from warehouse.messages.robots import (
+from ros2_kafka_warehouse.domain.faults import CODES
+from ros2_kafka_warehouse.domain.robots import Fleet
+from ros2_kafka_warehouse.messages.message import Cell
+from ros2_kafka_warehouse.messages.robots import (
     Action,
     ActionStatus,
     ErrorLevel,

@@ -1,4 +1,4 @@
-"""What `warehouse run` finds out before it starts anything."""
+"""What `ros2-kafka-warehouse run` finds out before it starts anything."""
 
 import os
 import socket
@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from warehouse import ros_domain
-from warehouse.domain.profile_files import ProfileError
-from warehouse.domain.site import SiteError, make_site
-from warehouse.ros_domain import claim_domain
-from warehouse.run import missing_of, programs_of, write_site
-from warehouse.run_options import Options, StartError, check, site_of
+from ros2_kafka_warehouse import ros_domain
+from ros2_kafka_warehouse.domain.profile_files import ProfileError
+from ros2_kafka_warehouse.domain.site import SiteError, make_site
+from ros2_kafka_warehouse.ros_domain import claim_domain
+from ros2_kafka_warehouse.run import missing_of, programs_of, write_site
+from ros2_kafka_warehouse.run_options import Options, StartError, check, site_of
 
 CLAIM = """
 import pathlib, subprocess, sys
-from warehouse import ros_domain
+from ros2_kafka_warehouse import ros_domain
 ros_domain._LOCKS = pathlib.Path(sys.argv[1])
 with ros_domain.claim_domain(7):
     left = subprocess.Popen(['cat'], close_fds=False)

@@ -12,20 +12,26 @@ from msgspec.structs import replace
 from typer import Typer
 from typer.testing import CliRunner
 
-from warehouse.domain.execution_profiles import ExecutionProfiles, read_execution_profiles
-from warehouse.domain.faults import FaultPlan
-from warehouse.domain.order_plan import OrderPlan
-from warehouse.domain.random_orders import random_order
-from warehouse.domain.robot_failure_profile import RobotFailureProfile, read_failure_profile
-from warehouse.domain.simulation import MODULES, Simulation
-from warehouse.domain.simulation_result import Result
-from warehouse.domain.site import Site, make_site, read_site
-from warehouse.domain.trace_check import validate_trace
-from warehouse.messages.message import node_id
-from warehouse.messages.orders import Line, OrderRequest, OrderStatus
-from warehouse.messages.robots import FleetState
-from warehouse.simulate import simulate
-from warehouse.validate import validate
+from ros2_kafka_warehouse.domain.execution_profiles import (
+    ExecutionProfiles,
+    read_execution_profiles,
+)
+from ros2_kafka_warehouse.domain.faults import FaultPlan
+from ros2_kafka_warehouse.domain.order_plan import OrderPlan
+from ros2_kafka_warehouse.domain.random_orders import random_order
+from ros2_kafka_warehouse.domain.robot_failure_profile import (
+    RobotFailureProfile,
+    read_failure_profile,
+)
+from ros2_kafka_warehouse.domain.simulation import MODULES, Simulation
+from ros2_kafka_warehouse.domain.simulation_result import Result
+from ros2_kafka_warehouse.domain.site import Site, make_site, read_site
+from ros2_kafka_warehouse.domain.trace_check import validate_trace
+from ros2_kafka_warehouse.messages.message import node_id
+from ros2_kafka_warehouse.messages.orders import Line, OrderRequest, OrderStatus
+from ros2_kafka_warehouse.messages.robots import FleetState
+from ros2_kafka_warehouse.simulate import simulate
+from ros2_kafka_warehouse.validate import validate
 
 
 @pytest.fixture(scope='module')

@@ -7,11 +7,11 @@ from random import Random
 import msgspec
 import pytest
 
-from warehouse.codec import decode
-from warehouse.domain.execution_profiles import read_execution_profiles
-from warehouse.domain.orders import OrderDesk
-from warehouse.domain.random_orders import random_order
-from warehouse.domain.site import (
+from ros2_kafka_warehouse.codec import decode
+from ros2_kafka_warehouse.domain.execution_profiles import read_execution_profiles
+from ros2_kafka_warehouse.domain.orders import OrderDesk
+from ros2_kafka_warehouse.domain.random_orders import random_order
+from ros2_kafka_warehouse.domain.site import (
     Site,
     SiteError,
     check_robot_types,
@@ -20,7 +20,7 @@ from warehouse.domain.site import (
     read_site,
     site_yaml,
 )
-from warehouse.messages.orders import OrderRequest, OrderStatus
+from ros2_kafka_warehouse.messages.orders import OrderRequest, OrderStatus
 
 DOCS = Path(__file__).parents[3] / 'docs' / 'warehouse.md'
 STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))

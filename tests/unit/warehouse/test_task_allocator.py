@@ -2,11 +2,11 @@
 
 from floors import CHARGER, PACKING, PROFILES, SAFE, report, site, state, task, tasks
 
-from warehouse.domain.cost_estimator import CostEstimator
-from warehouse.domain.task_allocator import TaskAllocator
-from warehouse.messages.message import Cell
-from warehouse.messages.monitor import Blocked, FleetReport, RobotReport
-from warehouse.messages.tasks import Assignment, Task, TaskStatus
+from ros2_kafka_warehouse.domain.cost_estimator import CostEstimator
+from ros2_kafka_warehouse.domain.task_allocator import TaskAllocator
+from ros2_kafka_warehouse.messages.message import Cell
+from ros2_kafka_warehouse.messages.monitor import Blocked, FleetReport, RobotReport
+from ros2_kafka_warehouse.messages.tasks import Assignment, Task, TaskStatus
 
 LEFT, RIGHT = (0, 0), (9, 3)
 OTHER_CHARGER = (9, 1)

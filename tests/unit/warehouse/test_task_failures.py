@@ -3,11 +3,11 @@
 from hall import FAILED, FAR, FINISHED, NEAR, SITE, STATION, UNDER_WAY, Hall, carried, order
 from msgspec.structs import replace
 
-from warehouse.domain.site import RobotPlace
-from warehouse.domain.task_organizer import TaskOrganizer
-from warehouse.messages.orders import OrderLine
-from warehouse.messages.robots import ActionStatus, Error, ErrorLevel
-from warehouse.messages.tasks import TaskStatus
+from ros2_kafka_warehouse.domain.site import RobotPlace
+from ros2_kafka_warehouse.domain.task_organizer import TaskOrganizer
+from ros2_kafka_warehouse.messages.orders import OrderLine
+from ros2_kafka_warehouse.messages.robots import ActionStatus, Error, ErrorLevel
+from ros2_kafka_warehouse.messages.tasks import TaskStatus
 
 
 def test_a_missing_load_is_looked_for_in_the_other_stock_cell_and_then_the_line_fails() -> None:

@@ -4,10 +4,10 @@ import pytest
 from hall import FAILED, FAR, FINISHED, NEAR, SITE, STATION, UNDER_WAY, Hall, carried, order
 from msgspec.structs import replace
 
-from warehouse.domain.task_organizer import TaskOrganizer
-from warehouse.messages.orders import LineStatus, OpenOrders, Order, OrderLine
-from warehouse.messages.robots import ActionStatus, Load
-from warehouse.messages.tasks import TaskStatus
+from ros2_kafka_warehouse.domain.task_organizer import TaskOrganizer
+from ros2_kafka_warehouse.messages.orders import LineStatus, OpenOrders, Order, OrderLine
+from ros2_kafka_warehouse.messages.robots import ActionStatus, Load
+from ros2_kafka_warehouse.messages.tasks import TaskStatus
 
 # Orders
 

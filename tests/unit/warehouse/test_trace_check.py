@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from warehouse.domain.trace_check import SILENT, TraceError, validate_trace
+from ros2_kafka_warehouse.domain.trace_check import SILENT, TraceError, validate_trace
 
 
 def trace(*rows: Mapping[str, tuple[int, int, int | None]]) -> list[str]:

@@ -5,14 +5,14 @@ from typing import Any
 import pytest
 from refereed import HOMES, ROWS
 
-from warehouse.domain.claims import GRACE
-from warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
-from warehouse.domain.site import Product, RobotPlace, Site
-from warehouse.domain.validator import Validator
-from warehouse.messages.message import Cell, node_id
-from warehouse.messages.monitor import FleetReport, RobotReport
-from warehouse.messages.orders import LineStatus, OpenOrders, Order, OrderLine
-from warehouse.messages.robots import (
+from ros2_kafka_warehouse.domain.claims import GRACE
+from ros2_kafka_warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
+from ros2_kafka_warehouse.domain.site import Product, RobotPlace, Site
+from ros2_kafka_warehouse.domain.validator import Validator
+from ros2_kafka_warehouse.messages.message import Cell, node_id
+from ros2_kafka_warehouse.messages.monitor import FleetReport, RobotReport
+from ros2_kafka_warehouse.messages.orders import LineStatus, OpenOrders, Order, OrderLine
+from ros2_kafka_warehouse.messages.robots import (
     ActionState,
     ActionStatus,
     Error,
@@ -23,7 +23,7 @@ from warehouse.messages.robots import (
     PowerSupply,
     RobotState,
 )
-from warehouse.messages.tasks import Task, Tasks, TaskStatus
+from ros2_kafka_warehouse.messages.tasks import Task, Tasks, TaskStatus
 
 SITE = Site(
     'small',

@@ -6,13 +6,13 @@ import pytest
 from floors import PACKING, PROFILES, TEA, site, state, task
 from msgspec.structs import replace
 
-from warehouse.domain.claims import FORMER, GRACE, QUIET
-from warehouse.domain.robots import Fleet
-from warehouse.domain.validator import Validator
-from warehouse.messages.message import Cell, node_id
-from warehouse.messages.monitor import OperatorCommand
-from warehouse.messages.orders import LineStatus, OpenOrders, Order, OrderLine
-from warehouse.messages.robots import (
+from ros2_kafka_warehouse.domain.claims import FORMER, GRACE, QUIET
+from ros2_kafka_warehouse.domain.robots import Fleet
+from ros2_kafka_warehouse.domain.validator import Validator
+from ros2_kafka_warehouse.messages.message import Cell, node_id
+from ros2_kafka_warehouse.messages.monitor import OperatorCommand
+from ros2_kafka_warehouse.messages.orders import LineStatus, OpenOrders, Order, OrderLine
+from ros2_kafka_warehouse.messages.robots import (
     ActionState,
     ActionStatus,
     FleetOrders,
@@ -22,7 +22,7 @@ from warehouse.messages.robots import (
     RobotOrder,
     RobotState,
 )
-from warehouse.messages.tasks import Task, Tasks, TaskStatus
+from ros2_kafka_warehouse.messages.tasks import Task, Tasks, TaskStatus
 
 RETURNS: Cell = (9, 3)
 SITE = replace(

@@ -1,8 +1,8 @@
 """In which order the Validator node hands on what it hears, and what it writes to its log."""
 
-from warehouse.messages.onlookers import ValidatorReport, Violation
-from warehouse.messages.tasks import Tasks
-from warehouse.nodes.validator import Before, new_ones
+from ros2_kafka_warehouse.messages.onlookers import ValidatorReport, Violation
+from ros2_kafka_warehouse.messages.tasks import Tasks
+from ros2_kafka_warehouse.nodes.validator import Before, new_ones
 
 
 def test_a_state_is_checked_with_what_was_said_of_the_steps_before() -> None:
