@@ -10,7 +10,9 @@ routes are those of the file, whatever is remapped.
 
 import json
 import os
+import re
 import sys
+from importlib.metadata import distribution, requires
 
 _MISSING = (
     'which configuration? ros2 run ros2_kafka_bridge bridge FILE, or --ros-args -p config:=FILE'
@@ -20,6 +22,7 @@ _MISSING = (
 def main() -> None:
     """Run a bridge; the same exit status as `ros2-kafka-bridge run`."""
     try:
+        _look_for_libraries()
         from ros2_kafka_bridge import cli  # noqa: PLC0415 (a workspace brings no Python libraries)
     except ModuleNotFoundError as error:
         sys.exit(_without_libraries(error))
@@ -48,6 +51,13 @@ def _as_run(given: list[str]) -> list[str]:
     if not own and config is None:
         raise ConfigError([_MISSING])
     return ['run', *own] if config is None else ['run', *own, '--', config]
+
+
+def _look_for_libraries() -> None:
+    """Raise where one is not here, also of those that are imported when routes begin."""
+    for need in requires('ros2-kafka-bridge') or ():
+        if 'extra ==' not in need:
+            distribution(re.split(r'[^\w.-]', need)[0])  # PackageNotFoundError is a missing module
 
 
 def _without_libraries(error: ModuleNotFoundError) -> int:
