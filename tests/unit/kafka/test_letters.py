@@ -161,7 +161,7 @@ def test_the_page_waits_for_no_silent_partition_and_says_where_it_has_ended(
     monkeypatch.setattr(kafka, 'consume', lambda *_: coming.pop() if coming else [])
     monkeypatch.setattr(kafka, 'ends', lambda _: {(TOPIC, 0): 20, (TOPIC, 1): 20})
     monkeypatch.setattr(page, '_READING_S', 0.05)
-    monkeypatch.setattr(under_test, '_SILENT_S', 0.2)
+    monkeypatch.setattr(under_test, '_SILENT_S', 5.0)
     told = page.newest(config(), TOPIC)
     [said] = told['unseen']
     assert told['seen'] == 2

@@ -62,7 +62,10 @@ def test_who_asks_for_nothing_is_let_go_and_who_is_answered_is_not() -> None:
         while more and not reading.done():
             writer.write(more)  # a byte now and then never ends it
             await asyncio.sleep(_PATIENCE_S / 4)
-        got = await reading
+        try:
+            got = await reading
+        except ConnectionResetError:  # where a byte had come that was not read
+            got = b''
         writer.close()
         return got
 
