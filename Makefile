@@ -17,6 +17,8 @@ READY := .venv/ready
 JAZZY := .venv-jazzy/ready
 BUILD := --build-constraints requirements.lock
 VERSION = $(shell sed -n "s/^__version__ = '\(.*\)'$$/\1/p" src/ros2_kafka_bridge/__init__.py)
+SYFT = SYFT_CHECK_FOR_APP_UPDATE=false SYFT_FILE_METADATA_SELECTION=none syft scan \
+	--exclude '**/testing/pom.xml' --exclude '**/*.exe' --source-name ros2-kafka-bridge --source-version $(VERSION)
 LOCK := $(BIN)/uv pip compile pyproject.toml --all-extras --group dev --universal \
 	--python-version 3.11 --generate-hashes --no-header --quiet
 
@@ -32,7 +34,7 @@ export UV_SYSTEM_CERTS ?= true
 export ROS2_KAFKA_BRIDGE_KAFKA_JARS ?= $(CURDIR)/.kafka/jars
 
 .PHONY: help setup demo warehouse test test-long test-all jars check lint format types locked kafka
-.PHONY: bench experiment faults soak fuzz churn routes dist image docs lock java
+.PHONY: bench experiment faults soak fuzz churn routes dist image version release docs lock java
 .DEFAULT_GOAL := help
 
 help: ## what there is to make
@@ -115,7 +117,32 @@ image: ## the image that Containerfile describes (ENGINE=podman, A='--build-arg 
 	$(ENGINE) build --file Containerfile --tag ros2-kafka-bridge --tag ros2-kafka-bridge:$(VERSION) \
 		--label org.opencontainers.image.version=$(VERSION) $(A) .
 
-docs: $(READY) ## the tables in docs, from the code, and the version in package.xml
+version: $(READY) ## the files say the version that is to be released (V=0.2.0)
+	@$(BIN)/python tools/releasing.py --cut '$(V)'
+	@$(BIN)/python tools/make_docs.py
+
+# The wheel asks for ranges: its SBOM has what its extras bring in the versions of the lock, and
+# nothing of where it was made.
+release: $(READY) ## of a tag: all that is published, into release/ (A=... of the image)
+	@$(BIN)/python tools/releasing.py $(ENGINE) syft
+	@$(ENGINE) info > /dev/null
+	@rm -rf release .release .venv-release
+	@$(MAKE) --no-print-directory dist DIST=.release
+	@$(MAKE) --no-print-directory image
+	@$(BIN)/uv venv --quiet --python $(BIN)/python .venv-release
+	@$(BIN)/uv pip install --quiet --python .venv-release --constraints requirements.lock \
+		--requirements pyproject.toml --all-extras .release/*.whl
+	@rm .venv-release/lib/python*/site-packages/ros2_kafka_bridge-*.dist-info/direct_url.json
+	@$(SYFT) dir:.venv-release -o cyclonedx-json=.release/ros2-kafka-bridge-$(VERSION).cdx.json
+	@image=.release/ros2-kafka-bridge-$(VERSION)-image-$$($(ENGINE) image inspect \
+		--format '{{.Architecture}}' ros2-kafka-bridge:$(VERSION)) && \
+	$(ENGINE) save --output $$image.tar ros2-kafka-bridge:latest ros2-kafka-bridge:$(VERSION) && \
+	$(SYFT) docker-archive:$$image.tar -o cyclonedx-json=$$image.cdx.json && gzip -n $$image.tar
+	@chmod a+r .release/* && rm -rf .venv-release
+	@cd .release && sha256sum * > SHA256SUMS
+	@mv .release release && cat release/SHA256SUMS
+
+docs: $(READY) ## the tables in docs, from the code, and the version where it is repeated
 	$(BIN)/python tools/make_docs.py $(A)
 
 lock: $(READY) ## requirements.lock, after a change of pyproject.toml

@@ -1,7 +1,7 @@
 """Writes docs/configuration.md and docs/bridge.schema.json from the settings classes.
 
-The drawings of docs/warehouse.md come from the topics of the warehouse, the version in package.xml
-from the package.
+The drawings of docs/warehouse.md come from the topics of the warehouse, the version where files
+repeat it from the package.
 
 With --check it writes nothing and fails where one of them is out of date.
 """
@@ -43,6 +43,8 @@ from ros2_kafka_bridge.errors import ConfigError
 
 DOCS = Path(__file__).parent.parent / 'docs'
 PACKAGE = DOCS.parent / 'package.xml'
+KUBERNETES = DOCS / 'kubernetes.md'
+KUSTOMIZATION = DOCS.parent / 'packaging' / 'kubernetes' / 'kustomization.yaml'
 DIALECT = 'https://json-schema.org/draft/2020-12/schema'
 FIRST = ('name', 'from', 'to', 'format')
 
@@ -234,9 +236,10 @@ def _type(schema: dict[str, Any]) -> str:
     return words[schema.get('type', 'object')]
 
 
-def _of_this_version(package: str) -> str:
-    """Give package.xml, which can refer to nothing, the version of the package."""
-    return re.sub(r'<version>.*</version>', f'<version>{__version__}</version>', package)
+def _of_this_version(file: Path) -> str:
+    """Give a file that can refer to nothing the version of the package."""
+    version = r'(<version>|newTag: |/ros2-kafka-bridge:)\d+\.\d+\.\d+'
+    return re.sub(version, rf'\g<1>{__version__}', file.read_text('utf-8'))
 
 
 def main() -> int:
@@ -248,7 +251,7 @@ def main() -> int:
         DOCS / 'configuration.md': configuration_page(),
         DOCS / 'bridge.schema.json': json.dumps(json_schema(), indent=2) + '\n',
         DOCS / 'warehouse.md': fill((DOCS / 'warehouse.md').read_text('utf-8')),
-        PACKAGE: _of_this_version(PACKAGE.read_text('utf-8')),
+        **{file: _of_this_version(file) for file in (PACKAGE, KUBERNETES, KUSTOMIZATION)},
     }
     stale = []
     for path, text in texts.items():

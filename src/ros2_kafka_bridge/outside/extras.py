@@ -80,7 +80,8 @@ def _wanted(extra: str) -> str:
         return shlex.quote(f'{checkout if is_here else f"path/to/{_PROJECT}"}[{extra}]')
     if source := _source(installed, extra):
         return source
-    if PUBLISHED:
+    # colcon notes no installer: beside a workspace's bridge the name would bring a second one.
+    if PUBLISHED and installed.read_text('INSTALLER'):
         return shlex.quote(f'{_PROJECT}[{extra}]')
     return ' '.join(shlex.quote(library) for library in _libraries(installed, extra))
 

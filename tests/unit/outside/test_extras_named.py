@@ -30,6 +30,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder.mkdir()
     (folder / 'METADATA').write_text(METADATA)
     monkeypatch.setattr(metadata, 'distribution', lambda _: metadata.Distribution.at(folder))
+    monkeypatch.setattr(extras, 'PUBLISHED', False)
     return folder
 
 
@@ -86,10 +87,18 @@ def test_from_elsewhere_it_is_the_libraries_since_an_address_is_masked_where_it_
 def test_from_an_index_it_is_the_libraries_until_the_name_is_ours(
     installed: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert installed.exists()
+    (installed / 'INSTALLER').write_text('pip\n')
     assert words('avro') == ['confluent-kafka[avro]<3,>=2.16']
     monkeypatch.setattr(extras, 'PUBLISHED', True)
     assert words('avro') == ['ros2-kafka-bridge[avro]']
+
+
+def test_in_a_workspace_it_is_the_libraries_since_a_second_bridge_would_stand_beside_it(
+    installed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert installed.exists()  # and no note of an installer, as colcon leaves it
+    monkeypatch.setattr(extras, 'PUBLISHED', True)
+    assert words('avro') == ['confluent-kafka[avro]<3,>=2.16']
 
 
 def test_an_environment_without_pip_is_one_of_uv(
