@@ -62,6 +62,7 @@ check: lint format types locked ## what must hold before a commit: lint, format,
 lint: $(READY)
 	$(BIN)/ruff check
 	$(BIN)/lint-imports --no-cache --no-logo
+	$(BIN)/zizmor --quiet --offline --persona=auditor --strict-collection .github
 
 format: $(READY)
 	$(BIN)/ruff format --check
