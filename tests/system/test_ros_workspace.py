@@ -10,7 +10,6 @@ What a machine without packages of ROS lacks stands in for it; nothing else is e
 """
 
 import os
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -22,6 +21,7 @@ import pytest
 from harness import Bench, Process, to_kafka, to_ros, values
 from pages import ROOT, fenced
 from patience import patient
+from repositories import copy_checkout
 from wheels import LOCK, install, make_venv, uv
 
 ROS: Final = '/opt/ros/jazzy'
@@ -84,7 +84,7 @@ def machine(tmp_path: Path) -> Machine:
     ros, programs = tmp_path / 'ros', tmp_path / 'programs'
     make_ros(ros)
     add_program(programs / 'rosdep', ROSDEP)
-    publish(tmp_path / 'published')
+    copy_checkout(tmp_path / 'published')
     development: list[str] = pyproject()['dependency-groups']['dev']
     colcon = [name for name in development if name.startswith('colcon-')]
     uv('pip', 'install', '--target', tmp_path / 'apt', '--constraints', LOCK, *colcon)
@@ -131,15 +131,6 @@ def add_program(file: Path, text: str) -> None:
     file.parent.mkdir()
     file.write_text(text)
     file.chmod(0o755)
-
-
-def publish(place: Path) -> None:
-    """Make a repository of the files as they are now."""
-    hidden = shutil.ignore_patterns('.*', '__pycache__', 'build', 'dist')
-    shutil.copytree(ROOT, place, ignore=hidden)
-    said = ('-c', 'user.name=A', '-c', 'user.email=a@b.example', '-c', 'commit.gpgsign=false')
-    for words in (['init', '-q'], ['add', '-A'], [*said, 'commit', '-q', '-m', 'all']):
-        subprocess.run(['git', *words], cwd=place, check=True, timeout=patient(60))
 
 
 @pytest.mark.timeout(600)

@@ -2,13 +2,13 @@
 
 import re
 import shutil
-import subprocess
 from collections.abc import Iterator
 from datetime import date
 from pathlib import Path
 
 import pytest
 from releasing import CHANGELOG, CLOCK, FACE, WHEN_PUBLISHED, NotReadyError, cut, main, problems
+from repositories import commit, git, make_repository
 
 from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.outside.extras import PUBLISHED
@@ -32,20 +32,8 @@ def checkout(tmp_path: Path) -> Path:
         (tmp_path / part).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / part, tmp_path / part)
     (tmp_path / CHANGELOG).write_text(NOTED)
-    for command in ('init --quiet', 'config user.name A', 'config user.email a@b.example'):
-        git(tmp_path, *command.split())
-    commit(tmp_path)
+    make_repository(tmp_path)
     return tmp_path
-
-
-def git(place: Path, *words: str) -> str:
-    told = subprocess.run(['git', *words], cwd=place, capture_output=True, text=True, check=True)
-    return told.stdout
-
-
-def commit(place: Path) -> None:
-    git(place, 'add', '--all')
-    git(place, '-c', 'commit.gpgsign=false', 'commit', '--quiet', '--message', 'a change')
 
 
 def fill_in(place: Path) -> None:

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 from containers import IMAGE, Engine, engine
-from pages import ROOT
 from releasing import CHANGELOG, FACE, PLACEHOLDERS
+from repositories import commit, copy_checkout, git
 from wheels import LOCK, install, make_venv, run
 
 VERSION = '99.0.0'  # the next one, whichever is out
@@ -41,13 +41,7 @@ def builder(images: Path) -> Iterator[Engine]:
 def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files as they are here, in a repository of their own."""
     place = tmp_path_factory.mktemp('checkout')
-    for name in git(ROOT, 'ls-files', '--cached', '--others', '--exclude-standard').splitlines():
-        if (ROOT / name).is_file():
-            (place / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(ROOT / name, place / name)
-    for command in ('init --quiet', 'config user.name A', 'config user.email a@b.example'):
-        git(place, *command.split())
-    commit(place)
+    copy_checkout(place)
     return place
 
 
@@ -65,7 +59,7 @@ def files(checkout: Path, builder: Engine) -> Path:
     (checkout / CHANGELOG).write_text(noted)
     assert make(checkout, f'version V={VERSION}').returncode == 0
     commit(checkout)
-    git(checkout, '-c', 'tag.gpgsign=false', 'tag', f'v{VERSION}')
+    git(checkout, 'tag', f'v{VERSION}')
     builder.shell(f'{MAKE} release A=--network=host', checkout, 600)
     return checkout / 'release'
 
@@ -75,16 +69,6 @@ def marked(place: Path) -> list[str]:
     marks = [word for mark in PLACEHOLDERS for word in ('-e', mark)]
     command: list[str | Path] = ['git', 'grep', '-nIF', *marks, '--', ':!tests', ':!tools']
     return run(command, place).stdout.splitlines()
-
-
-def git(place: Path, *words: str) -> str:
-    told = subprocess.run(['git', *words], cwd=place, capture_output=True, text=True, check=True)
-    return told.stdout
-
-
-def commit(place: Path) -> None:
-    git(place, 'add', '--all')
-    git(place, '-c', 'commit.gpgsign=false', 'commit', '--quiet', '--message', 'a change')
 
 
 def make(place: Path, target: str) -> subprocess.CompletedProcess[str]:
