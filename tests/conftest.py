@@ -23,7 +23,7 @@ from ros2_kafka_bridge.testing.local_kafka import QUICK_RETURN, LocalKafka
 if TYPE_CHECKING:
     from shared_kafka import SharedKafka  # pytest imports it, to rewrite its asserts
 
-pytest_plugins = ('heeding', 'limits', 'outliving', 'reruns', 'shared_kafka', 'skips')
+pytest_plugins = ('default_signals', 'limits', 'outliving', 'reruns', 'shared_kafka', 'skips')
 
 # The same input each time; `make test-long` draws other ones once more.
 settings.register_profile('same', deadline=None, derandomize=True)
@@ -87,7 +87,7 @@ LONG: Final = {
     'system/test_measures': 50,
     'faults/test_reload_kills': 45,
     'faults/test_cluster': 45,
-    'system/test_getting_started': 40,
+    'system/test_tutorials': 60,
     'system/test_schema_registry': 40,
     'integration/test_ros_to_kafka': 40,
     'system/test_memory': 40,

@@ -196,7 +196,7 @@ class SecuredKafka:
         self._alter_user(user, UserScramCredentialDeletion(user, ScramMechanism.SCRAM_SHA_512))
 
     def allow(self, user: str, rights: Sequence[Right]) -> None:
-        """Give permissions, and wait until the broker heeds them."""
+        """Give permissions, and wait until the broker applies them."""
         admin = self.admin  # kept: its futures fail when it goes
         made = [_binding(user, right) for right in dict.fromkeys(rights)]
         for future in admin.create_acls(made).values():
@@ -205,7 +205,7 @@ class SecuredKafka:
         eventually(lambda: all(_found(admin, one) for one in wanted), _PATIENCE_S)
 
     def forbid(self, user: str, rights: Sequence[Right]) -> None:
-        """Take permissions back, and wait until the broker heeds it."""
+        """Take permissions back, and wait until the broker applies it."""
         admin = self.admin
         wanted = [_filter(_binding(user, right)) for right in rights]
         for future in admin.delete_acls(wanted).values():

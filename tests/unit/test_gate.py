@@ -15,7 +15,7 @@ TESTS = Path(__file__).parents[1]
 SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 PLUGINS = ('-p', 'timeout', '-p', 'rerunfailures', '-p', 'xdist')
 COMMAND = (sys.executable, '-m', 'pytest', *PLUGINS)
-RULES = ('heeding', 'limits', 'outliving', 'reruns', 'skips')
+RULES = ('default_signals', 'limits', 'outliving', 'reruns', 'skips')
 CONFTEST = f'pytest_plugins = {RULES}\n'
 ONCE = """
 from pathlib import Path
@@ -237,7 +237,7 @@ def test_what_no_project_can_install_may_be_skipped(tree: Path) -> None:
 
 
 @pytest.mark.parametrize('options', [(), ('-n', '2')], ids=['one process', 'two'])
-def test_children_heed_every_signal_however_the_run_was_started(
+def test_children_take_every_signal_however_the_run_was_started(
     tree: Path, options: tuple[str, ...]
 ) -> None:
     (tree / 'unit' / 'test_child.py').write_text(CHILD)

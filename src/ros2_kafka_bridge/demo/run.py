@@ -19,7 +19,7 @@ from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.kafka.addresses import servers_problem
 from ros2_kafka_bridge.outside.extras import missing_ros
 from ros2_kafka_bridge.testing.embedded_broker import QUICK_FETCH, EmbeddedBroker
-from ros2_kafka_bridge.threads.stop import Stop, signals_to_heed
+from ros2_kafka_bridge.threads.stop import Stop, signals_to_handle
 
 RATE: Final = 300.0
 COMPARED_RATE: Final = 1000.0  # where the paper's nodes lose on an ordinary machine
@@ -140,7 +140,7 @@ def _signals() -> Iterator[Stop]:
         if stop.at_once and not was_at_once:
             raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, on_signal) for number in signals_to_heed()}
+    before = {number: signal.signal(number, on_signal) for number in signals_to_handle()}
     try:
         yield stop
     finally:

@@ -35,7 +35,7 @@ _AGAIN_S: Final = 10.0
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show the bridge until the supervisor closes the input; returns the exit status."""
     options = _parse(arguments)
-    for number in SIGNALS:  # the supervisor heeds them
+    for number in SIGNALS:  # the supervisor handles them
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
     logs.set_up(options.log_format)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-from ros2_kafka_bridge.threads.stop import SIGNALS, signals_to_heed
+from ros2_kafka_bridge.threads.stop import SIGNALS, signals_to_handle
 
 _SOON_S: Final = 10.0
 _LOOK_S: Final = 0.5
@@ -33,7 +33,7 @@ class Signals:
 
     def hear(self) -> None:
         """Begin to hear them; called by the main thread."""
-        for number in signals_to_heed():
+        for number in signals_to_handle():
             signal.signal(number, self._on_signal)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 

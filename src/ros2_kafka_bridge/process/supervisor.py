@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with Supervisor(plan, words, systemd) as it:
         if monitoring is not None:
             it.watch(end, options.log_format)
-        it.heed(Signals(it.stop.on_signal, had_terminal=options.terminal))
+        it.handle(Signals(it.stop.on_signal, had_terminal=options.terminal))
         return it.run()
 
 
@@ -120,7 +120,7 @@ class Supervisor:
         self.operations.on_configured = self._monitor.configure
         self._monitor.configure(self.operations.configured())
 
-    def heed(self, signals: Signals) -> None:
+    def handle(self, signals: Signals) -> None:
         """Do what signals ask for, from now on."""
         self._signals = signals
         signals.hear()

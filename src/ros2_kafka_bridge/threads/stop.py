@@ -144,7 +144,7 @@ def ctrl_c_asks(stop: Stop) -> Iterator[None]:
         raise KeyboardInterrupt
 
 
-def signals_to_heed() -> Sequence[signal.Signals]:
+def signals_to_handle() -> Sequence[signal.Signals]:
     """The signals that ask this process to stop: not SIGHUP where `nohup` has it ignored."""
     if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
         return [number for number in SIGNALS if number != signal.SIGHUP]

@@ -15,8 +15,8 @@ from endless_answers import Answer, answering
 
 from ros2_kafka_bridge.commands.status.ask import ask
 from ros2_kafka_bridge.commands.status.report import report
+from ros2_kafka_bridge.config.bridge_address import bridge_address
 from ros2_kafka_bridge.config.monitoring import Address
-from ros2_kafka_bridge.config.whereabouts import whereabouts
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.process.load import load_checked
 
@@ -197,9 +197,9 @@ def test_a_file_that_does_not_tell_the_bridge_is_refused_with_its_mistakes(
 def test_a_monitoring_that_says_no_address_has_the_one_of_every_bridge(tmp_path: Path) -> None:
     file = tmp_path / 'bridge.yaml'
     file.write_text('name: a\nmonitoring: {node: maybe}\nkafka: [\n')
-    assert whereabouts(file, {}) == ('a', '127.0.0.1:9464')
+    assert bridge_address(file, {}) == ('a', '127.0.0.1:9464')
     file.write_text('name: ${A}\nmonitoring: {listen: "${B}"}\n')
-    assert whereabouts(file, {'A': 'a', 'B': '[::1]:7'}) == ('a', '[::1]:7')
+    assert bridge_address(file, {'A': 'a', 'B': '[::1]:7'}) == ('a', '[::1]:7')
 
 
 @pytest.mark.parametrize('more', ['', 'monitoring: {listen: off}\n'])

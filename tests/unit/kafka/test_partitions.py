@@ -269,7 +269,7 @@ def test_an_end_of_which_the_offset_is_not_told_is_not_the_beginning(
     assert reads._partitions.news == {}
 
 
-def test_an_error_that_names_no_partition_of_its_own_is_heeded(
+def test_an_error_that_names_no_partition_of_its_own_counts(
     source: Callable[..., KafkaSource],
 ) -> None:
     reads = source(told(KafkaError._ALL_BROKERS_DOWN, -1, -1))

@@ -34,7 +34,7 @@ from ros2_kafka_bridge.kafka.letters import LetterReader, Originals
 from ros2_kafka_bridge.kafka.properties import producer_properties
 from ros2_kafka_bridge.kafka.transactions import Parcel, Send, Transactions
 from ros2_kafka_bridge.logs.text import count
-from ros2_kafka_bridge.threads.stop import Stop, signals_to_heed
+from ros2_kafka_bridge.threads.stop import Stop, signals_to_handle
 
 _BATCH: Final = 200
 _BATCH_BYTES: Final = 8_000_000
@@ -230,7 +230,7 @@ class _Run:
             Transactions(properties, f'{topic}.replay', self._stop) as transactions,
         ):
             letters = self._chosen(topic, whole=True)
-            stack.enter_context(_heeding(self._stop))  # also while the transactions end
+            stack.enter_context(_handling(self._stop))  # also while the transactions end
             for batch in self._batches(letters):
                 self._send(batch, transactions)
                 if transactions.spent:
@@ -358,9 +358,9 @@ class _Run:
 
 
 @contextmanager
-def _heeding(stop: Stop) -> Iterator[None]:
+def _handling(stop: Stop) -> Iterator[None]:
     """End after the batch in hand at the first signal, without waiting for Kafka at the second."""
-    before = {number: signal.signal(number, stop.on_signal) for number in signals_to_heed()}
+    before = {number: signal.signal(number, stop.on_signal) for number in signals_to_handle()}
     try:
         yield
     finally:

@@ -12,9 +12,9 @@ from rich.console import Console
 
 from ros2_kafka_bridge.commands.screen import screen, show_line, show_table
 from ros2_kafka_bridge.commands.status.ask import BridgeState, RouteState, ShownState, ask
+from ros2_kafka_bridge.config.bridge_address import bridge_address
 from ros2_kafka_bridge.config.monitoring import ADDRESSES, Address, is_address
 from ros2_kafka_bridge.config.settings import Config
-from ros2_kafka_bridge.config.whereabouts import whereabouts
 from ros2_kafka_bridge.dead_letters.shown import shortened
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.logs.text import printable
@@ -102,7 +102,7 @@ def _of_config(config: Config, file: Path) -> _Asked:
 
 def _of_wrong(file: Path, error: ConfigError) -> _Asked:
     """The bridge of a file with mistakes: one that runs goes by what it has read before."""
-    found = whereabouts(file, os.environ)
+    found = bridge_address(file, os.environ)
     if found is None:
         other = f'{file}: does not tell which bridge to ask: --address HOST:PORT needs no file'
         raise ConfigError([*error.problems, other]) from None

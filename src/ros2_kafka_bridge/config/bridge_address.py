@@ -27,14 +27,14 @@ _MOST_CUTS: Final = 16
 _SHORT_CHARS: Final = 64 * 1024
 
 
-class Whereabouts(NamedTuple):
+class BridgeAddress(NamedTuple):
     """The name of a bridge, and the address that it listens on."""
 
     name: str
     address: Address
 
 
-def whereabouts(path: Path, environ: Mapping[str, str]) -> Whereabouts | None:
+def bridge_address(path: Path, environ: Mapping[str, str]) -> BridgeAddress | None:
     """What a file says of the two; None where that cannot be told."""
     try:
         tree = _readable(read_text(path))
@@ -46,7 +46,7 @@ def whereabouts(path: Path, environ: Mapping[str, str]) -> Whereabouts | None:
         return None
     name, listen = found.data['name'], found.data['listen']
     is_known = _is_name(name) and isinstance(listen, str) and is_address(listen)
-    return Whereabouts(name, Address(listen)) if is_known else None
+    return BridgeAddress(name, Address(listen)) if is_known else None
 
 
 def _readable(text: str) -> Tree:
