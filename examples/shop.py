@@ -1,5 +1,8 @@
 """A shop: sends orders to Kafka, and waits until a robot has done each of them.
 
+It opens once a first order has come back: what was sent before the bridge reads for the first time
+would go to nobody (`start: latest`).
+
 python examples/shop.py --count 1000 --rate 100
 """
 
@@ -25,6 +28,19 @@ def statuses(consumer: Consumer, timeout_s: float) -> Iterator[int]:
             yield json.loads(value)['order_id']
 
 
+def is_answered(producer: Producer, consumer: Consumer, order_id: int, patience_s: float) -> bool:
+    """Whether a first order is done, which is sent again each second until it is."""
+    order = next(orders(seed=order_id))
+    value = encode(msgspec.structs.replace(order, order_id=order_id))
+    deadline_s = time.monotonic() + patience_s
+    while time.monotonic() < deadline_s:
+        producer.produce('orders', value)
+        producer.flush()
+        if order_id in statuses(consumer, 1.0):
+            return True
+    return False
+
+
 def main() -> None:
     """Sell, wait, and say what came of it."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -34,7 +50,8 @@ def main() -> None:
     parser.add_argument('--patience', type=float, default=30.0, help='seconds without news')
     args = parser.parse_args()
 
-    first_id = time.time_ns()  # no order of an earlier run has it
+    first_id = time.time_ns()  # no order of an earlier run has it, nor of another shop
+    mine = range(first_id, first_id + args.count)
     servers = {'bootstrap.servers': args.bootstrap_servers, 'log_level': 2}
     producer = Producer({**servers, 'enable.idempotence': True})
     reading = {'group.id': f'shop-{uuid.uuid4()}', 'auto.offset.reset': 'earliest'}
@@ -43,6 +60,8 @@ def main() -> None:
     if absent := {'orders', 'status'} - there.keys():
         sys.exit(f'Kafka has no topic {" and ".join(sorted(absent))}: make it first')
     consumer.subscribe(['status'])
+    if not is_answered(producer, consumer, first_id - 1, args.patience):
+        sys.exit(f'no robot has done an order in {args.patience:g} s: do bridge and robot run?')
 
     done: list[int] = []
     sent = 0
@@ -51,11 +70,11 @@ def main() -> None:
     while len(set(done)) < args.count and time.monotonic() - last_s < args.patience:
         due = min(args.count, int((time.monotonic() - started_s) * args.rate) + 1)
         for order in islice(goods, due - sent):
-            mine = msgspec.structs.replace(order, order_id=first_id + order.order_id)
-            producer.produce('orders', encode(mine))
+            sold = msgspec.structs.replace(order, order_id=first_id + order.order_id)
+            producer.produce('orders', encode(sold))
             sent += 1
         producer.poll(0)
-        if news := [i for i in statuses(consumer, 0.02) if i >= first_id]:
+        if news := [i for i in statuses(consumer, 0.02) if i in mine]:
             done += news
             last_s = time.monotonic()
     producer.flush()

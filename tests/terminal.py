@@ -1,4 +1,4 @@
-"""A terminal of a given width, for what the commands show to people."""
+"""Terminals, for what the commands show to people and what people type."""
 
 import os
 import pty
@@ -7,9 +7,67 @@ import select
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
 
 from ending import ended
 from patience import patient
+
+from rig.processes import KILLED_S
+
+
+class Terminal:
+    """A terminal with one program in it, which gets SIGHUP when it is closed."""
+
+    def __init__(self, *command: str, environ: dict[str, str], log: Path | None) -> None:
+        self._master, its_end = pty.openpty()
+        with nullcontext(its_end) if log is None else log.open('wb') as stderr:
+            self.program = subprocess.Popen(
+                ['setsid', '--ctty', *command],
+                stdin=its_end,
+                stdout=its_end,
+                stderr=stderr,
+                env=environ,
+            )
+        os.close(its_end)
+        self._shown = b''
+
+    def types(self, keys: str) -> None:
+        """Press keys: a line end is enter, a control character Ctrl and a letter."""
+        os.write(self._master, keys.encode())
+
+    def shows(self, text: bytes) -> bool:
+        """Whether a text has come so far."""
+        os.set_blocking(self._master, False)
+        try:
+            while data := os.read(self._master, 65536):
+                self._shown += data
+        except OSError:  # nothing more, or its end
+            pass
+        return text in self._shown
+
+    def shown(self) -> str:
+        """What has come so far."""
+        self.shows(b'')
+        return self._shown.decode(errors='replace')
+
+    def close(self) -> None:
+        """Close it, as the button of its window does."""
+        os.close(self._master)
+
+
+@contextmanager
+def terminal(
+    *command: str, environ: dict[str, str], log: Path | None = None
+) -> Iterator[Terminal]:
+    """Run a program on a terminal; with a log, its errors go there."""
+    found = Terminal(*command, environ=environ, log=log)
+    try:
+        yield found
+    finally:
+        found.program.kill()
+        found.program.wait(patient(KILLED_S))
 
 
 def on_terminal(*arguments: str, columns: int) -> tuple[int, str]:

@@ -1,72 +1,20 @@
 """What becomes of a bridge and of the demonstration when their terminal is closed (SIGHUP)."""
 
 import os
-import pty
 import signal
-import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 
 import pytest
 from harness import Bench, Process, eventually
 from patience import patient
+from terminal import terminal
 from workers import sized, there_and_back
 
-from rig.processes import END_S, KILLED_S
+from rig.processes import END_S
 
 COMMAND = (sys.executable, '-m', 'ros2_kafka_bridge')
-
-
-class Terminal:
-    """A terminal with one program in it, which gets SIGHUP when it is closed."""
-
-    def __init__(self, *arguments: str, environ: dict[str, str], log: Path | None) -> None:
-        self._master, its_end = pty.openpty()
-        with nullcontext(its_end) if log is None else log.open('wb') as stderr:
-            self.program = subprocess.Popen(
-                ['setsid', '--ctty', *COMMAND, *arguments],
-                stdin=its_end,
-                stdout=its_end,
-                stderr=stderr,
-                env=environ,
-            )
-        os.close(its_end)
-        self._shown = b''
-
-    def shows(self, text: bytes) -> bool:
-        """Whether a text has come so far."""
-        os.set_blocking(self._master, False)
-        try:
-            while data := os.read(self._master, 65536):
-                self._shown += data
-        except OSError:  # nothing more, or its end
-            pass
-        return text in self._shown
-
-    def shown(self) -> str:
-        """What has come so far."""
-        self.shows(b'')
-        return self._shown.decode(errors='replace')
-
-    def close(self) -> None:
-        """Close it, as the button of its window does."""
-        os.close(self._master)
-
-
-@contextmanager
-def terminal(
-    *arguments: str, environ: dict[str, str], log: Path | None = None
-) -> Iterator[Terminal]:
-    """Run a program on a terminal; with a log, its errors go there."""
-    found = Terminal(*arguments, environ=environ, log=log)
-    try:
-        yield found
-    finally:
-        found.program.kill()
-        found.program.wait(patient(KILLED_S))
 
 
 @pytest.mark.parametrize('workers', [1, 2])
@@ -80,7 +28,7 @@ def test_guarantee_7_a_closed_terminal_is_a_drain(
     bench.create_topic(returned)
     bench.produce(topic_name, sized(10))
     log = bench.place / 'stderr.log'
-    with terminal('run', str(config), environ=bench.environ, log=log) as it:
+    with terminal(*COMMAND, 'run', str(config), environ=bench.environ, log=log) as it:
         eventually(partial(bench.reaches, returned, 10), 60, log.read_text)
         it.close()
         assert it.program.wait(patient(END_S)) == 0, log.read_text()
@@ -115,7 +63,7 @@ def test_a_demonstration_whose_terminal_is_closed_ends_in_order_and_leaves_nothi
     place.mkdir()
     environ = {**bench.environ, 'TMPDIR': str(place), 'TERM': 'xterm-256color'}
     options = ('--rate', '200', '--seconds', '300')
-    with terminal('demo', *options, environ=environ) as it:
+    with terminal(*COMMAND, 'demo', *options, environ=environ) as it:
         eventually(lambda: it.shows(b'sending'), 60, it.shown)
         it.close()
         status = it.program.wait(patient(60))
