@@ -34,7 +34,7 @@ export UV_SYSTEM_CERTS ?= true
 export ROS2_KAFKA_BRIDGE_KAFKA_JARS ?= $(CURDIR)/.kafka/jars
 
 .PHONY: help setup demo warehouse test test-long test-all jars check lint format types locked kafka
-.PHONY: bench experiment faults soak fuzz churn routes dist image version release docs lock java
+.PHONY: bench experiment faults soak fuzz churn routes dist image version release docs site lock java
 .DEFAULT_GOAL := help
 
 help: ## what there is to make
@@ -145,6 +145,10 @@ release: $(READY) ## of a tag: all that is published, into release/ (A=... of th
 
 docs: $(READY) ## the tables in docs, from the code, and the version where it is repeated
 	$(BIN)/python tools/make_docs.py $(A)
+
+site: $(READY) ## the documentation as pages to read and search in, into site/
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir site $(A)
+	@echo 'Look at it: python3 -m http.server --bind 127.0.0.1 --directory site 8000'
 
 lock: $(READY) ## requirements.lock, after a change of pyproject.toml
 	$(LOCK) --output-file requirements.lock > .venv/lock.log

@@ -1,6 +1,9 @@
-"""The pages that people read: the README, what lies beside it, and docs."""
+"""The pages that people read: the README, what lies beside it, and docs; and as a site."""
 
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -54,6 +57,19 @@ def sections(page: Path) -> set[str]:
             name = f'{base}-{number}'
         found.add(name)
     return found
+
+
+def build_site(folder: Path) -> None:
+    """Build the site as `make site` does, elsewhere."""
+    result = subprocess.run(
+        [Path(sys.executable).with_name('mkdocs'), 'build', '--strict', '--site-dir', folder],
+        cwd=ROOT,
+        env={**os.environ, 'NO_MKDOCS_2_WARNING': '1'},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
 
 
 def _without_code(text: str) -> str:
