@@ -32,8 +32,8 @@ from launch import LaunchDescription
 if TYPE_CHECKING:
     from launch.action import Action
 
-# A second signal ends a drain, and launch would send it after 5 s. More than twice the longest
-# `drain_s` and 65 s, as the unit of systemd has it.
+# A second signal ends a drain, and launch would send it after 5 s. More than 65 s plus twice the
+# longest `drain_s`, as the unit of systemd has it.
 STOP_TIMEOUT_S = '90'
 
 
@@ -71,7 +71,7 @@ def _arguments() -> list['Action']:
             'stop_timeout_s',
             default_value=STOP_TIMEOUT_S,
             description='How long a stop may take, before it is signalled again, which ends a '
-            'drain: more than twice the longest drain_s and 65 s.',
+            'drain: more than 65 s plus twice the longest drain_s.',
         ),
         DeclareLaunchArgument(
             'autostart',

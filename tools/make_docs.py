@@ -1,7 +1,7 @@
 """Writes docs/configuration.md and docs/bridge.schema.json from the settings classes.
 
-The drawings of docs/warehouse.md come from the topics of the warehouse, the version where files
-repeat it from the package.
+The drawings of docs/warehouse-modules.md come from the topics of the warehouse, the version where
+files repeat it from the package.
 
 With --check it writes nothing and fails where one of them is out of date.
 """
@@ -44,6 +44,7 @@ from ros2_kafka_bridge.errors import ConfigError
 DOCS = Path(__file__).parent.parent / 'docs'
 PACKAGE = DOCS.parent / 'package.xml'
 KUBERNETES = DOCS / 'kubernetes.md'
+MODULES = DOCS / 'warehouse-modules.md'
 KUSTOMIZATION = DOCS.parent / 'packaging' / 'kubernetes' / 'kustomization.yaml'
 DIALECT = 'https://json-schema.org/draft/2020-12/schema'
 FIRST = ('name', 'from', 'to', 'format')
@@ -91,17 +92,17 @@ them. The direction of a route is read from its `from` and `to`.
 ```yaml
 {example}```
 
-- `${{NAME}}` in a value reads the environment, `${{file:PATH}}` a file, without the newline at its
-  end; relative paths begin at the configuration. A missing variable or file is a mistake. `$${{`
-  is a literal `${{`.
-- `defaults` holds fields of routes; each counts for the routes whose direction it fits, and what
-  a route says itself counts more.
-- Names with `{{`, `}}`, `*` or a leading `^` are refused: they are kept for templates and
-  patterns.
-- The name of a bridge has no dot; that of a route may have one. Consumer groups and spools are
-  called `<bridge>.<route>`: bridge `a.b` with route `c` would share them with bridge `a` with
-  route `b.c`. [Below](#a-bridge-with-a-dot-in-its-name) is how a bridge that has one keeps what it
-  has.
+- In a value, `${{NAME}}` stands for an environment variable, and `${{file:PATH}}` for the content
+  of a file, without the newline at its end. A relative path starts at the folder of the
+  configuration. A missing variable or file is a mistake. `$${{` is a literal `${{`.
+- `defaults` holds fields of routes. Each field counts for the routes of the direction that has it,
+  unless a route says something else.
+- Names with `{{`, `}}`, `*` or a leading `^` are refused: these characters are kept for templates
+  and patterns.
+- The name of a bridge has no dot; the name of a route may have one. Consumer groups and spools are
+  called `<bridge>.<route>`, so bridge `a.b` with route `c` would share them with bridge `a` with
+  route `b.c`. If your bridge has a dot in its name, it
+  [can keep what it has](#a-bridge-with-a-dot-in-its-name).
 - Secrets (passwords, keys, tokens) are masked wherever a configuration is printed.
 - [`bridge.schema.json`](bridge.schema.json) lets an editor complete and check a file. For the
   YAML language server, begin the file with
@@ -110,24 +111,25 @@ them. The direction of a route is read from its `from` and `to`.
 {tables}
 ## A bridge with a dot in its name
 
-A dot was allowed once. Give the bridge the name that the mistake proposes, with dashes. It goes on
-where it was when
+Earlier versions allowed a dot. Give the bridge the name that the mistake proposes, with dashes. To
+let it go on where it was:
 
-1. each route from Kafka says its old group: `from: {{kafka: orders, group: plant.1.orders}}`;
-2. its spools are empty, or have the new name: stop the bridge while Kafka answers, look with
-   `ros2-kafka-bridge spool DIRECTORY`, and rename what is left, each file with its fellows:
-   `plant.1.orders.spool*` to `plant-1.orders.spool*`;
-3. all bridges that share an `exclusive` route are stopped before one of the new name starts;
-4. the ACLs name the new groups and the new lock topic ([security.md](security.md)).
+1. Give each route from Kafka its old group: `from: {{kafka: orders, group: plant.1.orders}}`.
+2. Empty or rename its spools. Stop the bridge while Kafka answers, and look with
+   `ros2-kafka-bridge spool DIRECTORY`. Rename all files of each spool that is left:
+   `plant.1.orders.spool*` to `plant-1.orders.spool*`.
+3. Stop all bridges that share an `exclusive` route before one with the new name starts.
+4. Name the new groups and the new lock topic in the ACLs ([security.md](security.md)).
 
-The ROS node keeps its name. Records that the bridge has written under its old name count as those
-of another one: where one of its routes reads them back, what it has not read yet is not skipped.
+The ROS node keeps its name. Records that the bridge has written under its old name count as
+records of another bridge. If one of its routes reads them back, it does not skip those that it has
+not read yet.
 
 ## Mistakes
 
-The mistakes in a file are reported at once, with file, line, field and what would be right: the
-first hundred, or where it is no YAML, the first alone. Nothing is started then, and the exit
-status is 2. This file
+All mistakes in a file are reported at once, with file, line, field and what would be right: the
+first hundred, or only the first one if the file is not valid YAML. Nothing is started then, and
+the exit status is 2. This file
 
 ```yaml
 {wrong}```
@@ -250,7 +252,7 @@ def main() -> int:
     texts = {
         DOCS / 'configuration.md': configuration_page(),
         DOCS / 'bridge.schema.json': json.dumps(json_schema(), indent=2) + '\n',
-        DOCS / 'warehouse.md': fill((DOCS / 'warehouse.md').read_text('utf-8')),
+        MODULES: fill(MODULES.read_text('utf-8')),
         **{file: _of_this_version(file) for file in (PACKAGE, KUBERNETES, KUSTOMIZATION)},
     }
     stale = []

@@ -29,12 +29,12 @@ WHEN_PUBLISHED: Final = {
         'PUBLISHED: Final = True',
     ),
     'README.md': (
-        'it is not on PyPI yet.',
-        'or from PyPI, as `ros2-kafka-bridge`.',
+        'It is not on PyPI yet: install from a checkout.',
+        "From PyPI: `pip install 'ros2-kafka-bridge[ros]'`; or from a checkout, as here.",
     ),
     'docs/install.md': (
-        '**It is not on PyPI yet**, and who registers the name need not be us: ',
-        '**From PyPI**: `pip install ros2-kafka-bridge`, with `[ros]` for ROS 2 as wheels. Else ',
+        '**It is not on PyPI yet**, and somebody else may register the name: ',
+        '**From PyPI**: `pip install ros2-kafka-bridge`, with `[ros]` for ROS 2 as wheels. Or ',
     ),
 }
 """What a file says until the name is registered, and then."""

@@ -1,10 +1,10 @@
-"""The drawings and the table of docs/warehouse.md, from `ros2_kafka_warehouse.topics`."""
+"""The drawings and the table of docs/warehouse-modules.md, from `ros2_kafka_warehouse.topics`."""
 
 import re
 from collections import defaultdict
 from collections.abc import Iterable
 
-from ros2_kafka_warehouse.topics import BRIDGE, KAFKA, TOPICS, Topic
+from ros2_kafka_warehouse.topics import BRIDGE, KAFKA, STRING, TOPICS, Topic
 
 __all__ = ['fill']
 
@@ -20,7 +20,7 @@ def fill(page: str) -> str:
     ):
         part = re.search(rf'<!-- {name}: .*? -->\n(.*?)<!-- end of {name} -->', page, re.DOTALL)
         if part is None:
-            raise SystemExit(f'docs/warehouse.md has no part "{name}"')
+            raise SystemExit(f'docs/warehouse-modules.md has no part "{name}"')
         page = page[: part.start(1)] + text + page[part.end(1) :]
     return page
 
@@ -43,41 +43,40 @@ def _modules() -> str:
 
 
 def _kafka() -> str:
-    """The way over the bridge, both ways."""
+    """The way over the bridge, both ways: each arrow is a ROS topic."""
     by_name = {topic.name: topic for topic in TOPICS}
-    lines = []
+    lines: list[str] = []
+    modules: set[str] = set()
     for number, kafka in enumerate(KAFKA):
         ros, box = by_name[kafka.ros], f'k{number}[("{kafka.name}")]'
-        if kafka.to_ros:
-            lines += [f'    {box} --> bridge', *_arrows(BRIDGE, ros, ros.subscribers)]
-        else:
-            publisher = ros.publishers[0]
-            lines += [f'    {publisher} -- "{ros.name}" --> bridge', f'    bridge --> {box}']
-    names = sorted({name for line in lines for name in re.findall(r'\b[a-z]+_?[a-z]+\b', line)})
-    modules = {name for topic in TOPICS for name in (*topic.publishers, *topic.subscribers)}
-    boxes = [f'    {name}["{_title(name)}"]' for name in names if name in modules]
+        ends = ros.subscribers if kafka.to_ros else ros.publishers
+        modules.update(ends)
+        for module in ends:
+            way = (box, module) if kafka.to_ros else (module, box)
+            lines.append(f'    {way[0]} -- "{ros.name}" --> {way[1]}')
+    boxes = [f'    {name}["{_title(name)}"]' for name in sorted(modules)]
     return _mermaid('flowchart LR', [*boxes, *lines])
 
 
-def _arrows(publisher: str, topic: Topic, subscribers: Iterable[str]) -> list[str]:
-    return [f'    {publisher} -- "{topic.name}" --> {name}' for name in subscribers]
-
-
 def _table() -> str:
-    rows = ['| topic | said by | heard by | what | QoS |', '|---|---|---|---|---|']
+    head = '| topic | publisher | subscribers | message | QoS of the publisher |'
+    rows = [head, '|---|---|---|---|---|']
     for topic in TOPICS:
-        said = ', '.join(_title(name) for name in topic.publishers)
-        heard = ', '.join(_title(name) for name in topic.subscribers) or 'who wants to look on'
+        publishers = ', '.join(_title(name) for name in topic.publishers)
+        subscribers = ', '.join(_title(name) for name in topic.subscribers) or 'for onlookers'
         what = f'`{topic.content}`' if topic.type.endswith('String') else topic.content
         kind = '' if topic.type.endswith('String') else f' ({topic.type})'
-        rows.append(f'| `{topic.name}` | {said} | {heard} | {what}{kind} | {_qos(topic)} |')
+        message = f'{what}{kind}'
+        qos = _qos(topic)
+        rows.append(f'| `{topic.name}` | {publishers} | {subscribers} | {message} | {qos} |')
     return '\n'.join([*rows, ''])
 
 
 def _qos(topic: Topic) -> str:
-    if topic.history:
-        return 'transient local, keep all'
-    return 'transient local, depth 1' if topic.latched else 'volatile'
+    durability = 'transient local' if topic.latched or topic.history else 'volatile'
+    if topic.type != STRING:
+        return f'{durability}, depth 1'
+    return f'{durability}, keep last' if topic.latched else f'{durability}, keep all'
 
 
 def _title(name: str) -> str:

@@ -64,7 +64,7 @@ def _without_libraries(error: ModuleNotFoundError) -> int:
     print(  # noqa: T201 (the words for the user)
         f'the Python library {error.name} is not there for {sys.executable}: colcon installs '
         'none. In a virtual environment made with --system-site-packages, install those of '
-        'the bridge with pip (docs/ros.md), and run it there',
+        'the bridge with pip (docs/ros-workspace.md), and run it there',
         file=sys.stderr,
     )
     return 2

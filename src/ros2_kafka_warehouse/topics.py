@@ -12,7 +12,7 @@ class Topic(NamedTuple):
         name: With `<robot>` where each robot has its own.
         content: The message in JSON (`ros2_kafka_warehouse.messages`, or a value of the domain) of
             a String, or what a message of another type holds.
-        latched: TRANSIENT_LOCAL with depth 1: who comes later gets the newest.
+        latched: TRANSIENT_LOCAL: who comes later gets the newest ten, the oldest of them first.
         history: TRANSIENT_LOCAL and KEEP_ALL: events that a bridge which was away gets, too.
     """
 

@@ -1,4 +1,4 @@
-"""`A ROS workspace` of docs/ros.md, line by line, in terminals that know nothing of ours.
+"""The lines of docs/ros-workspace.md, one by one, in terminals that know nothing of ours.
 
 What a machine without packages of ROS lacks stands in for it; nothing else is exchanged:
 
@@ -137,7 +137,7 @@ def add_program(file: Path, text: str) -> None:
 def test_an_order_goes_there_and_back_through_a_workspace_made_by_the_page(
     machine: Machine, bench: Bench, topic_name: str, tmp_path: Path
 ) -> None:
-    build, run = fenced('docs/ros.md', 'bash')
+    build, run = fenced('docs/ros-workspace.md', 'bash')
     for word in machine.exchanged:
         assert build.count(word) == 1
     built = subprocess.run(

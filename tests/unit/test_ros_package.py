@@ -66,6 +66,6 @@ def test_pip_is_given_the_libraries_of_the_bridge_and_of_monitoring() -> None:
 
 
 def test_the_page_gives_pip_that_file() -> None:
-    page = (ROOT / 'docs' / 'ros.md').read_text()
+    page = (ROOT / 'docs' / 'ros-workspace.md').read_text()
     below = REQUIREMENTS.relative_to(ROOT)
     assert f'pip install -r ws/src/ros2_kafka_bridge/{below}\n' in page

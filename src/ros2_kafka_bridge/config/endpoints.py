@@ -36,10 +36,11 @@ class QoS(Settings):
     )
     history: Literal['keep_all', 'keep_last'] | None = setting(
         default=None,
-        description='Whether a full history waits or overwrites. The bridge chooses keep_all.',
+        description='Whether a full history waits (keep_all) or overwrites (keep_last). The '
+        'bridge chooses keep_all.',
     )
     depth: PositiveCount | None = setting(
-        default=None, description='Messages that keep_last keeps.'
+        default=None, description='How many messages keep_last keeps.'
     )
     deadline_s: Positive | None = setting(
         default=None, description='Longest time between two messages, in seconds.'
@@ -48,7 +49,7 @@ class QoS(Settings):
         default=None, description='Age at which a message is no longer delivered, in seconds.'
     )
     liveliness: Literal['automatic', 'manual_by_topic'] | None = setting(
-        default=None, description='How a writer shows that it lives.'
+        default=None, description='How a writer shows that it is alive.'
     )
 
     @classmethod
@@ -68,24 +69,25 @@ class RosSettings(Settings):
     """How the bridge joins the ROS graph."""
 
     domain_id: Domain | None = setting(
-        default=None, description='ROS domain, 0 to 232. Without it ROS_DOMAIN_ID counts.'
+        default=None, description='ROS domain, 0 to 232. Without it, ROS_DOMAIN_ID counts.'
     )
     lease_s: Positive | None = setting(
         default=None,
-        description='Time after which a silent participant is gone, in seconds. '
-        "Without it the middleware's own.",
+        description='Time after which others take this bridge for gone if they hear nothing of '
+        "it, in seconds. Without it, the middleware's own.",
     )
     confirmation: Literal['acknowledged', 'none'] = setting(
         default='acknowledged',
-        description='When a message to ROS has arrived. acknowledged: its readers have said so; '
-        'where the middleware does not tell, routes to ROS fail. none: nobody asks, offsets '
-        'follow the publication, what is lost from there on stays lost, and what is published '
-        'counts as such, not as confirmed.',
+        description='When a message to ROS counts as arrived. acknowledged: once its readers '
+        'have acknowledged it; if the middleware does not tell, routes to ROS fail. none: nobody '
+        'asks, and offsets follow the publication. What is lost from there on stays lost. '
+        'Messages count as published, not as confirmed.',
     )
     message_path: list[MessageFolder] = setting(
         default_factory=list,
-        description='Folders of .msg files, relative to this file: message types that are not '
-        'installed here. Their schemas can be made; a running route needs the built package.',
+        description='Folders of .msg files, relative to this file, for message types that are '
+        'not installed here. Schemas can be made from them; a running route needs the built '
+        'package.',
     )
 
 
@@ -109,12 +111,12 @@ class FromKafka(Settings):
     )
     group: Annotated[str, MinLen(1)] | None = setting(
         default=None,
-        description='Consumer group. Without it `<name of the bridge>.<name of the route>`.',
+        description='Consumer group. Without it, `<name of the bridge>.<name of the route>`.',
     )
     dead_letter: KafkaTopicName | None = setting(
         default=None,
-        description='Kafka topic for records that can never be delivered. '
-        'Without it `<topic>.dead-letters`.',
+        description='Kafka topic for records that can never be delivered. Without it, '
+        '`<topic>.dead-letters`.',
     )
 
     @classmethod
@@ -132,8 +134,9 @@ class ToKafka(Settings):
     kafka: KafkaTopicName = setting(description='Kafka topic.')
     key: KeyTemplate | None = setting(
         default=None,
-        description='Key of a record: text with `{ros.topic}`, `{ros.gid}` or `{message.a.b}`. '
-        'Without it the ROS topic, so that one topic stays in order in one partition.',
+        description='Key of each record: text with `{ros.topic}`, `{ros.gid}` or '
+        '`{message.a.b}`. Without it, the key is the ROS topic, so that one topic stays in order '
+        'in one partition.',
     )
     properties: Properties = setting(
         default_factory=dict,
@@ -141,8 +144,8 @@ class ToKafka(Settings):
     )
     dead_letter: KafkaTopicName | None = setting(
         default=None,
-        description='Kafka topic for messages that can never be delivered. '
-        'Without it `<topic>.dead-letters`.',
+        description='Kafka topic for messages that can never be delivered. Without it, '
+        '`<topic>.dead-letters`.',
     )
 
     @classmethod
@@ -162,26 +165,27 @@ class SpoolSettings(Settings):
     """Where messages wait on disk while Kafka does not take them."""
 
     path: Directory = setting(
-        description='Directory, by its absolute path; made where it is missing. Each route has '
-        'its own file there.'
+        description='Directory, by its absolute path. It is created if it is missing. Each route '
+        'has its own file there.'
     )
     mode: Literal['when_away', 'always'] = setting(
         default='when_away',
         description='when_away: the disk is used while Kafka is away or does not keep up. '
-        'always: every message is on disk before it goes on, and leaves it once confirmed.',
+        'always: every message is on disk before it goes on, and leaves the disk once it is '
+        'confirmed.',
     )
     max_bytes: PositiveCount = setting(
         default=1024 * 1024 * 1024,
-        description='Bytes of messages in the file with which it is full: when_full says what '
-        'happens then. What was taken by then (a batch of 500, the window) is written, too.',
+        description='Bytes of messages at which the file is full; when_full says what happens '
+        'then. What was taken by then (a batch of 500, the window) is still written.',
     )
     max_age_s: Positive | None = setting(
         default=None, description='Age at which a message on disk is dropped, in seconds.'
     )
     sync: Literal['batch', 'never'] = setting(
         default='batch',
-        description='batch: each write waits until the disk says that it has it. never: what is '
-        'written survives SIGKILL, and the system decides when it reaches the disk.',
+        description='batch: each write waits until the disk confirms it. never: what is written '
+        'survives SIGKILL, but the system decides when it reaches the disk.',
     )
 
 
@@ -191,16 +195,16 @@ class FromRos(Settings):
 
     ros: RosTopic = setting(description='ROS topic, by its absolute name such as /orders.')
     type: MessageTypeName | None = setting(
-        default=None, description='Message type. Without it the type that the graph shows.'
+        default=None, description='Message type. Without it, the type that the graph shows.'
     )
     qos: QoS = setting(
         default_factory=QoS, description="Quality of service of the bridge's reader."
     )
     max_samples: PositiveCount = setting(
         default=2000,
-        description='Messages that DDS keeps for the bridge while it does not take, at most, of '
-        'each QoS that publishers offer. Fewer for large ones: while Kafka is away, so many of '
-        'them are held in memory.',
+        description='Maximum number of messages that DDS keeps for the bridge while it does not '
+        'take them, for each QoS that publishers offer. Choose fewer for large messages: while '
+        'Kafka is away, this many are held in memory.',
     )
 
 

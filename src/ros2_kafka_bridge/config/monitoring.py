@@ -80,14 +80,14 @@ class MonitoringSettings(Settings):
     )
     token: AccessToken | None = setting(
         default=None,
-        description='Who knows it may pause, resume and replay from the page, and reload. '
-        'Without it the page is read-only.',
+        description='Whoever has the token may pause, resume and replay from the page, and '
+        'reload. Without a token the page is read-only.',
         secret=True,
     )
     allowed_hosts: list[str] = setting(
         default_factory=list,
-        description='Further names under which browsers may ask for the page, such as that of a '
-        'reverse proxy.',
+        description='Further host names under which browsers may open the page, such as the name '
+        'of a reverse proxy.',
     )
     node: bool = setting(
         default=True,
@@ -112,18 +112,18 @@ class TracingSettings(Settings):
 
     sample: Ratio = setting(
         default=0.01,
-        description='Share of the messages from ROS whose trace is sampled. A record from Kafka '
-        'says in its traceparent header whether it is; one without the header counts as one from '
-        'ROS.',
+        description='Share of the messages from ROS whose trace is sampled. For a record from '
+        'Kafka, its traceparent header decides. A record without that header counts like a '
+        'message from ROS.',
     )
     endpoint: Endpoint | None = setting(
         default=None,
         description='Where spans are sent: OTLP over HTTP, such as '
-        'http://localhost:4318/v1/traces. Without it OTEL_EXPORTER_OTLP_* of the environment '
-        'say so, or no span is made and only the headers are written.',
+        'http://localhost:4318/v1/traces. Without it, OTEL_EXPORTER_OTLP_* in the environment '
+        'decide. Without both, no span is made and only the headers are written.',
     )
     service: str | None = setting(
-        default=None, description='service.name of the spans; the name of the bridge without it.'
+        default=None, description='service.name of the spans. Without it, the name of the bridge.'
     )
 
     def exports(self, environ: Mapping[str, str]) -> bool:

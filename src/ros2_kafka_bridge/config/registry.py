@@ -94,7 +94,9 @@ class SchemaRegistrySettings(Settings):
         'populate_by_name': False,
     }
 
-    url: Urls = setting(description='Address, or several with commas; tried in this order.')
+    url: Urls = setting(
+        description='Address, or several with commas between them, which are tried in this order.'
+    )
     basic_auth: UserInfo | None = setting(
         default=None,
         spelled='basic.auth.user.info',
@@ -104,8 +106,8 @@ class SchemaRegistrySettings(Settings):
     ssl_ca: Authorities | None = setting(
         default=None,
         spelled='ssl.ca.location',
-        description="File or directory of the authorities that sign the registry's certificate; "
-        "without it certifi's. false checks nothing.",
+        description="File or directory of the authorities that sign the registry's certificate. "
+        "Without it, certifi's. false: nothing is checked.",
     )
     ssl_certificate: str | None = setting(
         default=None,
@@ -160,7 +162,7 @@ class SchemaRegistrySettings(Settings):
     bearer_pool: str | None = setting(
         default=None,
         spelled='bearer.auth.identity.pool.id',
-        description='Identity pools, with commas.',
+        description='Identity pools, with commas between them.',
     )
     proxy: Proxy | None = setting(default=None, description='Address of a proxy.')
     timeout: Positive | None = setting(
@@ -169,16 +171,18 @@ class SchemaRegistrySettings(Settings):
     max_retries: CountOrNone | None = setting(
         default=None,
         spelled='max.retries',
-        description='How often a request is sent again, before the route as a whole is tried '
-        'again. The bridge chooses 1.',
+        description='How often a request is sent again before the whole route is tried again. '
+        'The bridge chooses 1.',
     )
     retries_wait: NotNegative | None = setting(
         default=None,
         spelled='retries.wait.ms',
-        description='First wait before that, in milliseconds.',
+        description='First wait before a request is sent again, in milliseconds.',
     )
     retries_max_wait: NotNegative | None = setting(
-        default=None, spelled='retries.max.wait.ms', description='Longest wait before that.'
+        default=None,
+        spelled='retries.max.wait.ms',
+        description='Longest wait before a request is sent again, in milliseconds.',
     )
 
     @classmethod

@@ -40,7 +40,7 @@ BLOCKS = {'json': ('json',), 'schema': ('avro', 'protobuf')}
 class Route(Settings):
     """What the routes of both directions share."""
 
-    name: Name = setting(description='Name of the route, once in a file.')
+    name: Name = setting(description='Name of the route, unique in the file.')
     format: Literal['text', 'cdr', 'json', 'avro', 'protobuf'] = setting(
         description=f"How a record's value encodes a message: text ({TEXT_TYPE} only), or for "
         'any type cdr (as ROS sends it), json, avro or protobuf.'
@@ -55,20 +55,21 @@ class Route(Settings):
     )
     when_full: Literal['wait', 'drop_oldest'] = setting(
         default='wait',
-        description='What happens when the sink takes no more: nothing is dropped with wait.',
+        description='What happens when the sink takes no more. With wait, nothing is dropped.',
     )
     on_error: Literal['dead_letter', 'stop', 'drop'] = setting(
-        default='dead_letter', description='What happens to what can never be delivered.'
+        default='dead_letter',
+        description='What happens to a record or message that can never be delivered.',
     )
     max_in_flight: PositiveCount = setting(
         default=1, description='Messages handed to the sink and not yet acknowledged, at most.'
     )
     max_in_flight_bytes: PositiveCount = setting(
         default=16 * 1024 * 1024,
-        description='Bytes in flight (taken and not ended) with which nothing more is taken.',
+        description='Bytes in flight (taken and not ended) at which nothing more is taken.',
     )
     max_message_bytes: PositiveCount = setting(
-        default=1_000_000, description='Largest message or value of a record, in bytes.'
+        default=1_000_000, description='Largest message, or value of a record, in bytes.'
     )
     drain_s: NotNegative = setting(
         default=8, description='Longest time for the drain at a stop, in seconds.'
@@ -103,34 +104,38 @@ class KafkaToRosRoute(Route):
     sink: ToRos = setting(spelled='to', description='ROS topic to publish to.')
     max_in_flight: PositiveCount = setting(
         default=500,
-        description='Messages published and not yet acknowledged, at most. In flight are also '
-        'those read ahead, and those acknowledged less than 0.1 s ago.',
+        description='Maximum number of messages published and not yet acknowledged. Messages '
+        'that were read ahead, or acknowledged less than 0.1 s ago, are in flight, too.',
     )
     min_subscribers: CountOrNone = setting(
-        default=1, description='Subscribers to wait for before publishing; with 0 to nobody, too.'
+        default=1,
+        description='Subscribers to wait for before publishing. With 0, the route publishes even '
+        'if nobody is there.',
     )
     max_age_s: Positive | None = setting(
         default=None,
-        description='Age at which a record is dropped, not published, in seconds. It counts from '
-        'the timestamp of the record; one that cannot be right is a dead letter.',
+        description='Age at which a record is dropped instead of published, in seconds. It '
+        'counts from the timestamp of the record. If that cannot be right, the record is a dead '
+        'letter.',
     )
     max_rate: Positive | None = setting(
-        default=None, description='Messages per second at most, for readers with keep_last.'
+        default=None, description='Maximum messages per second, for readers with keep_last.'
     )
     check_type_hash: bool = setting(
         default=True,
-        description='Whether a record whose header ros.type_hash is not that of the type here is '
-        'a dead letter. Without it the format alone decides.',
+        description='Whether a record is a dead letter if its header ros.type_hash is not the '
+        'hash of the type here. If false, the format alone decides.',
     )
     skip_own: bool = setting(
         default=False,
-        description='Whether a record that this bridge has made of a message of the same ROS '
-        'topic is skipped. Without it, it is a dead letter: it would go round.',
+        description='Whether to skip a record that this bridge has made of a message of the same '
+        'ROS topic. If false, the record is a dead letter, because it would go round in a '
+        'circle.',
     )
     when_misread: Literal['wait', 'publish'] = setting(
         default='wait',
-        description='What happens while a subscriber of another definition of the type would '
-        'misread what is published: nothing is published with wait.',
+        description='What happens while a subscriber with another definition of the type would '
+        'misread the messages. With wait, nothing is published.',
     )
 
     def group(self, bridge: str) -> str:
@@ -151,8 +156,8 @@ class RosToKafkaRoute(Route):
     sink: ToKafka = setting(spelled='to', description='Kafka topic to write.')
     max_in_flight: PositiveCount = setting(
         default=2000,
-        description='Messages in flight (taken and not ended), at most. With when_full: '
-        'drop_oldest so many may be with the producer, and so many wait for it.',
+        description='Maximum number of messages in flight (taken and not ended). With when_full: '
+        'drop_oldest, this many may be with the producer, and this many more may wait for it.',
     )
     spool: SpoolSettings | None = setting(
         default=None, description='Where messages wait on disk while Kafka does not take them.'
@@ -160,8 +165,8 @@ class RosToKafkaRoute(Route):
 
     exclusive: bool = setting(
         default=False,
-        description='Several bridges run this file, and one at a time runs this route: another '
-        'takes over when it dies.',
+        description='Whether several bridges run this file, and only one at a time runs this '
+        'route. Another takes over when that one dies.',
     )
 
     @classmethod

@@ -85,16 +85,16 @@ class Config(Settings):
     """One bridge: a Kafka cluster, a ROS domain, and the routes between them."""
 
     name: BridgeName = setting(
-        description='Name of this bridge, without a dot: in consumer groups, the origin header, '
-        'the node name.'
+        description='Name of this bridge, without a dot. It is part of consumer groups, the '
+        'origin header and the node name.'
     )
     kafka: Properties = setting(
         description='librdkafka properties, by their own names. bootstrap.servers is required.'
     )
     membership: Membership = setting(
         default='static',
-        description='Whether the members of consumer groups have names, by which they have their '
-        'places back at once after an outage of Kafka (static), or none (dynamic).',
+        description='static: the members of consumer groups have names, by which they get their '
+        'places back at once after an outage of Kafka. dynamic: they have no names.',
     )
     ros: RosSettings = setting(default_factory=RosSettings, description='The ROS side.')
     schema_registry: SchemaRegistrySettings | None = setting(
@@ -109,11 +109,12 @@ class Config(Settings):
         description='Traces through the bridge, by W3C trace context and OpenTelemetry.',
     )
     workers: PositiveCount = setting(
-        default=1, description='Processes that share the routes, at most one for each.'
+        default=1, description='Processes that share the routes, at most one for each route.'
     )
     defaults: dict[str, Any] = setting(
         default_factory=dict,
-        description='Any field of a route but name, from and to, for the routes that it fits.',
+        description='Fields for all routes that can have them: any field of a route except name, '
+        'from and to.',
     )
     routes: Annotated[list[AnyRoute], MinLen(1)] = setting(
         description='At least one route, each with from and to.'

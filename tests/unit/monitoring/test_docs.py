@@ -1,10 +1,10 @@
-"""The page on monitoring tells the metrics that there are."""
+"""The page of the metrics tells those that there are."""
 
 from pathlib import Path
 
 from ros2_kafka_bridge.monitoring.prometheus import METRICS
 
-PAGE = Path(__file__).parents[3] / 'docs' / 'monitoring.md'
+PAGE = Path(__file__).parents[3] / 'docs' / 'metrics.md'
 
 
 def table() -> str:

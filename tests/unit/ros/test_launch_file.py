@@ -85,7 +85,8 @@ def test_a_stop_may_take_as_long_as_systemd_lets_it_and_can_be_given_more(
 
 
 def test_the_page_names_every_launch_argument_and_its_default(described: list[Made]) -> None:
-    section = (ROOT / 'docs' / 'ros.md').read_text().split('## Launch\n')[1].split('\n## ')[0]
+    page = (ROOT / 'docs' / 'ros-workspace.md').read_text()
+    section = page.split('## Launch\n')[1].split('\n## ')[0]
     rows = [row.split('|')[1:3] for row in section.splitlines() if row.startswith('| `')]
     told = {
         name: default

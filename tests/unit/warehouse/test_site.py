@@ -22,7 +22,7 @@ from ros2_kafka_warehouse.domain.site import (
 )
 from ros2_kafka_warehouse.messages.orders import OrderRequest, OrderStatus
 
-DOCS = Path(__file__).parents[3] / 'docs' / 'warehouse.md'
+DOCS = Path(__file__).parents[3] / 'docs'
 STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
@@ -185,8 +185,10 @@ def test_of_a_product_that_weighs_nearly_nothing_orders_are_made() -> None:
     assert all(1 <= line.quantity <= 5 for line in order.lines)
 
 
-def test_the_order_in_the_docs_is_taken_on_the_site_of_the_package() -> None:
-    found = re.search(r'\{"orderId": .*?\]\}', DOCS.read_text(encoding='utf-8'), re.DOTALL)
-    assert found is not None
-    events = OrderDesk(read_site()).receive(decode(found[0], OrderRequest), 0.0)
-    assert [event.status for event in events] == [OrderStatus.RECEIVED]
+@pytest.mark.parametrize(('page', 'count'), [('warehouse.md', 2), ('warehouse-modules.md', 1)])
+def test_the_orders_of_a_page_are_taken_on_the_site_of_the_package(page: str, count: int) -> None:
+    found = re.findall(r'\{"orderId": .*?\]\}', (DOCS / page).read_text('utf-8'), re.DOTALL)
+    assert len(found) == count
+    for text in found:
+        events = OrderDesk(read_site()).receive(decode(text, OrderRequest), 0.0)
+        assert [event.status for event in events] == [OrderStatus.RECEIVED]

@@ -153,7 +153,7 @@ export function drawFailures(failures, onSelect) {
   setText($('failures-count'), failures.length ? `${open} open, ${failures.length} in all` : '');
   const rows = [...failures].sort((a, b) => (a.endedS != null) - (b.endedS != null));
   keyed(list, rows, (failure) => failure.id, (failure) => makeFailure(failure, onSelect), updateFailure);
-  emptyNote(list, failures.length, 'Nothing has failed. Select a robot on the map to try it.');
+  emptyNote(list, failures.length, 'Nothing has failed. Select a robot on the floor to try it.');
 }
 
 function makeFailure(failure, onSelect) {
