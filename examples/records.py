@@ -17,9 +17,10 @@ def text(value: bytes | str | None) -> str:
 
 
 def show(record: Message) -> None:
-    """Print its key, its headers, and what is in it."""
+    """Print its key, its headers (a name may stand there twice), and what is in it."""
+    headers = record.headers() or []
     print(f'offset {record.offset()}, key {text(record.key())}')
-    for name, value in dict(record.headers() or []).items():
+    for name, value in headers.items() if isinstance(headers, dict) else headers:
         print(f'  {name}: {text(value)}')
     print(f'  {text(record.value())}', flush=True)
 
@@ -46,7 +47,8 @@ def main() -> None:
     consumer = Consumer(
         {**servers, 'group.id': f'look-{uuid.uuid4()}', 'auto.offset.reset': begin}
     )
-    consumer.list_topics(timeout=5.0)
+    if args.topic not in consumer.list_topics(timeout=5.0).topics:
+        sys.exit(f'Kafka has no topic {args.topic}: make it first')
     consumer.subscribe([args.topic])
     if not args.from_beginning:
         print(f'waits for the next record of {args.topic}; Ctrl-C ends it', flush=True)

@@ -77,6 +77,8 @@ LONG: Final = {
     'faults/test_fault_bench': 65,
     'system/test_pause': 65,
     'integration/test_kafka_to_ros_beginnings': 60,
+    'system/warehouse/test_tutorial': 65,
+    'system/test_site': 60,
     'system/warehouse/test_own_module': 55,
     'faults/test_partition_kills': 55,
     'system/warehouse/test_chain': 50,
