@@ -101,11 +101,20 @@ def load_layout(name: str, message_path: Listed[Path] = ()) -> Layout:
         ConfigError: There is no such type, its .msg file has a mistake, or its package came
             without a description.
     """
+    return make_layout(name, describe(name, message_path))
+
+
+def describe(name: str, message_path: Listed[Path] = ()) -> DescribedTypes:
+    """What ROS 2 writes down of a type and of all that it holds; no layout may come of it.
+
+    Raises:
+        ConfigError: As `load_layout`.
+    """
     files = message_files(message_path)
     known = sorted(installed_names() | files.keys())
     if problem := _problem(name, known):
         raise ConfigError([problem])
-    return make_layout(name, _described(name, files, known))
+    return _described(name, files, known)
 
 
 def document(layout: Layout, message_path: Listed[Path] = ()) -> Layout:

@@ -116,10 +116,10 @@ def type_hash(name: str, types: Mapping[str, TypeDescription]) -> str:
     Returns:
         `RIHS01_` and 64 hex digits (REP 2011).
     """
-    inner = sorted(_held(name, types))
+    inner = [_without_defaults(types[one]) for one in held_names(name, types)]
     description = {
         'type_description': _without_defaults(types[name]),
-        'referenced_type_descriptions': [_without_defaults(types[one]) for one in inner],
+        'referenced_type_descriptions': inner,
     }
     text = json.dumps(description, ensure_ascii=True, separators=(', ', ': '))
     return f'RIHS01_{hashlib.sha256(text.encode()).hexdigest()}'
@@ -129,6 +129,18 @@ def nested_names(description: TypeDescription) -> list[str]:
     """The types that a type holds itself."""
     names = (field.type.nested_type_name for field in description.fields)
     return [name for name in dict.fromkeys(names) if name]
+
+
+def held_names(name: str, types: Mapping[str, TypeDescription]) -> list[str]:
+    """All types that a type holds, those of its parts too, sorted."""
+    held: set[str] = set()
+    open_names = nested_names(types[name])
+    while open_names:
+        inner = open_names.pop()
+        if inner not in held:
+            held.add(inner)
+            open_names += nested_names(types[inner])
+    return sorted(held)
 
 
 def make_layout(name: str, described: DescribedTypes) -> Layout:
@@ -156,17 +168,6 @@ def _all_fields(kind: Kind, counted: dict[str, int]) -> int:
         parts = sum(_all_fields(field.kind, counted) for field in kind.fields)
         counted[kind.type_name] = len(kind.fields) + parts
     return counted[kind.type_name]
-
-
-def _held(name: str, types: Mapping[str, TypeDescription]) -> set[str]:
-    held: set[str] = set()
-    open_names = nested_names(types[name])
-    while open_names:
-        inner = open_names.pop()
-        if inner not in held:
-            held.add(inner)
-            open_names += nested_names(types[inner])
-    return held
 
 
 def _without_defaults(description: TypeDescription) -> dict[str, object]:
