@@ -34,7 +34,12 @@ class _File(msgspec.Struct):
     type_hashes: tuple[_Hash, ...]
 
 
+_INDEX: Final = 'share/ament_index/resource_index/rosidl_interfaces'
 _MESSAGE: Final = re.compile(r'(msg/\w{1,200})\.\w+', re.ASCII)
+_KEY: Final = re.compile(r'@key\b')
+# Of a .idl file: the comments of a .msg file are texts there.
+_TEXTS: Final = re.compile(r'"(?:\\.|[^"\\])*"|//.*|/\*(?:.|\n)*?\*/')
+_VERSION: Final = re.compile(r'<version[^>]*>\s*(\d+(?:\.\d+)*)', re.ASCII)
 # Made once, here: msgspec looks at a struct when the first decoder of it is made, and two threads
 # that do so at the same time end the process (SIGSEGV). Each route loads its type in its thread.
 _FILE: Final = msgspec.json.Decoder(_File)
@@ -45,8 +50,7 @@ def installed_names() -> set[str]:
 
     A package whose list cannot be read, as one that is half removed, has none.
     """
-    index = 'share/ament_index/resource_index/rosidl_interfaces'
-    packages = [file for prefix in _prefixes() for file in (prefix / index).glob('[!.]*')]
+    packages = [file for prefix in _prefixes() for file in (prefix / _INDEX).glob('[!.]*')]
     return {
         f'{package.name}/{found[1]}'
         for package in packages
@@ -55,9 +59,10 @@ def installed_names() -> set[str]:
     }
 
 
-def _read(package: Path) -> str:
+def _read(file: Path) -> str:
+    """Its text, empty where it cannot be read."""
     try:
-        return package.read_text(encoding='utf-8')
+        return file.read_text(encoding='utf-8')
     except (OSError, UnicodeDecodeError):
         return ''
 
@@ -71,7 +76,9 @@ def read_installed(name: str) -> DescribedTypes:
     file = _find(name, '.json')
     if file is None:
         problem = f'{name} is installed without its description, share/{name}.json'
-        raise ConfigError([f'{problem}: build its package with ROS 2 Iron or a newer one'])
+        raise ConfigError(
+            [f'{problem}: build its package with ROS 2 Iron or a newer one, or let it be read']
+        )
     try:
         read = _FILE.decode(file.read_bytes())
     except (OSError, RecursionError, msgspec.DecodeError) as error:
@@ -90,6 +97,19 @@ def installed_source(name: str) -> Path | None:
     return _find(name, '.msg')
 
 
+def has_key(name: str) -> bool:
+    """Whether fields of an installed type are a DDS key, which its description does not tell."""
+    file = _find(name, '.idl')
+    return file is not None and _KEY.search(_TEXTS.sub('', _read(file))) is not None
+
+
+def package_version(package: str) -> str:
+    """The version of an installed ROS package, empty where nothing tells it."""
+    file = _find(f'{package}/package', '.xml')
+    found = _VERSION.search(_read(file)) if file else None
+    return found[1] if found else ''
+
+
 def _prefixes() -> list[Path]:
     """Where ROS packages lie: a sourced ROS 2 first; wheels put share/ beside Python's lib/."""
     sourced = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
@@ -98,5 +118,15 @@ def _prefixes() -> list[Path]:
 
 
 def _find(name: str, suffix: str) -> Path | None:
-    files = (prefix / 'share' / f'{name}{suffix}' for prefix in _prefixes())
+    """A file of the first prefix that has the type: another one may define it otherwise."""
+    package = name.partition('/')[0]
+    all_prefixes = _prefixes()
+    having = [prefix for prefix in all_prefixes if _lists(prefix / _INDEX / package, name)]
+    files = (prefix / 'share' / f'{name}{suffix}' for prefix in having[:1] or all_prefixes)
     return next((file for file in files if os.access(file, os.R_OK) and file.is_file()), None)
+
+
+def _lists(index: Path, name: str) -> bool:
+    """Whether the list of a package has a type."""
+    wanted = name.partition('/')[2]
+    return any(line.rpartition('.')[0] == wanted for line in _read(index).split())

@@ -4,11 +4,9 @@ rmw_fastrtps sends a type with an unbounded `uint8[]` on `<topic>/_buf_cpu` wher
 take that. A reader of bytes says that it can, and reads the first channel alone.
 """
 
-import os
-import re
-from pathlib import Path
 from typing import Final
 
+from ros2_kafka_bridge.message_types.installed import package_version
 from ros2_kafka_bridge.message_types.layout import Array, Kind, Layout, Primitive, Sequence
 from ros2_kafka_bridge.ros.installation import rclpy_major, rclpy_version
 from ros2_kafka_bridge.ros.node import middleware
@@ -33,12 +31,8 @@ def unheard(layout: Layout) -> str:
 
 def _is_cured() -> bool:
     """Whether the rmw_fastrtps of this ROS is known to have the cure."""
-    for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep):
-        package = Path(prefix, 'share', 'rmw_fastrtps_cpp', 'package.xml')
-        if package.is_file():
-            found = re.search(r'<version>(\d+)\.(\d+)', package.read_text('utf-8', 'replace'))
-            return found is not None and tuple(map(int, found.groups())) >= _CURED
-    return False
+    version = package_version('rmw_fastrtps_cpp')
+    return bool(version) and tuple(map(int, version.split('.')[:2])) >= _CURED
 
 
 def _has_buffer(kind: Kind) -> bool:

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from ros_package import install_package, write_package
 
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.message_types import load_layout, type_names, unknown_type
@@ -223,3 +224,19 @@ def test_a_description_that_is_no_use_is_told(text: str, problem: str, prefix: P
     (prefix / 'share/acme_msgs/msg/Crane.json').write_text(text)
     with pytest.raises(ConfigError, match=problem):
         load_layout('acme_msgs/msg/Crane')
+
+
+def test_a_type_is_that_of_the_first_place_that_has_it_or_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of an overlay hides its underlay, too: the two may differ, and nothing would tell."""
+    over, under = tmp_path / 'over', tmp_path / 'under'
+    for prefix, text in ((over, 'int32 a\nint32 added\n'), (under, 'int32 a\n')):
+        install_package(write_package(prefix / 'src', 'acme_msgs', {'T': text}), prefix)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'{over}:{under}')
+    assert [field.name for field in load_layout('acme_msgs/msg/T').fields] == ['a', 'added']
+    (over / 'share/acme_msgs/msg/T.json').unlink()
+    with pytest.raises(ConfigError, match='acme_msgs/msg/T is installed without its description'):
+        load_layout('acme_msgs/msg/T')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(under))
+    assert [field.name for field in load_layout('acme_msgs/msg/T').fields] == ['a']
