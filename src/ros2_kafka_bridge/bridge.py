@@ -21,6 +21,7 @@ from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.protocol.worker import Begun, Event, Loaded, RouteFailed, RoutesEnded
 from ros2_kafka_bridge.ros.node import RosNode, middleware, open_node, worker_name
 from ros2_kafka_bridge.ros.probe import Abilities, limits, probe, probe_topic
+from ros2_kafka_bridge.ros.type_support.choice import why_import
 from ros2_kafka_bridge.route.counters import Snapshot
 from ros2_kafka_bridge.route.status import StatusLog, left, totals
 from ros2_kafka_bridge.threads.pause import Pause
@@ -178,9 +179,12 @@ class Bridge:
 
     def _start(self, node: RosNode, probed: str) -> Abilities:
         abilities = probe(node, probed)
+        imported = self.config.ros.packages == 'as_needed' and why_import(self.stop)
         if self._worker <= 1:
             for warning in (*warnings(self.config), *limits(abilities)):
                 self._log.warning('%s', warning)
+            if imported:
+                self._log.info('imports the packages of message types: %s', imported)
         return abilities
 
     def _wait_for_begin(self) -> bool:

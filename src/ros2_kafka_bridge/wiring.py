@@ -97,7 +97,7 @@ class Wiring:
         self._confirmation = Confirmation(node, abilities)
         self._histories = histories
         self._tracing = tracing
-        self._types = TypeLoader()
+        self._types = TypeLoader(config.ros.packages)
         self._topic_ids = TopicIds(common_properties(config.kafka, client_id=config.name))
 
     def make(

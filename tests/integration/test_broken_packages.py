@@ -1,4 +1,4 @@
-"""A message package that is broken ends its own route, in a bridge that runs.
+"""A message package that is broken: a bridge that runs does without it, or its route alone ends.
 
 Guarantee 6b: `tests/unit/ros/test_broken_packages.py` has what there is to be broken.
 """
@@ -7,7 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from from_ros import publish, route, text
-from harness import Bench, values
+from harness import Bench, to_kafka, to_ros, values
+from messages import cdr
+from raw_readers import reader_of, received
+from ros_package import install_package, write_package
 from scrapes import watched
 
 from ros2_kafka_bridge.route.counters import State
@@ -22,6 +25,9 @@ BROKEN = {
 }
 
 
+IMPORTED = {'packages': 'import'}
+
+
 def shadowed(folder: Path) -> str:
     """Broken packages, which hide those of the wheels; returns where Python finds them."""
     for package, code in BROKEN.items():
@@ -31,7 +37,65 @@ def shadowed(folder: Path) -> str:
     return str(folder)
 
 
-def test_guarantee_6b_broken_packages_end_their_own_routes_alone(
+def test_guarantee_6b_broken_packages_are_not_imported_and_their_routes_run(
+    bench: Bench, unique: Callable[[str], str], tmp_path: Path
+) -> None:
+    points, odom, joints = unique('points'), unique('odom'), unique('joints')
+    to_points = {'ros': '/points', 'type': POINT}
+    routes = [
+        to_ros(points, '/points', format='json') | {'name': 'points', 'to': to_points},
+        route('/odom', odom, None, 'odom'),
+        route('/joints', joints, JOINTS, 'joints'),
+    ]
+    site = shadowed(tmp_path / 'site')
+    bench.create_topic(points)
+    odometry, moved = cdr(ODOMETRY, child_frame_id='base'), cdr(JOINTS, name=['wrist', 'elbow'])
+    latched = ('--durability', 'transient_local', '--readers', '0')
+    with (
+        reader_of(bench, POINT, '/points'),
+        publish(bench, '/odom', [odometry], *latched, message_type=ODOMETRY),
+        publish(bench, '/joints', [moved], *latched, message_type=JOINTS),
+        bench.bridge(bench.config(routes, workers=2), PYTHONPATH=site) as bridge,
+    ):
+        bench.produce(points, [b'{"x": 1.5, "y": 0, "z": -2}'])
+        assert received(bench, 1, bridge, POINT) == [cdr(POINT, x=1.5, z=-2.0)]
+        assert values(bench.records(odom, 1)) == [odometry]
+        assert values(bench.records(joints, 1)) == [moved]
+        assert bridge.end() == 0
+    assert 'cannot be loaded' not in bridge.output()
+
+
+def test_a_type_with_a_field_that_is_a_keyword_of_python_goes_there_and_back(
+    bench: Bench, unique: Callable[[str], str], tmp_path: Path
+) -> None:
+    """Nobody can import a type of that package, and no library of it is there."""
+    package = write_package(tmp_path / 'src', 'acme_moves', {'Move': 'float64 from\nstring to\n'})
+    install_package(package, tmp_path)
+    there, back = unique('there'), unique('back')
+    bench.create_topic(there)
+    end = {'ros': '/moves', 'type': 'acme_moves/msg/Move'}
+    routes = [
+        to_ros(there, '/moves', format='json') | {'to': end},
+        to_kafka('/moves', back, format='json') | {'from': end},
+    ]
+    with bench.bridge(bench.config(routes), AMENT_PREFIX_PATH=str(tmp_path)) as bridge:
+        bench.produce(there, [b'{"from": 1.5, "to": "dock"}'])
+        assert values(bench.records(back, 1)) == [b'{"from":1.5,"to":"dock"}']
+        assert bridge.end() == 0
+
+
+def test_check_says_of_a_broken_package_that_nobody_imports_that_its_route_runs(
+    bench: Bench, unique: Callable[[str], str], tmp_path: Path
+) -> None:
+    config = str(bench.config([route('/joints', unique('joints'), JOINTS, 'joints')]))
+    site = shadowed(tmp_path / 'site')
+    _, out, _ = bench.command('check', '--connect', config, PYTHONPATH=site)
+    lines = ' '.join(out.split())
+    assert f'{JOINTS} is installed here' in lines
+    assert '1 route would run' in lines
+
+
+def test_guarantee_6b_broken_packages_that_are_imported_end_their_own_routes_alone(
     bench: Bench, unique: Callable[[str], str], tmp_path: Path
 ) -> None:
     good = unique('good')
@@ -46,7 +110,7 @@ def test_guarantee_6b_broken_packages_end_their_own_routes_alone(
     site = shadowed(tmp_path / 'site')
     latched = ('--durability', 'transient_local', '--readers', '0')
     odometry = publish(bench, '/odom', [bytes(720)], *latched, message_type=ODOMETRY)
-    bridge = watched(bench, routes, pythonpath=site, workers=2, node=True)
+    bridge = watched(bench, routes, pythonpath=site, workers=2, node=True, ros=IMPORTED)
     failed = 'cannot be loaded: '
     with odometry, bridge.process:
         for name, cause in (
@@ -70,7 +134,7 @@ def test_guarantee_6b_broken_packages_end_their_own_routes_alone(
     assert 'bug of the bridge' not in bridge.process.output()
 
 
-def test_check_says_of_a_broken_package_that_its_route_cannot_run(
+def test_check_says_of_a_broken_package_that_is_imported_that_its_route_cannot_run(
     bench: Bench, unique: Callable[[str], str], tmp_path: Path
 ) -> None:
     routes = [
@@ -81,7 +145,7 @@ def test_check_says_of_a_broken_package_that_its_route_cannot_run(
         },
     ]  # fmt: skip
     site = shadowed(tmp_path / 'site')
-    config = str(bench.config(routes))
+    config = str(bench.config(routes, ros=IMPORTED))
     status, out, _ = bench.command('check', '--connect', config, PYTHONPATH=site)
     assert status == 1
     lines = ' '.join(out.split())

@@ -119,7 +119,7 @@ def test_cdr_is_what_a_typed_publisher_sends_byte_for_byte(bench: Bench, unique:
     assert values(of_strings) == texts
     assert values(of_odometries) == odometries_sent
     for message_type, sent in ((STRING, texts), (kind, odometries_sent)):
-        python_class = load_type(message_type).python_class
+        python_class = load_type(message_type, 'import').endpoint_class
         again = [serialize_message(deserialize_message(value, python_class)) for value in sent]
         assert again == sent
 

@@ -25,8 +25,8 @@ from acme_msgs.msg import Crane, Hook
 from ros2_kafka_bridge.message_types import load_layout
 from ros2_kafka_bridge.ros.types import load_type
 
-loaded = load_type('acme_msgs/msg/Crane')
-assert loaded.python_class is Crane
+loaded = load_type('acme_msgs/msg/Crane', 'import')
+assert loaded.endpoint_class is Crane
 assert loaded.layout == load_layout('acme_msgs/msg/Crane', [Path(sys.argv[1])])
 
 sent = Crane(hooks=[Hook(state=Hook.LOADED)], lifts=2**64 - 1)

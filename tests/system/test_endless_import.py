@@ -9,6 +9,7 @@ from harness import Bench, values
 from scrapes import watched
 
 KEYS = 'diagnostic_msgs/msg/KeyValue'
+IMPORTED = {'packages': 'import'}
 
 
 @pytest.mark.parametrize('code', ['import time\nwhile True: time.sleep(1)', 'while True: pass'])
@@ -24,7 +25,7 @@ def test_guarantee_6b_an_import_without_end_holds_up_no_other_route_and_no_stop(
         route('/good', good, 'std_msgs/msg/String', 'good'),
         route('/keys', unique('keys'), KEYS, 'keys'),
     ]
-    bridge = watched(bench, routes, pythonpath=str(tmp_path))
+    bridge = watched(bench, routes, pythonpath=str(tmp_path), ros=IMPORTED)
     messages = [text(b'%d' % number) for number in range(2000)]
     with bridge.process as process, publish(bench, '/good', messages):
         process.wait_for(f'keys: failed: message type {KEYS}: the import of its package has not')
@@ -43,7 +44,7 @@ def test_check_says_of_an_import_without_end_that_it_has_none(
     module.parent.mkdir(parents=True)
     (module.parent.parent / '__init__.py').touch()
     module.write_text('import time\nwhile True: time.sleep(1)')
-    config = str(bench.config([route('/keys', unique('keys'), KEYS, 'keys')]))
+    config = str(bench.config([route('/keys', unique('keys'), KEYS, 'keys')], ros=IMPORTED))
     status, out, _ = bench.command('check', '--connect', config, PYTHONPATH=str(tmp_path))
     assert status == 1
     assert f'message type {KEYS}: the import of its package has not ended' in ' '.join(out.split())

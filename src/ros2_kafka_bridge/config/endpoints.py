@@ -64,6 +64,9 @@ class QoS(Settings):
             yield Mistake(('depth',), 'only history: keep_last has a depth')
 
 
+Packages = Literal['as_needed', 'import']
+
+
 @settings
 class RosSettings(Settings):
     """How the bridge joins the ROS graph."""
@@ -83,11 +86,16 @@ class RosSettings(Settings):
         'asks, and offsets follow the publication. What is lost from there on stays lost. '
         'Messages count as published, not as confirmed.',
     )
+    packages: Packages = setting(
+        default='as_needed',
+        description='What is done with the Python packages of message types. as_needed: where '
+        'the middleware takes a type by its description, none is imported. import: each is.',
+    )
     message_path: list[MessageFolder] = setting(
         default_factory=list,
         description='Folders of .msg files, relative to this file, for message types that are '
-        'not installed here. Schemas can be made from them; a running route needs the built '
-        'package.',
+        'not installed here. Schemas can be made from them; a running route needs the '
+        'installed package.',
     )
 
 

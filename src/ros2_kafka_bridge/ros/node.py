@@ -115,11 +115,16 @@ class Topic(NamedTuple):
 
 
 class RosNode:
-    """A node without executor, parameters or services; endpoints are made of `handle`."""
+    """A node without executor, parameters or services; endpoints are made of `handle`.
+
+    Threads make and destroy them one at a time, under `endpoint_lock`: rmw_fastrtps has a lock for
+    that, too, and a thread that waits for that one lets no Python go on.
+    """
 
     def __init__(self, node: Any, context: Any) -> None:
         self.handle = node
         self.context = context
+        self.endpoint_lock = threading.Lock()
 
     def publishers(self, topic: str) -> list[Peer]:
         """Who publishes on a topic, as far as discovery knows."""

@@ -57,7 +57,7 @@ def probe(node: RosNode, topic: str) -> Abilities:
     Raises:
         ConfigError: rclpy does not have the calls that the bridge takes messages with.
     """
-    time_class = load_type('builtin_interfaces/msg/Time').python_class
+    time_class = load_type('builtin_interfaces/msg/Time', 'import').endpoint_class
     with translated('ROS'):
         publisher = node.handle.create_publisher(time_class, topic, profile(QoS()))
         subscription = node.handle.create_subscription(

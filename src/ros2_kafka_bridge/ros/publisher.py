@@ -99,9 +99,10 @@ class RosSink:
         from ros2_kafka_bridge.ros.take import MatchEvents  # noqa: PLC0415
 
         self._publisher_qos = profile(self._qos)
-        with blamed(f'{self._where} as {self._message_type.name}'), translated(self._where):
+        kind = self._message_type.name
+        with blamed(f'{self._where} as {kind}'), translated(self._where), self._node.endpoint_lock:
             self._publisher = self._node.handle.create_publisher(
-                self._message_type.python_class,
+                self._message_type.endpoint_class,
                 self._topic,
                 self._publisher_qos,
                 event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
@@ -194,7 +195,7 @@ class RosSink:
                 events.close()
         publisher, self._publisher = self._publisher, None
         if publisher is not None:
-            with left_behind(self._log, self._where):
+            with left_behind(self._log, self._where), self._node.endpoint_lock:
                 self._node.handle.destroy_publisher(publisher)
 
     def _open_anew(self) -> None:

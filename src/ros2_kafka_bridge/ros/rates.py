@@ -51,7 +51,7 @@ def _subscribe(node: RosNode, topic: str, type_name: str) -> Any:
         message_type = load_type(type_name)
         with blamed(topic), translated(topic):
             return node.handle.create_subscription(
-                message_type.python_class,
+                message_type.endpoint_class,
                 topic,
                 lambda _: None,
                 QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),

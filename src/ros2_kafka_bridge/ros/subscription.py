@@ -200,7 +200,8 @@ class RosSource:
         self._emptied.clear()
 
     def _destroy(self, subscription: Any) -> None:
-        with left_behind(self._log, f'subscription of {self._topic}'):
+        lock = self._node.endpoint_lock
+        with left_behind(self._log, f'subscription of {self._topic}'), lock:
             self._node.handle.destroy_subscription(subscription)
 
     def _offer(self, peer: Peer) -> Offer:
@@ -233,9 +234,10 @@ class RosSource:
             self._log.warning('%s, so %s (%s, %s) is read later', error, self._topic, *offer)
             return
         where = f'subscription of {self._topic}'
-        with blamed(f'{where} as {self._message_type.name}'), translated(where):
+        lock = self._node.endpoint_lock
+        with blamed(f'{where} as {self._message_type.name}'), translated(where), lock:
             self._subscriptions[offer] = self._node.handle.create_subscription(
-                self._message_type.python_class,
+                self._message_type.endpoint_class,
                 self._topic,
                 lambda _: None,
                 profile(self._qos, *offer),

@@ -41,10 +41,11 @@ def denies_arrival(node: RosNode, stop: Stop) -> bool | None:
     from ros2_kafka_bridge.ros.take import MatchEvents  # noqa: PLC0415 (heavy)
 
     topic = probe_topic()
-    time_class = load_type('builtin_interfaces/msg/Time').python_class
+    time_class = load_type('builtin_interfaces/msg/Time', 'import').endpoint_class
     with translated('ROS'), ExitStack() as stack:
-        publisher = node.handle.create_publisher(time_class, topic, profile(QoS()))
-        stack.callback(node.handle.destroy_publisher, publisher)
+        with node.endpoint_lock:
+            publisher = node.handle.create_publisher(time_class, topic, profile(QoS()))
+        stack.callback(_destroy, node, publisher)
         events = MatchEvents(publisher)
         stack.callback(events.close)
         reader = stack.enter_context(_reader(node, topic))
@@ -63,6 +64,11 @@ def denies_arrival(node: RosNode, stop: Stop) -> bool | None:
         if not reader.is_stopped or not events.look()[0]:
             raise _not_known('was lost, or went on, while it was stopped')
         return False
+
+
+def _destroy(node: RosNode, publisher: Any) -> None:
+    with node.endpoint_lock:
+        node.handle.destroy_publisher(publisher)
 
 
 class _Reader(NamedTuple):

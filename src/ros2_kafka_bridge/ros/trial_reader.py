@@ -18,7 +18,7 @@ _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 def main(name: str, topic: str, domain_id: int, owner: int) -> None:
     """Subscribe, reliably and to all, until killed: by who has started it, or with it."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # of a stopped process, too
-    time_class = load_type('builtin_interfaces/msg/Time').python_class
+    time_class = load_type('builtin_interfaces/msg/Time', 'import').endpoint_class
     with open_node(name, domain_id, Histories({}, {})) as node:
         node.handle.create_subscription(time_class, topic, lambda _: None, profile(QoS()))
         while os.getppid() == owner:

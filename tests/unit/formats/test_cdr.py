@@ -3,27 +3,28 @@
 from typing import Any
 
 import pytest
+from messages import new_message
 from rclpy.serialization import serialize_message
 
 from ros2_kafka_bridge.errors import DecodeError, EncodeError
 from ros2_kafka_bridge.formats import FORMATS, Decode, Encode
 from ros2_kafka_bridge.formats.scope import Scope
-from ros2_kafka_bridge.ros.types import load_type
+from ros2_kafka_bridge.message_types import load_layout
 
 SCOPE = Scope('topic')
 ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
 def message_of(name: str, /, **fields: Any) -> bytes:
-    return bytes(serialize_message(load_type(name).python_class(**fields)))
+    return bytes(serialize_message(new_message(name, **fields)))
 
 
 def decode_of(name: str) -> Decode:
-    return FORMATS['cdr'].make_decode(load_type(name).layout, SCOPE)
+    return FORMATS['cdr'].make_decode(load_layout(name), SCOPE)
 
 
 def encode_of(name: str) -> Encode:
-    return FORMATS['cdr'].make_encode(load_type(name).layout, SCOPE)
+    return FORMATS['cdr'].make_encode(load_layout(name), SCOPE)
 
 
 def test_a_whole_message_passes_as_the_same_object() -> None:

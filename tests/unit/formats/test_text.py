@@ -7,22 +7,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
+from std_msgs.msg import String
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
 from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.walk import make_end
-from ros2_kafka_bridge.ros.types import load_type
+from ros2_kafka_bridge.message_types import load_layout
 
 SCOPE = Scope('topic')
-TYPE = load_type('std_msgs/msg/String')
-DECODE = FORMATS['text'].make_decode(TYPE.layout, SCOPE)
-ENCODE = FORMATS['text'].make_encode(TYPE.layout, SCOPE)
+LAYOUT = load_layout('std_msgs/msg/String')
+DECODE = FORMATS['text'].make_decode(LAYOUT, SCOPE)
+ENCODE = FORMATS['text'].make_encode(LAYOUT, SCOPE)
 TEXTS = ['', 'a', 'ab', 'abc', 'abcd', 'héllo', '日本語', '😀' * 50, 'x' * 100_000]
 
 
 def string(text: str) -> Any:
-    return TYPE.python_class(data=text)
+    return String(data=text)
 
 
 @pytest.mark.parametrize('text', TEXTS)
@@ -48,7 +49,7 @@ def test_a_message_of_the_other_byte_order_becomes_its_text(text: str) -> None:
 @given(st.text(st.characters(exclude_characters='\0', exclude_categories=['Cs'])))
 def test_every_text_comes_back_as_it_was(text: str) -> None:
     message = DECODE(text.encode())
-    assert deserialize_message(message, TYPE.python_class).data == text
+    assert deserialize_message(message, String).data == text
     assert ENCODE(message) == text.encode()
 
 
@@ -74,7 +75,7 @@ def test_bytes_are_a_string_exactly_where_their_layout_says_so(
 ) -> None:
     message = head + struct.pack('<I', length) + body
     try:
-        end = make_end(TYPE.layout)(message)
+        end = make_end(LAYOUT)(message)
         valid = len(message) - end < 4
     except DecodeError:
         valid = False
@@ -125,7 +126,7 @@ def test_a_message_that_is_no_string_is_refused(message: bytes, words: str) -> N
 
 def test_text_carries_strings_alone() -> None:
     assert FORMATS['text'].message_types == frozenset({'std_msgs/msg/String'})
-    layout = load_type('std_msgs/msg/Bool').layout
+    layout = load_layout('std_msgs/msg/Bool')
     for make in (FORMATS['text'].make_decode, FORMATS['text'].make_encode):
         with pytest.raises(ConfigError, match='text carries std_msgs/msg/String, not std_msgs'):
             make(layout, SCOPE)

@@ -66,7 +66,7 @@ def test_guarantee_6b_what_a_package_raises_is_said_with_its_place(
 ) -> None:
     module = package(text)
     with pytest.raises(RouteError) as raised:
-        load_type(CRANE)
+        load_type(CRANE, 'import')
     problem = str(raised.value)
     assert problem.startswith(f'message type {CRANE} cannot be loaded: ')
     expected = said.replace('PLACE', str(module))
@@ -84,7 +84,7 @@ def test_a_field_with_the_name_of_a_keyword_is_a_package_that_cannot_be_loaded(
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
     monkeypatch.syspath_prepend(tmp_path / 'lib/site-packages')
     with pytest.raises(RouteError, match=r'Crane cannot be loaded: SyntaxError: .*_move\.py:'):
-        load_type('acme_moves/msg/Crane')
+        load_type('acme_moves/msg/Crane', 'import')
 
 
 FIELDS = 'get_fields_and_field_types = classmethod(lambda _: {"height": "double"})'
@@ -102,7 +102,7 @@ def test_a_library_for_another_python_is_named(package: Package) -> None:
     )
     (module.parents[1] / library).touch()
     with pytest.raises(RouteError) as raised:
-        load_type(CRANE)
+        load_type(CRANE, 'import')
     python = '.'.join(map(str, sys.version_info[:2]))
     assert str(raised.value) == (
         f'message type {CRANE}: the library of its package cannot be loaded: No module named '
@@ -134,7 +134,7 @@ def test_a_library_that_gives_no_support_is_said(package: Package, members: str)
         f'class Crane(metaclass=Meta):\n    {FIELDS}\n'
     )
     with pytest.raises(RouteError, match=f'^message type {CRANE}.* cannot be loaded: '):
-        load_type(CRANE)
+        load_type(CRANE, 'import')
 
 
 def test_an_import_that_takes_long_is_said_and_waited_for(package: Package) -> None:
@@ -142,7 +142,7 @@ def test_an_import_that_takes_long_is_said_and_waited_for(package: Package) -> N
     go = module.parent / '__init__.py'
     go.write_text(go.read_text().replace('GO', 'getattr(sys, "acme_go", False)'))
     go.write_text('import sys\n' + go.read_text())
-    loader = TypeLoader(patience_s=0.05)
+    loader = TypeLoader('import', patience_s=0.05)
     try:
         for _ in range(3):
             with pytest.raises(
@@ -178,7 +178,7 @@ def _loaded(loader: TypeLoader, name: str) -> MessageType:
 
 def test_what_could_not_be_loaded_is_tried_again(package: Package) -> None:
     module = package('import nowhere')
-    loader = TypeLoader()
+    loader = TypeLoader('import')
     with pytest.raises(RouteError, match='nowhere'):
         loader.load(CRANE)
     module.write_text('import elsewhere', encoding='utf-8')

@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import SimpleNamespace
@@ -57,6 +58,7 @@ class Graph:
         self.readers: list[Reader] = []
         self.handle = self
         self.context = None
+        self.endpoint_lock = threading.Lock()
         self.problem: Exception | None = None
 
     def publishers(self, topic: str) -> list[Peer]:

@@ -180,7 +180,7 @@ def _route_findings(
     if isinstance(route, KafkaToRosRoute):
         found = [
             *(check_kafka.source_findings(route, config, kafka) if asks else ()),
-            *check_ros.type_findings(route.sink.type),
+            *check_ros.type_findings(route.sink.type, config.ros.packages),
             *check_format.format_findings(route, config, route.sink.type),
             *check_format.registry_findings(route, config, route.sink.type),
             *check_ros.reader_findings(route, config, node),
@@ -193,7 +193,7 @@ def _route_findings(
         message_type = type_of(route, publishers)
         found = [
             *check_ros.publisher_findings(route, publishers, message_type),
-            *check_ros.type_findings(message_type),
+            *check_ros.type_findings(message_type, config.ros.packages),
             *check_ros.key_findings(route, message_type),
             *check_ros.size_findings(route, message_type, node),
             *check_ros.channel_findings(message_type),

@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Iterator
 
 from ros2_kafka_bridge.commands.screen import Finding
+from ros2_kafka_bridge.config.endpoints import Packages
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.logs.text import count
@@ -23,6 +24,7 @@ from ros2_kafka_bridge.ros.node import Peer, RosNode, domain_in_words, middlewar
 from ros2_kafka_bridge.ros.probe import Abilities, limits
 from ros2_kafka_bridge.ros.second_channel import unheard
 from ros2_kafka_bridge.ros.sockets import receive_buffer_bytes
+from ros2_kafka_bridge.ros.type_support.choice import why_import
 from ros2_kafka_bridge.threads.stop import Stop
 
 
@@ -39,7 +41,10 @@ def graph_findings(abilities: Abilities, config: Config, *, sees_none: bool) -> 
     found = [Finding('ok', 'graph', place)]
     if hidden := why_nobody() if sees_none else partial_view():
         found.append(Finding('note', 'graph', hidden))
-    return found + [Finding('note', 'middleware', text) for text in limits(abilities)]
+    found += [Finding('note', 'middleware', text) for text in limits(abilities)]
+    if config.ros.packages == 'as_needed' and (why := why_import()):
+        found.append(Finding('note', 'types', f'their packages are imported: {why}'))
+    return found
 
 
 def sees_none(node: RosNode) -> bool:
@@ -156,8 +161,8 @@ def _offer_finding(peer: Peer, topic: str) -> Finding:
     return Finding('ok', 'publishers', text)
 
 
-def type_findings(message_type: str | None) -> Iterator[Finding]:
-    """Whether the package of a type is here, and can be imported as the route does it."""
+def type_findings(message_type: str | None, packages: Packages) -> Iterator[Finding]:
+    """Whether the package of a type is here, and can be used as the route does it."""
     from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415 (reads files)
     from ros2_kafka_bridge.ros.types import load_type  # noqa: PLC0415 (imports packages)
 
@@ -167,7 +172,7 @@ def type_findings(message_type: str | None) -> Iterator[Finding]:
         yield Finding('bad', 'type', problem, 'install its package beside the bridge')
         return
     try:
-        load_type(message_type)
+        load_type(message_type, packages)
     except BridgeError as error:
         cure = 'mend its package, or build it anew for this Python and this ROS'
         yield Finding('bad', 'type', str(error), cure)

@@ -81,7 +81,7 @@ def check_described(route: KafkaToRosRoute, config: Config) -> None:
     """
     name = route.sink.type
     checked = load_layout(name, config.ros.message_path)
-    if checked.type_hash != load_type(name).type_hash:
+    if checked.type_hash != load_type(name, config.ros.packages).type_hash:
         raise RouteError(
             f'{name} is installed otherwise than ros.message_path describes it, which letters '
             'are checked with: build and source its package'

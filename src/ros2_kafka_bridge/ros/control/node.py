@@ -93,7 +93,7 @@ def run_control(watch: WatchedBridge, stop: Stop) -> None:
         watch: The bridge.
         stop: Asks for the end.
     """
-    log, types = logs.route_log(), TypeLoader()
+    log, types = logs.route_log(), TypeLoader('import')
     said = ''
     while not stop.asked:
         problem = _until_problem(watch, stop, types, log)
