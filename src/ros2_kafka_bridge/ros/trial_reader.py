@@ -1,23 +1,20 @@
 """A subscription in a process of its own, which `trial.py` stops: it takes nothing."""
 
-import ctypes
 import os
-import signal
 import sys
 import time
 
 from ros2_kafka_bridge.config.settings import QoS
+from ros2_kafka_bridge.outside.parent import end_with_parent
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import open_node
 from ros2_kafka_bridge.ros.qos import profile
 from ros2_kafka_bridge.ros.types import load_type
 
-_PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
-
 
 def main(name: str, topic: str, domain_id: int, owner: int) -> None:
     """Subscribe, reliably and to all, until killed: by who has started it, or with it."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # of a stopped process, too
+    end_with_parent()
     time_class = load_type('builtin_interfaces/msg/Time', 'import').endpoint_class
     with open_node(name, domain_id, Histories({}, {})) as node:
         node.handle.create_subscription(time_class, topic, lambda _: None, profile(QoS()))

@@ -146,7 +146,7 @@ def test_a_stop_ends_a_self_test(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     monkeypatch.setattr(sys, 'executable', str(program))
     stop = Stop()
     stop.ask()
-    assert self_test_problem(stop).startswith('types without them were tried, and failed')
+    assert self_test_problem(stop).startswith('a stop came before it was known')
 
 
 def test_a_program_that_is_not_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

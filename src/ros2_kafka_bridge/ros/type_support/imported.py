@@ -11,6 +11,7 @@ from typing import Any
 
 from ros2_kafka_bridge.errors import ConfigError, RouteError, blamed, fault_of
 from ros2_kafka_bridge.message_types.layout import Array, Kind, Layout, Primitive, Sequence, String
+from ros2_kafka_bridge.ros.type_support.loaded import find_class
 
 
 def import_class(layout: Layout, why: str = '') -> type[Any]:
@@ -27,15 +28,9 @@ def import_class(layout: Layout, why: str = '') -> type[Any]:
     name = layout.type_name
     needed = f', and its package is needed ({why})' if why else ''
     with blamed(f'message type {name} cannot be loaded{needed}'):
-        python_class = _import(name)
+        python_class: type[Any] = find_class(name)
         _check(layout, python_class)
         _load_support(name, python_class)
-    return python_class
-
-
-def _import(name: str) -> type[Any]:
-    package, _, type_name = name.split('/')
-    python_class: type[Any] = getattr(importlib.import_module(f'{package}.msg'), type_name)
     return python_class
 
 
@@ -75,7 +70,7 @@ def _check(layout: Layout, python_class: Any) -> None:
         hint = 'AMENT_PREFIX_PATH and PYTHONPATH lead to different builds of its package'
         raise ConfigError([f'{problem}: {hint}'])
     for inner in dict.fromkeys(_held(layout)):
-        _check(inner, _import(inner.type_name))
+        _check(inner, find_class(inner.type_name))
 
 
 def _held(layout: Layout) -> list[Layout]:

@@ -10,10 +10,15 @@ FASTDDS: Final = 'rosidl_typesupport_fastrtps_c'
 INTROSPECTION: Final = 'rosidl_typesupport_introspection_c'
 
 
-def message_class(name: str) -> Any:
-    """Import a message class, with its type support, of a package that rclpy needs itself."""
+def find_class(name: str) -> Any:
+    """Import a message class."""
     package, _, short = name.split('/')
-    found = getattr(import_module(f'{package}.msg'), short)
+    return getattr(import_module(f'{package}.msg'), short)
+
+
+def message_class(name: str) -> Any:
+    """Import a message class, and its type support, of a package that rclpy needs itself."""
+    found = find_class(name)
     found.__import_type_support__()
     return found
 

@@ -3,7 +3,6 @@
 It runs with the settings of the user, who runs the bridge with them, too.
 """
 
-import ctypes
 import os
 import resource
 import signal
@@ -14,9 +13,9 @@ from tempfile import TemporaryFile
 from typing import Any, Final
 
 from ros2_kafka_bridge.logs.text import printable
+from ros2_kafka_bridge.outside.parent import end_with_parent
 from ros2_kafka_bridge.threads.stop import Stop
 
-_PR_SET_PDEATHSIG: Final = 1  # <linux/prctl.h>
 _PATIENCE_S: Final = 30.0
 _LOOK_S: Final = 0.02
 _ANSWER_S: Final = 15.0
@@ -57,6 +56,8 @@ def self_test_problem(stop: Stop) -> str:
             child.kill()
         if child.returncode == 0:
             return ''
+        if stop.look():
+            return 'a stop came before it was known whether types need them'
         said.seek(0)
         return f'types without them were tried, and failed: {_end_of(child, said.read())}'
 
@@ -76,7 +77,7 @@ def main() -> str:
     It ends with the process that waits for it.
     """
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    end_with_parent()
     import rclpy  # noqa: PLC0415 (heavy)
 
     from ros2_kafka_bridge.ros.type_support.comparison import difference  # noqa: PLC0415
