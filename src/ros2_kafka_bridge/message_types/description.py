@@ -7,7 +7,7 @@ import re
 import struct
 from collections.abc import Mapping
 from enum import IntEnum
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
@@ -57,10 +57,17 @@ class TypeDescription(msgspec.Struct, frozen=True):
 
 
 class DescribedTypes(msgspec.Struct, frozen=True):
-    """A type with all that it holds, by name, each with its hash where that is known."""
+    """A type with all that it holds, by name.
+
+    Args:
+        types: By name.
+        hashes: Of each where that is known.
+        origin: Where that is from, as `is installed here`.
+    """
 
     types: dict[str, TypeDescription]
     hashes: dict[str, str]
+    origin: str = ''
 
 
 class Ids(IntEnum):
@@ -149,8 +156,9 @@ def make_layout(name: str, described: DescribedTypes) -> Layout:
     Raises:
         ConfigError: The bridge cannot carry such a type, or it holds itself.
     """
-    made: dict[str, Layout] = {}
-    layout = _layout((name,), described, made)
+    if not _NESTED_NAME.fullmatch(name):  # it may be a stranger's, and becomes the name of a file
+        raise ConfigError([f'{name!r:.60} is no name of a message type'])
+    layout = _layout((name,), described, {}).layout
     if _all_fields(layout, {}) > _MOST_FIELDS:
         raise ConfigError(
             [f'{name} has more than {_MOST_FIELDS:,} fields, those of its parts too']
@@ -178,13 +186,20 @@ def _without_defaults(description: TypeDescription) -> dict[str, object]:
     return {'type_name': description.type_name, 'fields': fields}
 
 
-def _layout(path: tuple[str, ...], described: DescribedTypes, made: dict[str, Layout]) -> Layout:
+class _Made(NamedTuple):
+    """A layout that is made, and how many types deep it is."""
+
+    layout: Layout
+    depth: int
+
+
+def _layout(path: tuple[str, ...], described: DescribedTypes, made: dict[str, _Made]) -> _Made:
     """The layout of the last type of a path, which leads to it from the outermost type."""
     *outer, name = path
     if name in outer:
         raise ConfigError([f'{name} holds itself: {" > ".join(path[outer.index(name) :])}'])
     if len(path) > _DEEPEST:
-        raise ConfigError([f'{path[0]} is nested too deeply: more than {_DEEPEST} types'])
+        raise _too_deep(path)
     if name not in made:
         description = described.types[name]
         fields = tuple(_field(field, path, described, made) for field in description.fields)
@@ -193,15 +208,23 @@ def _layout(path: tuple[str, ...], described: DescribedTypes, made: dict[str, La
             raise ConfigError([f'{name} has two fields of one name'])
         if names == [EMPTY_MEMBER]:
             fields = ()
-        made[name] = Layout(name, fields, type_hash=described.hashes.get(name))
+        layout = Layout(name, fields, type_hash=described.hashes.get(name))
+        depths = [made[inner].depth for inner in nested_names(description)]
+        made[name] = _Made(layout, 1 + max(depths, default=0))
+    if len(outer) + made[name].depth > _DEEPEST:  # it was reached by a shorter path before
+        raise _too_deep(path)
     return made[name]
+
+
+def _too_deep(path: tuple[str, ...]) -> ConfigError:
+    return ConfigError([f'{path[0]} is nested too deeply: more than {_DEEPEST} types'])
 
 
 def _field(
     field: FieldDescription,
     path: tuple[str, ...],
     described: DescribedTypes,
-    made: dict[str, Layout],
+    made: dict[str, _Made],
 ) -> Field:
     if not _NAME.fullmatch(field.name):
         raise ConfigError([f'{path[-1]}: {field.name!r:.60} is no name of a field'])
@@ -216,7 +239,7 @@ def _kind(
     field_type: FieldType,
     path: tuple[str, ...],
     described: DescribedTypes,
-    made: dict[str, Layout],
+    made: dict[str, _Made],
 ) -> Kind:
     repeated, base = divmod(field_type.type_id, _LISTS)
     for length in (field_type.capacity, field_type.string_capacity):
@@ -226,6 +249,8 @@ def _kind(
     match repeated * _LISTS:
         case Lists.NONE:
             return item
+        case Lists.ARRAY if not field_type.capacity:
+            raise ValueError('an array has one element at least')
         case Lists.ARRAY:
             return Array(item, field_type.capacity)
         case Lists.BOUNDED_SEQUENCE:
@@ -241,7 +266,7 @@ def _item(
     field_type: FieldType,
     path: tuple[str, ...],
     described: DescribedTypes,
-    made: dict[str, Layout],
+    made: dict[str, _Made],
 ) -> Kind:
     if base in _PRIMITIVES:
         return Primitive(_PRIMITIVES[base])
@@ -249,7 +274,7 @@ def _item(
         case Ids.NESTED if not _NESTED_NAME.fullmatch(field_type.nested_type_name):
             raise ValueError(f'{field_type.nested_type_name!r:.60} is no name of a type')
         case Ids.NESTED:
-            return _layout((*path, field_type.nested_type_name), described, made)
+            return _layout((*path, field_type.nested_type_name), described, made).layout
         case Ids.STRING | Ids.BOUNDED_STRING:
             return String(field_type.string_capacity or None)
         case Ids.WSTRING | Ids.BOUNDED_WSTRING:

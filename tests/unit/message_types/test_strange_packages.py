@@ -17,6 +17,11 @@ from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.message_types import load_layout, type_names, unknown_type
+from ros2_kafka_bridge.message_types.description import (
+    DescribedTypes,
+    TypeDescription,
+    make_layout,
+)
 
 INDEX = 'share/ament_index/resource_index/rosidl_interfaces'
 SCOPE = Scope('t', JsonSettings(missing='default'), SchemaSettings(registry=False))
@@ -99,6 +104,7 @@ def test_a_line_that_names_no_type_is_none(
         (field('é'), 'is no name of a field'),
         (field('_a'), 'is no name of a field'),
         (field(type_id=54, capacity=-1), 'the length -1 is below 0'),
+        (field(type_id=54, capacity=0), 'an array has one element at least'),
         (field(type_id=54, capacity=2**70), 'no description of a message type|above 4294967295'),
         (field(type_id=54, capacity=10**12), 'the length 1000000000000 is below 0 or above'),
         (field(type_id=21, string_capacity=-1), 'the length -1 is below 0'),
@@ -159,6 +165,26 @@ def test_a_type_that_grows_without_end_is_said(
     name = describe(*nested(names[0], width), types={**types, names[-1]: [field()]})
     with pytest.raises(ConfigError, match=said):
         load_layout(name)
+
+
+def test_a_type_that_is_reached_by_a_short_way_and_by_a_long_one_is_as_deep_as_the_long_one(
+    describe: Describe,
+) -> None:
+    """Each chain is short enough: the second holds the first one's beginning at its end."""
+    first, second = ([f'odd_msgs/msg/{it}{n}' for n in range(60)] for it in 'AB')
+    chain = {one: nested(other, 1) for one, other in pairwise([*second, *first])}
+    short = [field('short', 1, nested_type_name=first[0])]
+    name = describe(*short, *nested(second[0], 1), types={**chain, first[-1]: [field()]})
+    with pytest.raises(ConfigError, match='is nested too deeply: more than 100 types'):
+        load_layout(name)
+
+
+@pytest.mark.parametrize('name', ['../../etc/msg/R', 'a/msg/b/c', 'a/msg/R\n', '', 'a/srv/R'])
+def test_a_name_that_is_none_of_a_type_has_no_layout(name: str) -> None:
+    """It may come from the graph, and becomes the name of a file."""
+    described = DescribedTypes({name: TypeDescription(name, ())}, {})
+    with pytest.raises(ConfigError, match='is no name of a message type'):
+        make_layout(name, described)
 
 
 @pytest.mark.parametrize('word', ['from', 'class', 'None', 'self', 'value', 'DESCRIPTOR', 'f0'])

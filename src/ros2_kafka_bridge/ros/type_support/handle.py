@@ -10,6 +10,7 @@ has the answers.
 
 import ctypes
 import threading
+from collections import defaultdict
 from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
@@ -31,6 +32,7 @@ from ros2_kafka_bridge.ros.type_support.loaded import (
     support_of,
 )
 from ros2_kafka_bridge.ros.type_support.structures import (
+    Description,
     FastddsType,
     FindSupport,
     Get,
@@ -98,7 +100,7 @@ def endpoint_class(name: str, types: Mapping[str, TypeDescription]) -> type[Any]
 @cache
 def _made(described: tuple[TypeDescription, ...]) -> type[Any]:
     name = described[0].type_name
-    support = _Supports({one.type_name: one for one in described}).of_endpoint(name)
+    support = _Supports(name, {one.type_name: one for one in described}).of_endpoint()
     new = ctypes.pythonapi.PyCapsule_New
     new.restype = ctypes.py_object
     new.argtypes = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
@@ -113,15 +115,20 @@ class _Supports:
     """Fills the structures of a type and of all that it holds.
 
     Args:
+        name: Of the type.
         types: The type and all that it holds.
     """
 
-    def __init__(self, types: Mapping[str, TypeDescription]) -> None:
+    def __init__(self, name: str, types: Mapping[str, TypeDescription]) -> None:
+        self._name = name
         self._types = types
+        # Of what a type holds nobody asks it, and all together they would grow by the square.
+        self._descriptions = defaultdict(Description, {name: descriptions.fill(name, types)})
         self._introspected: dict[str, TypeSupport] = {}
 
-    def of_endpoint(self, name: str) -> TypeSupport:
+    def of_endpoint(self) -> TypeSupport:
         """What rmw_fastrtps_cpp makes endpoints of; it keeps all that it points to."""
+        name = self._name
         package, kind, short = name.split('/')
         fastdds = FastddsType(
             namespace=f'{package}::{kind}'.encode(),
@@ -181,7 +188,7 @@ class _Supports:
         )
         digest = bytes.fromhex(type_hash(name, self._types).partition('_')[2])
         hashed = TypeHash(_RIHS_VERSION, (ctypes.c_uint8 * len(digest))(*digest))
-        described, sources = descriptions.fill(name, self._types), Sources()
+        described, sources = self._descriptions[name], Sources()
         support.kept = (hashed, described, sources)
         support.get_hash, support.get_description, support.get_sources = (
             Get({ctypes.addressof(support): ctypes.addressof(one)}.get) for one in support.kept
