@@ -4,17 +4,20 @@ from collections.abc import Mapping
 from typing import Any
 
 from ros2_kafka_bridge.commands.dead_letters.restore import Restorer
+from ros2_kafka_bridge.commands.dead_letters.types import JoinRos, LetterTypes, why_packages
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.letter import Letter, parse
 from ros2_kafka_bridge.dead_letters.writer import explain, from_kafka, from_ros
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing
 from ros2_kafka_bridge.errors import (
+    ConfigError,
     DecodeError,
     EncodeError,
     RecordError,
 )
 from ros2_kafka_bridge.kafka.letters import Original
+from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.testing.memory import MemoryRecord
 
 TOPIC = 'orders.dead-letters'
@@ -56,9 +59,15 @@ def kafka_letter(
     return explain(record, DecodeError('not UTF-8 at byte 3'), from_kafka('orders', topic, 2, 5))
 
 
-def ros_letter(value: bytes | None, error: RecordError | None = None) -> Outgoing:
+def ros_letter(
+    value: bytes | None,
+    error: RecordError | None = None,
+    name: str = 'std_msgs/msg/String',
+    type_hash: str = '',
+) -> Outgoing:
     told: HeaderList = [
-        ('ros.type', 'std_msgs/msg/String'),
+        ('ros.type', name),
+        *([('ros.type_hash', type_hash)] * bool(type_hash)),
         ('ros.gid', 'ab' * 16),
         ('ros.seq', '1'),
     ]
@@ -78,6 +87,11 @@ def config(**changes: Any) -> Config:
     return validated(Config, {**CONFIG, 'routes': routes})
 
 
+def without_ros() -> RosNode:
+    """No node is there to ask, nor needed."""
+    raise ConfigError(['ROS 2 is not here'])
+
+
 def restorer(
     of: Config | None = None,
     original: Outgoing | None = None,
@@ -85,7 +99,11 @@ def restorer(
     *,
     force: bool = False,
     was_there: bool = True,
+    join: JoinRos = without_ros,
+    to_ros: bool = False,
 ) -> Restorer:
     known = {'orders': 3, 'returned': 1, TOPIC: 1} if partitions is None else partitions
     fetched = Original(None if original is None else stored(original), was_there)
-    return Restorer(of or config(), known, lambda *_: fetched, force=force)
+    made = of or config()
+    types = LetterTypes(made, join, why_packages(made, to_ros=to_ros))
+    return Restorer(made, known, lambda *_: fetched, types, force=force)

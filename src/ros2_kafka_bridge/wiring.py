@@ -28,14 +28,14 @@ from ros2_kafka_bridge.kafka.topic_id import TopicIds
 from ros2_kafka_bridge.kafka.topics import ensure_topic
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.ros.confirmation import Confirmation, asks_readers
-from ros2_kafka_bridge.ros.discovery import waits_for_type
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
 from ros2_kafka_bridge.ros.publisher import RosSink
-from ros2_kafka_bridge.ros.subscription import RosSource, wait_for_type
+from ros2_kafka_bridge.ros.subscription import RosSource
 from ros2_kafka_bridge.ros.successor import RosSuccessor
-from ros2_kafka_bridge.ros.types import TypeLoader
+from ros2_kafka_bridge.ros.types import MessageType
+from ros2_kafka_bridge.ros.used_type import RosEnd, RouteTypes
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.route.format import asks_registry, check_of, decode_of, encode_of
 from ros2_kafka_bridge.route.identity import Author, make_identify
@@ -57,6 +57,7 @@ _FRAME_BYTES = 10_000  # of key, headers and protocol around a message
 
 Direction = KafkaToRos | RosToKafka
 Log = logging.LoggerAdapter[logging.Logger]
+Say = Callable[[str], None]
 
 
 def histories_of(routes: Iterable[AnyRoute], probed: str, lease_s: float | None) -> Histories:
@@ -97,7 +98,7 @@ class Wiring:
         self._confirmation = Confirmation(node, abilities)
         self._histories = histories
         self._tracing = tracing
-        self._types = TypeLoader(config.ros.packages)
+        self._types = RouteTypes(node, config.ros)
         self._topic_ids = TopicIds(common_properties(config.kafka, client_id=config.name))
 
     def make(
@@ -106,7 +107,7 @@ class Wiring:
         log: Log,
         stop: Stop,
         stack: ExitStack,
-        say: Callable[[str], None] = lambda _: None,
+        say: Say = lambda _: None,
     ) -> Direction | None:
         """Make what runs a route; None where a stop came while its type was waited for.
 
@@ -119,7 +120,7 @@ class Wiring:
         """
         with ExitStack() as made:
             if isinstance(route, KafkaToRosRoute):
-                direction: Direction | None = self._kafka_to_ros(route, log, stop, made)
+                direction: Direction | None = self._kafka_to_ros(route, log, stop, made, say)
             else:
                 direction = self._ros_to_kafka(route, log, stop, made, say)
             stack.push(made.pop_all())
@@ -171,7 +172,7 @@ class Wiring:
         )
 
     def _kafka_to_ros(
-        self, route: KafkaToRosRoute, log: Log, stop: Stop, stack: ExitStack
+        self, route: KafkaToRosRoute, log: Log, stop: Stop, stack: ExitStack, say: Say
     ) -> KafkaToRos | None:
         source = KafkaSource(
             self._consumer_properties(route.group(self._config.name)),
@@ -181,7 +182,7 @@ class Wiring:
             log,
             self._config.membership,
         )
-        direction = self.to_ros(route, source, log, stop, stack)
+        direction = self.to_ros(route, source, log, stop, stack, say)
         if direction is not None and route.max_rate is None:
             log.info(
                 'a subscriber of %s that is KEEP_LAST can overwrite its own queue unseen: '
@@ -191,7 +192,13 @@ class Wiring:
         return direction
 
     def to_ros(
-        self, route: KafkaToRosRoute, source: RecordSource, log: Log, stop: Stop, stack: ExitStack
+        self,
+        route: KafkaToRosRoute,
+        source: RecordSource,
+        log: Log,
+        stop: Stop,
+        stack: ExitStack,
+        say: Say = lambda _: None,
     ) -> KafkaToRos | None:
         """Make what carries the records of any source to the ROS topic of a route.
 
@@ -200,7 +207,7 @@ class Wiring:
         Raises:
             RouteError: The route cannot run now.
         """
-        message_type = self._types.load(route.sink.type, stop)
+        message_type = self._types.load(RosEnd.of(route), log, stop, say)
         if message_type is None:
             return None
         asks = asks_readers(route, self._config)
@@ -226,31 +233,22 @@ class Wiring:
         )
 
     def _ros_to_kafka(
-        self,
-        route: RosToKafkaRoute,
-        log: Log,
-        stop: Stop,
-        stack: ExitStack,
-        say: Callable[[str], None],
+        self, route: RosToKafkaRoute, log: Log, stop: Stop, stack: ExitStack, say: Say
     ) -> RosToKafka | None:
-        if route.source.type is not None:
-            return self._of_type(route.source.type, route, log, stop, stack)
-        topic = route.source.ros
-        name = wait_for_type(self._node, topic, stop.wait, lambda: say(waits_for_type(topic)))
-        if name is None:
+        message_type = self._types.load(RosEnd.of(route), log, stop, say)
+        if message_type is None:
             return None
         try:
-            return self._of_type(name, route, log, stop, stack)
+            return self._of_type(message_type, route, log, stack)
         except ConfigError as error:
+            if route.source.type is not None:
+                raise
             # What others publish may be mended there, and is no mistake of the configuration.
             raise RouteError(str(error)) from error
 
     def _of_type(
-        self, name: str, route: RosToKafkaRoute, log: Log, stop: Stop, stack: ExitStack
-    ) -> RosToKafka | None:
-        message_type = self._types.load(name, stop)
-        if message_type is None:
-            return None
+        self, message_type: MessageType, route: RosToKafkaRoute, log: Log, stack: ExitStack
+    ) -> RosToKafka:
         produced = self._produced(route, log)
         source = RosSource(
             self._node,
@@ -273,7 +271,9 @@ class Wiring:
                 raise RouteError(str(error)) from error  # as where the type is learned
 
         make_value_key = make_key(route.sink.key, route.source.ros, message_type.layout)
-        headers = self._tracing.headers(make_headers(self._author(route), name, source.type_hash))
+        headers = self._tracing.headers(
+            make_headers(self._author(route), message_type.name, source.type_hash)
+        )
         # From here on DDS holds the publishers back: nothing behind this line may ask Kafka, or
         # an outage would close the reader again.
         stack.enter_context(_open(source))
@@ -289,7 +289,7 @@ class Wiring:
             self._dead_letters(route, log),
             self._backlog(route, log),
             log,
-            self._tracing.messages(route, name),
+            self._tracing.messages(route, message_type.name),
         )
         stack.callback(direction.let_go_spool)
         return direction

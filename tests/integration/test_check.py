@@ -7,12 +7,14 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from confluent_kafka import Consumer, TopicPartition
 from ending import ended
 from harness import Bench, eventually, lines, to_kafka, to_ros
 from patience import patient
+from robots import installed, robot
 from terminal import on_terminal, without_colours
 
 from ros2_kafka_bridge.kafka.topic_id import TopicId, TopicIds
@@ -155,6 +157,44 @@ def test_without_a_broker_it_says_so_and_still_looks_at_ros(bench: Bench) -> Non
     assert '  note 0 of 1 subscriber of /orders: the route waits for them' in out
     assert out.splitlines()[-1].startswith('No route can run: the broker does not answer')
     assert SECRET not in out
+
+
+def test_a_type_is_told_with_the_node_that_describes_it_and_one_without_is_wrong(
+    bench: Bench, unique: Unique, tmp_path: Path
+) -> None:
+    prefix = installed(tmp_path, 'acme_tf', {'Moved': 'string text\n', 'Lied': 'int32 x\n'})
+    there = unique('there')
+    bench.create_topic(there)
+    # The graph tells the type of the first alone.
+    learned = {'name': 'moved', 'format': 'json', 'from': {'ros': '/moved'}}
+    routes = [
+        {**learned, 'to': {'kafka': there, 'key': '{message.text}'}},
+        to_kafka('/lied', there, name='lied', format='json')
+        | {'from': {'ros': '/lied', 'type': 'acme_tf/msg/Lied'}},
+        to_ros(there, '/later', name='later', format='json')
+        | {'to': {'ros': '/later', 'type': 'acme_tf/msg/Moved'}},
+    ]
+    with (
+        robot(bench, 'acme_tf/msg/Moved', prefix, '--name', 'mover', publishes={'/moved': []}),
+        robot(
+            bench, 'acme_tf/msg/Lied', prefix, '--name', 'liar', '--describes', 'lies',
+            publishes={'/lied': []},
+        ),
+    ):  # fmt: skip
+        status, out, err = bench.command('check', str(bench.config(routes)), '--connect')
+    assert (status, err) == (1, '')
+    assert '  ok   acme_tf/msg/Moved is described by the node /mover\n' in out
+    assert '  ok   json carries acme_tf/msg/Moved\n' in out
+    assert '  ok   {message.text}: acme_tf/msg/Moved has it\n' in out
+    lie = 'no message type acme_tf/msg/Lied here, and nobody describes it: /liar describes another'
+    assert f'  BAD  {lie}' in out
+    assert 'put its .msg files into a folder of ros.message_path' in out
+    waits = 'waits for a node that uses /later, to ask it for the type'
+    assert f'  note the route {waits}: no message type acme_tf/msg/Moved here' in out
+    assert out.splitlines()[-1].startswith(
+        '1 route would run; 1 would wait (later: for a node that uses /later, for subscribers of '
+        f'/later); 1 cannot run as it is (lied: {lie}'
+    )
 
 
 # A terminal

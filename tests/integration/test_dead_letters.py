@@ -5,10 +5,19 @@ import re
 import shlex
 from pathlib import Path
 
-from harness import Bench
+from harness import Bench, to_kafka
 from letters import HOSTILE, SMALL, done, long, route
+from robots import installed, random_cdr, robot
 from words import wait_for_commit
 
+from ros2_kafka_bridge.dead_letters.writer import explain, from_ros
+from ros2_kafka_bridge.endpoints import Outgoing
+from ros2_kafka_bridge.errors import EncodeError
+from ros2_kafka_bridge.formats.json import make_encode
+from ros2_kafka_bridge.formats.scope import Scope
+from ros2_kafka_bridge.message_types import load_layout
+
+CRATE = 'acme_crates/msg/Crate'
 ROOT = Path(__file__).parents[2]
 
 
@@ -62,3 +71,31 @@ def test_letters_are_listed_shown_and_replayed_once_with_the_commands_of_the_doc
         wait_for_commit(bench, topic_name, 4, bridge, partition=1)
         assert bridge.end() == 0
         assert 'dead_letter' not in bridge.output()
+
+
+def test_a_message_of_a_type_that_a_node_alone_describes_is_replayed(
+    bench: Bench, topic_name: str, tmp_path: Path
+) -> None:
+    letters = f'{topic_name}.dead-letters'
+    prefix = installed(tmp_path, 'acme_crates', {'Crate': 'string label\nfloat64[2] at\n'})
+    layout = load_layout(CRATE, [prefix / 'src'])
+    [message] = random_cdr(CRATE, prefix / 'src', 1)
+    letter = explain(
+        Outgoing(
+            letters,
+            None,
+            message,
+            [('ros.type', CRATE), ('ros.type_hash', layout.type_hash or '')],
+        ),
+        EncodeError('it was too large then'),
+        from_ros('to_kafka', '/crates', topic_name),
+    )
+    bench.create_topic(topic_name)
+    bench.create_topic(letters)
+    bench.produce(letters, [message], headers=letter.headers)
+    crates = to_kafka('/crates', topic_name, format='json') | {'from': {'ros': '/crates'}}
+    config = bench.config([crates])
+    with robot(bench, CRATE, prefix, takes={'/crates': bench.place / 'took'}):
+        assert f'1 letter replayed to {topic_name}\n' in done(bench, 'replay', config, '--all')
+    [record] = bench.records(topic_name, 1)
+    assert record.value() == make_encode(layout, Scope(''))(message)

@@ -1,9 +1,11 @@
 """`init`: a starting file that is right as it is."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 from harness import Bench, eventually, lines, values
 from renaming import renamed
+from robots import installed, robot
 
 
 def test_the_starting_file_is_right_and_carries_messages_both_ways(
@@ -42,3 +44,32 @@ def test_the_starting_file_is_right_and_carries_messages_both_ways(
         bench.produce(orders, [b'one order'])
         eventually(lambda: lines(received) == ['one order'], 30)
         assert bridge.end() == 0
+
+
+def test_a_type_that_a_node_alone_describes_becomes_a_route_that_runs(
+    bench: Bench, unique: Callable[[str], str], tmp_path: Path
+) -> None:
+    prefix = installed(tmp_path, 'acme_tf', {'Moved': 'string text\n', 'Lied': 'int32 x\n'})
+    moved = unique('moved').replace('-', '_')
+    file = bench.place / 'bridge.yaml'
+    message = bytes.fromhex('00010000020000006100')
+    publishes = {f'/{moved}': [message]}
+    with (
+        robot(bench, 'acme_tf/msg/Moved', prefix, publishes=publishes),
+        robot(bench, 'acme_tf/msg/Lied', prefix, '--describes', 'lies', publishes={'/lied': []}),
+    ):
+        servers = '--bootstrap-servers', bench.bootstrap_servers
+        status, _, err = bench.command('init', str(file), '--from-graph', *servers)
+        assert status == 0, err
+        assert 'left as a comment: no message type acme_tf/msg/Lied here, and nobody' in err
+        text = file.read_text()
+        assert '  # Its type is not installed here: the bridge asks a node that uses it.\n' in text
+        assert '  # - name: lied\n' in text
+        status, out, _ = bench.command('check', str(file))
+        assert status == 0
+        asked = f'a node that uses /{moved} is asked for it'
+        assert f'note no message type acme_tf/msg/Moved here: {asked}' in out
+        renamed(file, ('bridge-1', unique('bridge')))
+        with bench.bridge(file) as bridge:
+            assert values(bench.records(moved, 1)) == [b'{"text":"a"}']
+            assert bridge.end() == 0

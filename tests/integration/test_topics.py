@@ -1,9 +1,12 @@
 """`topics`: both sides as they are, the routes between them, and who would match."""
 
+import json
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 from harness import Bench, to_kafka, to_ros
+from robots import installed, robot
 from tables import OFFERED, row
 
 
@@ -46,3 +49,34 @@ def test_both_sides_are_shown_with_their_routes(
     assert re.search(r'in /subscriber_\d+ yes', text)
     assert re.search(r'out /publisher_\d+ yes', text)
     assert 'later - nobody publishes /nobody' in text
+
+
+def test_a_type_that_a_node_alone_describes_is_shown_with_it_and_counted(
+    bench: Bench, topic_name: str, tmp_path: Path
+) -> None:
+    prefix = installed(tmp_path, 'acme_tf', {'Moved': 'string text\n', 'Lied': 'int32 x\n'})
+    moved = to_ros(topic_name, '/moved', format='json')
+    latched = {'durability': 'transient_local'}
+    moved['to'] = {'ros': '/moved', 'type': 'acme_tf/msg/Moved', 'qos': latched}
+    took = {'/moved': bench.place / 'took'}
+    with (
+        robot(
+            bench, 'acme_tf/msg/Moved', prefix, '--name', 'mover',
+            publishes={'/moved': []}, takes=took,
+        ),
+        robot(
+            bench, 'acme_tf/msg/Lied', prefix, '--name', 'liar', '--describes', 'lies',
+            publishes={'/lied': []},
+        ),
+    ):  # fmt: skip
+        file = str(bench.config([moved]))
+        status, out, err = bench.command('topics', file, '--rates', '0.5', '--json')
+    assert (status, err) == (0, '')
+    shown = {row['name']: row for row in json.loads(out)['ros']}
+    found, lied = shown['/moved'], shown['/lied']
+    assert found['type_origins'] == {'acme_tf/msg/Moved': 'is described by the node /mover'}
+    assert found['rate'] == 0, 'it was counted'
+    [match] = found['matches']
+    assert (match['problem'], match['unknown']) == ('', ''), 'the same definition, as is known'
+    assert '/liar describes another' in lied['type_problems']['acme_tf/msg/Lied']
+    assert lied['rate'] is None

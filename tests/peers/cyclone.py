@@ -1,8 +1,8 @@
-"""A participant of the second DDS vendor, with a topic of std_msgs/String."""
+"""A participant of the second DDS vendor, with a topic of std_msgs/String, or of one like it."""
 
 import os
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
@@ -31,6 +31,18 @@ class String_(IdlStruct, typename='std_msgs::msg::dds_::String_'):  # noqa: N801
     data: str
 
 
+@dataclass
+@annotations.final
+class Fine_(IdlStruct, typename='acme_tf::msg::dds_::Fine_'):  # noqa: N801
+    """What ROS calls acme_tf/msg/Fine."""
+
+    data: str
+
+
+TYPES = {'std_msgs/msg/String': String_, 'acme_tf/msg/Fine': Fine_}
+"""By their names in ROS."""
+
+
 class Joined(NamedTuple):
     """What a reader or a writer is made with.
 
@@ -40,11 +52,11 @@ class Joined(NamedTuple):
 
     domain: Domain
     participant: DomainParticipant
-    topic: Topic[String_]
+    topic: Topic[Any]
     qos: Qos
 
 
-def join(ros_topic: str, *, latched: bool = False) -> Joined:
+def join(ros_topic: str, message_type: str, *, latched: bool = False) -> Joined:
     """Join the domain of ROS_DOMAIN_ID, reliable, KEEP_ALL, volatile if not latched."""
     kept = [
         Policy.Durability.TransientLocal,
@@ -58,5 +70,5 @@ def join(ros_topic: str, *, latched: bool = False) -> Joined:
     number = int(os.environ['ROS_DOMAIN_ID'])
     domain = Domain(number, THIS_MACHINE)
     participant = DomainParticipant(number)
-    topic = Topic(participant, f'rt{ros_topic}', String_, qos=qos)
+    topic = Topic(participant, f'rt{ros_topic}', TYPES[message_type], qos=qos)
     return Joined(domain, participant, topic, qos)

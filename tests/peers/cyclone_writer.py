@@ -7,7 +7,7 @@ import argparse
 import time
 from pathlib import Path
 
-from cyclone import String_, join  # type: ignore[import-not-found]  # beside this script
+from cyclone import TYPES, join  # type: ignore[import-not-found]  # beside this script
 from cyclonedds.pub import DataWriter
 from cyclonedds.util import duration
 
@@ -21,9 +21,10 @@ def main() -> None:
     parser.add_argument('--latched', action='store_true', help='TRANSIENT_LOCAL')
     parser.add_argument('--leave', type=Path, help='publish as many as this file says, and wait')
     parser.add_argument('--timeless', action='store_true', help='send no time with them')
+    parser.add_argument('--type', choices=TYPES, default='std_msgs/msg/String')
     args = parser.parse_args()
 
-    joined = join(args.topic, latched=args.latched)
+    joined = join(args.topic, args.type, latched=args.latched)
     writer = DataWriter(joined.participant, joined.topic, qos=joined.qos)
     while not writer.get_matched_subscriptions():
         time.sleep(0.01)
@@ -31,7 +32,7 @@ def main() -> None:
     for number in range(args.count):
         while args.leave and number >= int(args.leave.read_text()):
             time.sleep(0.01)
-        sample = String_(data=str(number).ljust(args.bytes, '.'))
+        sample = TYPES[args.type](data=str(number).ljust(args.bytes, '.'))
         writer.write(sample, timestamp=0 if args.timeless else None)
     writer.wait_for_acks(duration(seconds=20))
     print(f'published {args.count}', flush=True)  # noqa: T201

@@ -19,6 +19,7 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 )
 from harness import Bench, Process, eventually, headers, lines, to_kafka, values
 from letters import HOSTILE, SMALL, done, long, route, run, written_one_by_one
+from robots import installed, robot
 from secured import PASSWORD, USER, Right, group_right, running, topic_right
 from words import ROS_TOPIC, wait_for_commit
 
@@ -30,6 +31,8 @@ from ros2_kafka_bridge.kafka.transactions import Parcel, Send
 from ros2_kafka_bridge.monitoring.letters import newest
 from ros2_kafka_bridge.process.load import load_checked
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+
+CRATE = 'acme_crates/msg/Crate'
 
 
 @pytest.fixture
@@ -243,6 +246,40 @@ def test_letters_go_straight_to_ros_once_a_subscriber_is_there(
     assert (status, f'{count} replayed before' in output) == (1, True)
 
 
+def test_letters_of_a_type_that_is_not_installed_wait_for_who_describes_it(
+    bench: Bench, topic_name: str, arrived: Path
+) -> None:
+    prefix = installed(bench.place, 'acme_crates', {'Crate': 'string label\nint32 kilos\n'})
+    letters, record = f'{topic_name}.dead-letters', b'{"label":"tea","kilos":3}'
+    bench.create_topic(topic_name)
+    bench.create_topic(letters)
+    bench.produce(topic_name, [record, b'{"label":"tea"}'])
+    for number, value in enumerate([record, b'{"label":"tea"}']):
+        origin = from_kafka('to_ros', topic_name, 0, number)
+        letter = explain(Outgoing(letters, None, value, []), DecodeError('once'), origin)
+        bench.produce(letters, [value], headers=letter.headers)
+    to = {'ros': '/crates', 'type': CRATE, 'qos': {'durability': 'transient_local'}}
+    crates = route(topic_name) | {'format': 'json', 'to': to}
+    config = bench.config([crates])
+
+    status, output, errors = run(bench, 'replay', config, '--all', '--to', 'ros')
+    assert (status, errors) == (1, '')
+    assert output.count(f'no message type {CRATE} here, and nobody there tells how it is') == 2
+    assert output.count(f'schema {CRATE} --from-graph --format msg --output DIR writes them') == 2
+    with robot(bench, CRATE, prefix, takes={'/crates': arrived}):
+        status, output, errors = run(bench, 'replay', config, '--all', '--to', 'ros')
+        assert (status, errors) == (1, '')
+        assert '1 letter replayed to ros:/crates; 1 left as they are' in output
+        assert 'would fail again: DecodeError: $' in output
+        eventually(lambda: len(lines(arrived)) > 0, 60)
+    tea = b'\0\1\0\0\4\0\0\0tea\0\3\0\0\0'
+    assert lines(arrived) == [tea.hex()]
+    of_folder = bench.config([crates], ros={'message_path': [str(prefix / 'src')]})
+    status, output, _ = run(bench, 'replay', of_folder, '--all', '--again')
+    assert (status, output.count('would fail again')) == (1, 1)
+    assert f'1 letter replayed to {topic_name}' in output
+
+
 def test_a_message_of_ros_that_kafka_refused_goes_on_to_its_topic(
     bench: Bench, topic_name: str
 ) -> None:
@@ -304,7 +341,7 @@ def test_letters_behind_a_transaction_that_hangs_are_not_said_to_be_none(
     try:
         listed = done(bench, 'list', config)
         young = json.loads(done(bench, 'list', config, '--since', '2099-01-01', '--json'))
-        page = newest(load_checked(config, with_ros=False), letters)
+        page = newest(load_checked(config), letters)
     finally:
         hung.abort_transaction(60)
     assert '1 dead letter\n' in listed

@@ -23,7 +23,7 @@ from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, QoS, RosT
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.monitoring import graph
-from ros2_kafka_bridge.ros import discovery, subscription
+from ros2_kafka_bridge.ros import discovery, used_type
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import Peer, Topic
 from ros2_kafka_bridge.ros.probe import Abilities
@@ -96,7 +96,7 @@ def route_from_ros(config: Config) -> RosToKafkaRoute:
 def test_a_route_that_waits_for_its_type_says_so_and_the_cure_in_its_log_and_its_state(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(subscription, '_DISCOVERY_S', 0.0)
+    monkeypatch.setattr(used_type, 'ANNOUNCED_S', 0.0)
     config = route_config()
     bridge = Bridge(config)
     lane, _ = bridge._lanes
@@ -136,7 +136,7 @@ def test_check_names_the_cure_and_says_of_no_topic_that_nobody_is_there(needed: 
     route = config.routes[1]
     assert isinstance(route, KafkaToRosRoute)
     route = replace(route, min_subscribers=needed)
-    [readers] = check_ros.reader_findings(route, config, node)
+    [readers] = check_ros.reader_findings(route, config, node, None)
     [publishers] = check_ros.publisher_findings(route_from_ros(config), [], STRING)
     for found, topic in ((readers, '/in'), (publishers, '/out')):
         assert found.text == f'{topic}: {NOT_TOLD}; it tells the route itself'

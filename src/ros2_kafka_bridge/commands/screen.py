@@ -16,8 +16,7 @@ from rich.text import Text
 
 from ros2_kafka_bridge.logs.text import printable, printable_lines
 from ros2_kafka_bridge.outside.masking import masked_addresses
-
-_DISCOVERY_S = 4.0  # Fast DDS announces a participant every 3 s: sometimes the first are missed
+from ros2_kafka_bridge.ros.discovery import ANNOUNCED_S
 
 _THING_WIDTH = len('dead letters')  # the longest: the tables stand under each other
 _WORD_WIDTH = len('transient_local')  # longer ones are broken where the terminal is narrow
@@ -165,5 +164,5 @@ def waiting(what: str) -> Iterator[None]:
 
 def wait_for_discovery() -> None:
     """Give the ROS graph the time in which it shows itself."""
-    with waiting(f'Looking at the ROS graph ({_DISCOVERY_S:g} s)'):
-        time.sleep(_DISCOVERY_S)
+    with waiting(f'Looking at the ROS graph ({ANNOUNCED_S:g} s)'):
+        time.sleep(ANNOUNCED_S)

@@ -94,8 +94,8 @@ class RosSettings(Settings):
     message_path: list[MessageFolder] = setting(
         default_factory=list,
         description='Folders of .msg files, relative to this file, for message types that are '
-        'not installed here. Schemas can be made from them; a running route needs the '
-        'installed package.',
+        'not installed here, or in another version. They come before what is installed. Where '
+        'packages are imported, a route that runs needs the installed one.',
     )
 
 

@@ -108,9 +108,11 @@ def loads(
     return config
 
 
-def _message_path(data: Any, directory: Path) -> list[Path]:
-    """Where types are looked up while the rest is still unchecked."""
+def _message_path(data: Any, directory: Path) -> list[Path] | None:
+    """Where types are looked up while the rest is still unchecked; None for packages alone."""
     ros = data.get('ros') if isinstance(data, dict) else None
+    if isinstance(ros, dict) and ros.get('packages') == 'import':
+        return None
     folders = ros.get('message_path') if isinstance(ros, dict) else None
     found = folders if isinstance(folders, list) else []
     return [directory / folder for folder in found if isinstance(folder, str)]

@@ -19,10 +19,10 @@ from ros2_kafka_bridge.kafka.properties import PropertyValue, is_secret, refusal
 if TYPE_CHECKING:
     from pydantic import ValidationInfo
 
-CheckType = Callable[[str, Sequence[Path]], str | None]
+CheckType = Callable[[str, Sequence[Path] | None], str | None]
 """Name of a message type, folders of .msg files -> what is wrong with it, None if nothing."""
 
-CheckField = Callable[[str, str, Sequence[Path]], str | None]
+CheckField = Callable[[str, str, Sequence[Path] | None], str | None]
 """Message type, path of a field, folders of .msg files -> why it is no number or text, or None."""
 
 CheckFormat = Callable[[str], str | None]

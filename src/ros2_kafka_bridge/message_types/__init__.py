@@ -33,9 +33,13 @@ from ros2_kafka_bridge.message_types.installed import (
     installed_names,
     installed_source,
     read_installed,
+    undescribed_source,
 )
 from ros2_kafka_bridge.message_types.layout import Array, Kind, Layout, Sequence
 from ros2_kafka_bridge.outside.extras import how_to_get_ros
+
+INSTALLED: Final = 'is installed here'
+"""The origin of what is described by its package."""
 
 _HINTS: Final = 100
 
@@ -61,7 +65,7 @@ def unknown_type(name: str, message_path: Listed[Path] = ()) -> str | None:
 
 
 class KnownTypes:
-    """`unknown_type` for all names of a file: looks at the folders once, gives some hints."""
+    """Checks all names of a file: looks at the folders once, gives some hints."""
 
     def __init__(self) -> None:
         self._names: dict[tuple[Path, ...], list[str] | ConfigError] = {}
@@ -77,6 +81,25 @@ class KnownTypes:
         self._hints_left -= 1
         return _problem(name, known, hints=self._hints_left >= 0)
 
+    def mistake(self, name: str, message_path: Listed[Path] | None = ()) -> str | None:
+        """Say what is wrong with the name of a type in a file; None where nothing is known to be.
+
+        A type of a package that is not here may be described by a node that uses it.
+
+        Args:
+            name: As the file has it.
+            message_path: Folders of .msg files; None where each type needs its package here.
+        """
+        if message_path is None:
+            problem = self.unknown(name)
+            return problem and f'{problem}: install its package (ros.packages is import)'
+        problem = self.unknown(name, message_path)
+        known = self._known(tuple(message_path))
+        if problem is None or isinstance(known, ConfigError) or not known:
+            return problem
+        package = f'{name.partition("/")[0]}/'
+        return problem if any(one.startswith(package) for one in known) else None
+
     def _known(self, folders: tuple[Path, ...]) -> list[str] | ConfigError:
         if folders not in self._names:
             try:
@@ -84,14 +107,6 @@ class KnownTypes:
             except ConfigError as error:
                 self._names[folders] = error
         return self._names[folders]
-
-
-def installed_hash(name: str) -> str | None:
-    """The REP-2011 hash of an installed type; None where there is none."""
-    try:
-        return load_layout(name).type_hash
-    except ConfigError:
-        return None
 
 
 def load_layout(name: str, message_path: Listed[Path] = ()) -> Layout:
@@ -164,23 +179,25 @@ def _described(name: str, files: Mapping[str, Path], known: list[str]) -> Descri
     """The descriptions of a type and of all that it holds, from files before packages."""
     types: dict[str, TypeDescription] = {}
     hashes: dict[str, str] = {}
-    wanted = [name]
+    origin = f'is described by {files[name]}' if name in files else INSTALLED
+    is_of_files, wanted = False, [name]
     while wanted:
         one = wanted.pop()
         if one in types:
             continue
-        if one in files:
-            types[one] = read_definition(one, files[one])
-            _check_held(types[one], files[one], known)
+        if file := files.get(one) or undescribed_source(one):
+            is_of_files = True
+            types[one] = read_definition(one, file)
+            _check_held(types[one], file, known)
             wanted += nested_names(types[one])
         else:
             found = read_installed(one)
             types |= {inner: it for inner, it in found.types.items() if inner not in files}
             hashes |= found.hashes
             wanted += [inner for inner in found.types if inner in files]
-    if types.keys() & files.keys():
+    if is_of_files:
         hashes = {inner: type_hash(inner, types) for inner in types}
-    return DescribedTypes(types, hashes)
+    return DescribedTypes(types, hashes, origin)
 
 
 def _check_held(description: TypeDescription, file: Path, known: list[str]) -> None:
@@ -194,7 +211,7 @@ def _check_held(description: TypeDescription, file: Path, known: list[str]) -> N
 def _documented(layout: Layout, files: Mapping[str, Path], made: dict[str, Layout]) -> Layout:
     name = layout.type_name
     if name not in made:
-        docs = _docs(name, files)
+        docs = _docs(layout, files)
         fields = tuple(
             field._replace(
                 kind=_documented_kind(field.kind, files, made),
@@ -216,6 +233,10 @@ def _documented_kind(kind: Kind, files: Mapping[str, Path], made: dict[str, Layo
             return kind
 
 
-def _docs(name: str, files: Mapping[str, Path]) -> Docs:
+def _docs(layout: Layout, files: Mapping[str, Path]) -> Docs:
+    """What its file says; nothing where that is of another version, as a node may have one."""
+    name = layout.type_name
     file = files.get(name) or installed_source(name)
-    return read_docs(name, file) if file else Docs('', {}, ())
+    docs = read_docs(name, file) if file else Docs('', {}, ())
+    is_same = docs.fields.keys() == {field.name for field in layout.fields}
+    return docs if is_same else Docs('', {}, ())

@@ -75,9 +75,9 @@ def read_installed(name: str) -> DescribedTypes:
     """
     file = _find(name, '.json')
     if file is None:
-        problem = f'{name} is installed without its description, share/{name}.json'
+        problem = f'{name} is installed, and neither share/{name}.json nor .msg can be read'
         raise ConfigError(
-            [f'{problem}: build its package with ROS 2 Iron or a newer one, or let it be read']
+            [f'{problem}: build its package with ROS 2 Iron or a newer one, or let them be read']
         )
     try:
         read = _FILE.decode(file.read_bytes())
@@ -95,6 +95,11 @@ def read_installed(name: str) -> DescribedTypes:
 def installed_source(name: str) -> Path | None:
     """The .msg file of an installed type; None where it has only a .idl file."""
     return _find(name, '.msg')
+
+
+def undescribed_source(name: str) -> Path | None:
+    """The .msg file of an installed type that came without a description, as before Iron."""
+    return None if _find(name, '.json') else installed_source(name)
 
 
 def has_key(name: str) -> bool:

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import msgspec
 
+from ros2_kafka_bridge.commands.dead_letters.definition import definition_of
 from ros2_kafka_bridge.commands.dead_letters.report import NOT_OURS, open_reader, unseen_in_words
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
@@ -19,7 +20,9 @@ from ros2_kafka_bridge.formats.json import make_encode
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.kafka.letters import LetterReader
 from ros2_kafka_bridge.logs.text import count, printable, printable_lines
-from ros2_kafka_bridge.message_types import load_layout
+from ros2_kafka_bridge.message_types.description import make_layout
+from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.message_types.source import NOT_SHOWN, Definitions, TypeSource
 from ros2_kafka_bridge.route.format import decode_of
 
 MOST_OFFSETS: Final = 2000
@@ -227,12 +230,15 @@ def _fields(config: Config, letter: Letter) -> str:
 def _read(config: Config, route: AnyRoute, letter: Letter) -> str:
     assert letter.value is not None, 'the caller has looked'
     if isinstance(route, KafkaToRosRoute):
-        layout = load_layout(route.sink.type, config.ros.message_path)
+        layout = _layout(config, route.sink.type, NOT_SHOWN)
         cdr = decode_of(route, config, layout)(letter.value)
     elif letter.about and letter.about.reason.startswith('EncodeError:'):
         name = dict(letter.headers).get('ros.type') or route.source.type or ''
         text = name if isinstance(name, str) else name.decode(errors='replace')
-        layout = load_layout(text, config.ros.message_path)
+        wanted = definition_of(letter)
+        layout = _layout(config, text, wanted)
+        if wanted and layout.type_hash not in {None, *wanted}:
+            return ''  # other fields than those that were written
         cdr = letter.value
     else:
         return ''
@@ -241,3 +247,8 @@ def _read(config: Config, route: AnyRoute, letter: Letter) -> str:
         return printable_lines(msgspec.json.format(data, indent=2).decode())
     shown = printable_lines(data[:_SHOWN_BYTES].decode(errors='ignore'))
     return f'{shown}\n... {count(len(data) - _SHOWN_BYTES, "byte")} more'
+
+
+def _layout(config: Config, name: str, wanted: Definitions) -> Layout:
+    """What is known of a type without a node, which the page has not."""
+    return make_layout(name, TypeSource.of(config.ros).describe(name, wanted))

@@ -11,6 +11,9 @@ from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.ros.fastdds_profile import discovery_protocol, user_profile
 from ros2_kafka_bridge.ros.node import middleware
 
+ANNOUNCED_S: Final = 4.0
+"""In which whoever is there is seen: Fast DDS announces a participant every 3 s."""
+
 _FASTDDS: Final = 'rmw_fastrtps'
 _SERVER: Final = 'ROS_DISCOVERY_SERVER'
 _RANGE: Final = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
@@ -76,8 +79,23 @@ def hint(question: str) -> str:
 def waits_for_type(topic: str) -> str:
     """What a route says that is to learn its type, while nobody is seen to publish."""
     said = f'waits for a publisher of {topic} to learn its type from (from.type is not set)'
+    return _while_unseen(said, 'write from.type')
+
+
+def waits_for_description(topic: str, problem: str) -> str:
+    """What a route says of a type that is not known here, while nobody is seen to use it.
+
+    Args:
+        topic: The ROS topic.
+        problem: That it is not known, in words.
+    """
+    said = f'waits for a node that uses {topic}, to ask it for the type: {problem}'
+    return _while_unseen(said, 'put its .msg files into a folder of ros.message_path')
+
+
+def _while_unseen(said: str, cure: str) -> str:
     if why := partial_view():
-        return f'{said}: {why}, or write from.type'
+        return f'{said}: {why}, or {cure}'
     why = why_nobody()
     return f'{said}; {why}' if why else said
 

@@ -8,6 +8,7 @@ from ros2_kafka_bridge.config.routes import AnyRoute, KafkaToRosRoute, RosToKafk
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.ros.node import Peer, own_nodes
 from ros2_kafka_bridge.ros.qos import Unmatched, mismatch, profile, unmatched
+from ros2_kafka_bridge.route.format import reads_fields
 
 
 class Mismatch(NamedTuple):
@@ -50,7 +51,10 @@ def _with(qos: QoS, found: Sequence[Unmatched]) -> str:
 
 
 def publisher_problem(
-    route: RosToKafkaRoute, publisher: Peer, message_type: str | None
+    route: RosToKafkaRoute,
+    publisher: Peer,
+    message_type: str | None,
+    type_hash: str | None = None,
 ) -> Mismatch | None:
     """Why a route would get nothing from a publisher; None if it would.
 
@@ -58,6 +62,7 @@ def publisher_problem(
         route: The route that would take from it.
         publisher: Seen in the graph.
         message_type: What the route would read; None while that is open.
+        type_hash: Of what the route would read; None where it is not known.
     """
     if message_type is not None and publisher.message_type != message_type:
         text = f'publishes {publisher.message_type}, not {message_type}'
@@ -66,6 +71,10 @@ def publisher_problem(
     if reason := mismatch(publisher.qos, asked):
         text = f'does not match from.qos: {reason}'
         return Mismatch(text, 'leave it out to follow the publishers')
+    if message_type and reads_fields(route) and publisher.misreads(message_type, type_hash):
+        text = f'publishes another definition of {message_type}: its messages are dead letters'
+        cure = 'leave from.type out, put its .msg files into ros.message_path, or use format: cdr'
+        return Mismatch(text, cure)
     return None
 
 

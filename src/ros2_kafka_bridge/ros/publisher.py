@@ -251,7 +251,7 @@ class RosSink:
             return True
         if self._misreads(peer):
             there, here = peer.type_hash, self._message_type.type_hash
-            kind = f'{peer.message_type} {there}, installed here is {here}'
+            kind = f'{peer.message_type} {there}, this route publishes {here}'
             self._tell(peer, f'subscribes to it as {kind}: {_SAME_VERSION}')
         if peer.reliability == 'best_effort':
             self._tell(peer, 'reads best effort: nothing tells what it has received')

@@ -1,19 +1,21 @@
 """Counting the messages of topics for a while, without holding any publisher back."""
 
+import logging
 import time
 from collections.abc import Mapping
 from typing import Any
 
 from ros2_kafka_bridge.errors import BridgeError, blamed
+from ros2_kafka_bridge.ros.errors import left_behind, translated
 from ros2_kafka_bridge.ros.node import RosNode
-from ros2_kafka_bridge.ros.types import load_type
+from ros2_kafka_bridge.ros.types import MessageType
 
 _DEPTH = 1000
 _BATCH = 200
 _STEP_S = 0.1
 
 
-def count(node: RosNode, topics: Mapping[str, str], seconds: float) -> dict[str, float]:
+def count(node: RosNode, topics: Mapping[str, MessageType], seconds: float) -> dict[str, float]:
     """Count the messages of topics, as raw bytes.
 
     Best effort, volatile and KEEP_LAST: such a reader matches every publisher, and is one that
@@ -25,31 +27,29 @@ def count(node: RosNode, topics: Mapping[str, str], seconds: float) -> dict[str,
         seconds: How long.
 
     Returns:
-        Messages per second. A topic whose type is not installed here is left out.
+        Messages per second. A topic that cannot be subscribed to is left out.
     """
-    subscriptions = {
-        topic: subscription
-        for topic, name in topics.items()
-        for subscription in [_subscribe(node, topic, name)]
-        if subscription is not None
-    }
+    subscriptions: dict[str, Any] = {}
     try:
+        for topic, message_type in topics.items():
+            subscription = _subscribe(node, topic, message_type)
+            if subscription is not None:
+                subscriptions[topic] = subscription
         counts, measured_s = _count(node, subscriptions, seconds)
     finally:
-        for subscription in subscriptions.values():
-            node.handle.destroy_subscription(subscription)
+        log = logging.LoggerAdapter(logging.getLogger(__name__))
+        for topic, subscription in subscriptions.items():
+            with left_behind(log, f'subscription of {topic}'), node.endpoint_lock:
+                node.handle.destroy_subscription(subscription)
     return {topic: count / measured_s for topic, count in counts.items()}
 
 
-def _subscribe(node: RosNode, topic: str, type_name: str) -> Any:
+def _subscribe(node: RosNode, topic: str, message_type: MessageType) -> Any:
     from rclpy.event_handler import SubscriptionEventCallbacks  # noqa: PLC0415 (heavy)
     from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: PLC0415
 
-    from ros2_kafka_bridge.ros.errors import translated  # noqa: PLC0415
-
     try:
-        message_type = load_type(type_name)
-        with blamed(topic), translated(topic):
+        with blamed(topic), translated(topic), node.endpoint_lock:
             return node.handle.create_subscription(
                 message_type.endpoint_class,
                 topic,

@@ -96,6 +96,10 @@ TABLE: Final = (
     Used(_QOS, 'ReliabilityPolicy.BEST_EFFORT'),
     Used(_QOS, 'ReliabilityPolicy.RELIABLE'),
     # Endpoints
+    Used('rclpy.client', 'Client.call_async', 1),
+    Used('rclpy.client', 'Client.handle'),
+    Used('rclpy.client', 'Client.service_is_ready'),
+    Used('rclpy.client', 'Client.srv_type'),
     Used('rclpy.publisher', 'Publisher.handle'),
     Used('rclpy.publisher', 'Publisher.publish', 1),
     Used('rclpy.publisher', 'Publisher.wait_for_all_acked', 1),
@@ -105,11 +109,14 @@ TABLE: Final = (
     Used(_EVENTS, 'PublisherEventCallbacks', 0, 'use_default_callbacks'),
     Used(_EVENTS, 'QoSPublisherEventType.RCL_PUBLISHER_MATCHED'),
     Used(_EVENTS, 'SubscriptionEventCallbacks', 0, 'use_default_callbacks'),
+    Used(_NODE, 'Node.create_client', 2),
     Used(_NODE, 'Node.create_publisher', 3, 'event_callbacks'),
     Used(_NODE, 'Node.create_subscription', 4, 'raw event_callbacks'),
+    Used(_NODE, 'Node.destroy_client', 1),
     Used(_NODE, 'Node.destroy_publisher', 1),
     Used(_NODE, 'Node.destroy_subscription', 1),
     # Taking without an executor
+    Used(_C, 'rclpy_implementation.Client.take_response', 1),
     Used(_C, 'rclpy_implementation.EventHandle', 2),
     Used(_C, 'rclpy_implementation.EventHandle.destroy_when_not_in_use'),
     Used(_C, 'rclpy_implementation.EventHandle.take_event'),
@@ -166,12 +173,14 @@ TABLE: Final = (
 
 _HANDED_OUT: Final = frozenset(
     {
+        'rclpy.client.Client',
         'rclpy.clock.Clock',
         'rclpy.node.TopicEndpointInfo',  # its module has another name in newer ones
         'rclpy.publisher.Publisher',
         'rclpy.service.Service',
         'rclpy.subscription.Subscription',
         'rclpy.time.Time',
+        f'{_C}.rclpy_implementation.Client',
         f'{_C}.rclpy_implementation.LifecycleStateMachine',
         f'{_C}.rclpy_implementation.Subscription',
     }

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.endpoints import Matches, Message, Offer
-from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError, blamed
+from ros2_kafka_bridge.errors import BridgeError, TransportError, blamed
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.ros.errors import left_behind, translated
 from ros2_kafka_bridge.ros.node import Peer, RosNode, is_of_a_stranger
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 _GRAPH_S = 0.1
 _ASK_S = 0.02
 _MOST_HASHES = 1000
-_DISCOVERY_S = 4.0  # Fast DDS announces a participant every 3 s
 # Asking holds the thread of the route for seconds where Kafka is away: most of the time is for
 # taking from the other publishers. Where there are none, one more try holds up nothing, and what
 # a publisher's history holds runs out.
@@ -359,37 +358,3 @@ def _untold(cdr: bytes, info: Mapping[str, Any]) -> Message:
     """Read a message of a ROS that does not tell its publisher, and perhaps not its number."""
     seq = info.get('publication_sequence_number') or 0
     return Message(cdr, b'', seq, info['source_timestamp'])
-
-
-def wait_for_type(
-    node: RosNode,
-    topic: str,
-    asked_to_stop: Callable[[float], bool],
-    say: Callable[[], None] = lambda: None,
-) -> str | None:
-    """Wait until the graph shows the type of a topic; None when asked to stop.
-
-    Args:
-        node: What looks at the graph.
-        topic: The ROS topic.
-        asked_to_stop: Pauses for so many seconds.
-        say: Called once, where that takes longer than discovery does.
-
-    Raises:
-        RouteError: Two types are published on the topic.
-    """
-    say_at_s = time.monotonic() + _DISCOVERY_S
-    while True:
-        types = sorted({peer.message_type for peer in node.publishers(topic)})
-        if len(types) > 1:
-            raise RouteError(
-                f'{topic} has two types, {" and ".join(types)}: write the one to bridge in '
-                'from.type, or give one of the publishers another topic'
-            )
-        if types:
-            return types[0]
-        if time.monotonic() >= say_at_s:
-            say()
-            say_at_s = math.inf
-        if asked_to_stop(0.1):
-            return None

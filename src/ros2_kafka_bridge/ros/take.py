@@ -14,6 +14,7 @@ from rclpy.event_handler import QoSPublisherEventType
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 if TYPE_CHECKING:
+    from rclpy.client import Client
     from rclpy.publisher import Publisher
     from rclpy.subscription import Subscription
 
@@ -66,6 +67,12 @@ def take(subscription: Subscription[Any], limit: int) -> tuple[list[Taken], bool
             if not taken:
                 raise
     return taken, False
+
+
+def take_answer(client: Client[Any, Any]) -> Any:
+    """Take the answer of a service, where it is there; None where it is not yet."""
+    with client.handle:
+        return client.handle.take_response(client.srv_type.Response)[1]
 
 
 class MatchEvents:

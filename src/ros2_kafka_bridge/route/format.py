@@ -65,6 +65,11 @@ def encode_of(route: RosToKafkaRoute, config: Config, layout: Layout) -> Encode:
     return guarded(encode, route.max_message_bytes, EncodeError)
 
 
+def reads_fields(route: KafkaToRosRoute | RosToKafkaRoute) -> bool:
+    """Whether a route would misread the messages of another definition of its type."""
+    return route.format not in _EVEN
+
+
 def with_docs(route: KafkaToRosRoute | RosToKafkaRoute, config: Config, layout: Layout) -> Layout:
     """Add the docs to the layout of a route that registers them with its schema."""
     in_schema = route.format in BLOCKS['schema']
@@ -82,7 +87,7 @@ def check_of(route: KafkaToRosRoute | RosToKafkaRoute, layout: Layout) -> CheckH
     name, type_hash = layout.type_name, layout.type_hash
     if isinstance(route, RosToKafkaRoute):
         # cdr reads no field into another: bytes and hash go on together.
-        return check_nothing if route.format in _EVEN else make_publisher_check(name, type_hash)
+        return make_publisher_check(name, type_hash) if reads_fields(route) else check_nothing
     if not route.check_type_hash:
         return check_nothing
     return make_hash_check(name, type_hash, any_type=route.format not in _UNNAMED)

@@ -67,8 +67,9 @@ def make_publisher_check(name: str, type_hash: str | None) -> CheckHeaders:
 
     def refuse(_written: str, there: str) -> EncodeError:
         return EncodeError(
-            f'{_HASH}: the publisher sends {name} {there}, installed here is {type_hash}: the '
-            'fields would be misread; install the same version of the package on both sides, or '
+            f'{_HASH}: the publisher sends {name} {there}, this route reads {type_hash}: the '
+            'fields would be misread; start the bridge again, where a route without from.type '
+            'takes what is published, install the same version of the package on both sides, or '
             'let the route carry format: cdr'
         )
 

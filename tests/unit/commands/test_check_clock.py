@@ -10,6 +10,7 @@ from command_line import typed
 
 from ros2_kafka_bridge.commands.check import report
 from ros2_kafka_bridge.commands.check.kafka import CheckedCluster
+from ros2_kafka_bridge.commands.check.types import FoundType
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.kafka.overview import Overview
 from ros2_kafka_bridge.ros.node import RosNode
@@ -86,5 +87,6 @@ def test_a_route_that_waits_for_the_clock_is_not_said_to_run(text: str, says: st
     node.subscribers.return_value = []
     kafka = CheckedCluster(cast('Overview', MagicMock(spec=Overview)), 'not asked', None, '')
     orders, _ = config.routes
-    found = report._route_findings(orders, config, cast('RosNode', node), kafka, '')
+    met = report.Surroundings(config, cast('RosNode', node), kafka, '')
+    found = report._route_findings(orders, FoundType(), met)
     assert report.summary({'orders': found}) == says

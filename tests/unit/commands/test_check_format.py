@@ -40,7 +40,11 @@ def config(registry: RegistryServer, *, kind: str = STRING, **route: Any) -> Con
 
 def told(made: Config, kind: str = STRING) -> list[tuple[str, str]]:
     """What is found of both routes, without where the registry is."""
-    found = [finding for route in made.routes for finding in registry_findings(route, made, kind)]
+    found = [
+        finding
+        for route in made.routes
+        for finding in registry_findings(route, made, load_layout(kind))
+    ]
     return [(f.level, f.text.partition(' of http')[0] + ':' + f.text[-60:]) for f in found]
 
 
@@ -75,7 +79,7 @@ def test_a_schema_that_is_not_compatible_is_told_before_the_start(
 
 def test_a_schema_that_is_only_looked_up_and_not_there_is_told(registry: RegistryServer) -> None:
     made = config(registry, format='avro', schema={'auto_register': False})
-    [found] = list(registry_findings(made.routes[0], made, STRING))
+    [found] = list(registry_findings(made.routes[0], made, load_layout(STRING)))
     assert found.level == 'bad'
     assert f'register what `ros2-kafka-bridge schema {STRING} --format avro` prints' in found.text
 
@@ -92,10 +96,10 @@ def test_a_format_that_cannot_carry_the_type_is_told_without_asking_anybody(
     registry: RegistryServer,
 ) -> None:
     made = config(registry, format='avro')
-    [fine] = format_findings(made.routes[0], made, STRING)
+    [fine] = format_findings(made.routes[0], made, load_layout(STRING))
     assert (fine.level, fine.text) == ('ok', f'avro carries {STRING}')
     text = config(registry, format='text')
-    [found] = format_findings(text.routes[1], text, FLOAT)
+    [found] = format_findings(text.routes[1], text, load_layout(FLOAT))
     assert found.level == 'bad'
     assert f'text carries {STRING}, not {FLOAT}' in found.text
     assert format_findings(made.routes[0], made, None) == []

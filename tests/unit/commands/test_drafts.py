@@ -14,7 +14,10 @@ from ros2_kafka_bridge.commands.init.write import graph_text, scalar
 from ros2_kafka_bridge.commands.names import kafka_name, stem, unique
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
+from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.ros.node import Peer, Topic
+from ros2_kafka_bridge.ros.shown_types import ShownTypes, TypeOrError
+from ros2_kafka_bridge.ros.types import load_type
 
 TEXT = 'std_msgs/msg/String'
 
@@ -28,13 +31,22 @@ def topic(name: str, publishers: Sequence[Peer] = (), subscribers: Sequence[Peer
     return Topic(name, types, list(publishers), list(subscribers))
 
 
-def known(name: str) -> str | None:
-    return f'no message type {name} here' if name.startswith('other') else None
+def not_here(topics: Sequence[Topic]) -> ShownTypes:
+    """What is known of types that are not installed: nodes describe those of `told` alone."""
+    known: dict[str, TypeOrError] = {
+        'told/msg/Own': load_type(TEXT)._replace(name='told/msg/Own'),
+        'other/msg/Own': RouteError('nobody describes it: put its .msg files somewhere'),
+    }
+    return {(it.name, name): known[name] for it in topics for name in it.types if name in known}
+
+
+def drafted(topics: list[Topic], kafka: list[str] | None = None) -> list[Draft]:
+    return drafts(topics, not_here(topics), kafka)
 
 
 def written(topics: list[Topic], kafka: list[str] | None = None) -> tuple[str, Config]:
     """The file for a graph, and what it says."""
-    text = graph_text(Path('bridge.yaml'), 'localhost:9092', topics, drafts(topics, known, kafka))
+    text = graph_text(Path('bridge.yaml'), 'localhost:9092', topics, drafted(topics, kafka))
     return text, loads(text, 'bridge.yaml', {})
 
 
@@ -49,7 +61,7 @@ def test_what_is_published_goes_to_kafka_and_what_is_only_read_comes_from_it() -
         topic('/command', [], [peer()]),
         topic('/odom', [peer()]),
     ]
-    found = drafts(graph, known)
+    found = drafted(graph)
     assert [(d.name, d.way) for d in found] == [
         ('both', 'to Kafka'),
         ('command', 'from Kafka'),
@@ -68,7 +80,7 @@ def test_what_ros_itself_uses_is_left_out_and_named(name: str) -> None:
 
 def test_a_topic_that_only_a_bridge_publishes_is_read_by_others() -> None:
     bridged = topic('/orders', [peer('/kafka_bridge_warehouse_1')], [peer('/planner')])
-    assert one(drafts([bridged], known)).way == 'from Kafka'
+    assert one(drafted([bridged])).way == 'from Kafka'
 
 
 def test_text_is_text_pictures_are_bytes_and_all_else_is_json() -> None:
@@ -77,15 +89,23 @@ def test_text_is_text_pictures_are_bytes_and_all_else_is_json() -> None:
     assert [route.format for route in config.routes] == ['text', 'json', 'cdr']
 
 
-def test_two_types_and_a_type_that_is_not_here_become_comments_with_the_reason() -> None:
+def test_two_types_and_a_type_that_nobody_describes_become_comments_with_the_reason() -> None:
     mixed = topic('/mixed', [peer('/a'), peer('/b', 'std_msgs/msg/Bool')])
     text, config = written([mixed, topic('/own', [peer(message_type='other/msg/Own')]),
                             topic('/odom', [peer()])])  # fmt: skip
     assert [route.name for route in config.routes] == ['odom']
     assert '# /mixed has types std_msgs/msg/Bool and std_msgs/msg/String: a route' in text
-    assert '# no message type other/msg/Own here. Install its package beside the bridge.' in text
+    assert '  # nobody describes it: put its .msg files somewhere.\n' in text
     assert '  # - name: mixed\n' in text
     assert '  # - name: own\n' in text
+
+
+def test_a_type_that_a_node_describes_is_a_route_with_a_comment_that_says_so() -> None:
+    text, config = written([topic('/own', [peer(message_type='told/msg/Own')])])
+    assert [route.name for route in config.routes] == ['own']
+    assert '# Its type is not installed here: the bridge asks a node that uses it.\n' in text
+    mixed = topic('/mixed', [peer(message_type='told/msg/Own'), peer(message_type='z/msg/B')])
+    assert 'Its type' not in written([mixed, topic('/odom', [peer()])])[0]
 
 
 def test_what_a_publisher_offers_is_said_where_it_matters() -> None:
@@ -158,7 +178,7 @@ PEERS = st.lists(
     st.builds(
         peer,
         st.text(min_size=1, max_size=20),
-        st.sampled_from([TEXT, 'std_msgs/msg/Bool', 'other/msg/Own']),
+        st.sampled_from([TEXT, 'std_msgs/msg/Bool', 'other/msg/Own', 'told/msg/Own']),
         reliability=st.sampled_from([ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT]),
         durability=st.sampled_from([DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL]),
     ),
@@ -174,5 +194,5 @@ def test_the_file_is_right_whatever_the_graph_is(
 ) -> None:
     graph.append(topic('/surely', [peer()]))
     _, config = written(graph, kafka)
-    usable = [draft.name for draft in drafts(graph, known, kafka) if not draft.problem]
+    usable = [draft.name for draft in drafted(graph, kafka) if not draft.problem]
     assert [route.name for route in config.routes] == usable

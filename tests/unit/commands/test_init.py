@@ -5,6 +5,9 @@ from pathlib import Path
 import pytest
 from command_line import typed
 
+from ros2_kafka_bridge.commands.init import write
+from ros2_kafka_bridge.ros.types import MessageType, load_type
+
 
 def test_the_name_is_bridge_yaml_and_a_file_is_never_overwritten(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -28,3 +31,16 @@ def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
     file = tmp_path / 'missing' / 'bridge.yaml'
     expected = (2, '', f'{file}: cannot be written: No such file or directory\n')
     assert typed('init', file) == expected
+
+
+def test_a_type_that_only_another_version_of_its_package_has_stays_a_comment(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """`check` and `run` would take its name for a mistake."""
+    told = load_type('std_msgs/msg/String')
+    known, newer = ('/a', 'acme/msg/Own'), ('/b', 'std_msgs/msg/Newer')
+    monkeypatch.setattr(write, 'load_shown', lambda *_: {known: told, newer: told})
+    found = write._types(None, [])  # type: ignore[arg-type]
+    assert isinstance(found[known], MessageType)
+    assert str(found[newer]).startswith('no message type std_msgs/msg/Newer here')
+    assert 'ros.message_path' in str(found[newer])

@@ -2,18 +2,17 @@
 
 import logging
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from ros2_kafka_bridge.commands.dead_letters import replay_ros
-from ros2_kafka_bridge.commands.dead_letters.replay_ros import LetterChannel, check_described
-from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
+from ros2_kafka_bridge.commands.dead_letters.replay_ros import LetterChannel
+from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import Outgoing, RecordSource
-from ros2_kafka_bridge.errors import RouteError, TransportError
+from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.route import settling
 from ros2_kafka_bridge.route.record_window import RecordEntry
@@ -85,29 +84,6 @@ def test_when_a_reader_goes_the_batch_is_published_again() -> None:
     to.deliver(letters(b'2', b'3'))
     to.deliver(letters(b'4'))
     assert readers.published == [b'1', b'2', b'3', b'2', b'3', b'4']
-
-
-def test_a_type_that_is_installed_otherwise_than_letters_are_checked_with_is_said(
-    tmp_path: Path,
-) -> None:
-    """A letter that only the folder allows would hold up all behind it, at each replay."""
-    folder = tmp_path / 'std_msgs' / 'msg'
-    folder.mkdir(parents=True)
-    route = validated(KafkaToRosRoute, ROUTE)
-    config = validated(
-        Config,
-        {
-            'name': 'me',
-            'kafka': {'bootstrap.servers': 'localhost:9092'},
-            'ros': {'message_path': [str(tmp_path)]},
-            'routes': [ROUTE],
-        },
-    )
-    (folder / 'String.msg').write_text('string data\n')
-    check_described(route, config)
-    (folder / 'String.msg').write_text('string data\nint32 extra\n')
-    with pytest.raises(RouteError, match='std_msgs/msg/String is installed otherwise'):
-        check_described(route, config)
 
 
 def test_a_stop_ends_the_waiting_for_subscribers() -> None:

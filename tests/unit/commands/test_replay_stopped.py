@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -89,7 +90,8 @@ def replay(readers: StoppingReaders, stored: Stored, monkeypatch: pytest.MonkeyP
             dead = DeadLetters[RecordEntry]('dead', MemoryRecordSink(), lambda: None, log)
             return KafkaToRos(route, 'me', source, readers, check_nothing, as_it_is, dead, log)
 
-        yield cache(lambda route: LetterChannel(route, make, stop))
+        opened = cache(lambda route: LetterChannel(route, make, stop))
+        yield SimpleNamespace(open=opened)
 
     monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
     monkeypatch.setattr(command, 'open_reader', lambda _: nullcontext(stored))

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from ros_package import write_package
 
 from ros2_kafka_bridge.commands.schema.report import SchemaOptions, report
 from ros2_kafka_bridge.config.file import load
@@ -71,7 +72,7 @@ def test_a_route_says_type_format_and_settings(
         ),
         (
             SchemaOptions('', 'avro', config=config, route='open'),
-            'open takes the type that is published',
+            'open takes the type that is published: name a message type, or say --from-graph',
         ),
         (
             SchemaOptions('', '', config=config, route='battery'),
@@ -97,6 +98,53 @@ def test_a_type_from_a_folder_has_a_schema_without_being_built(
     report(SchemaOptions('acme_msgs/msg/Crane', 'avro', [tmp_path]))
     [field] = json.loads(capsys.readouterr().out)['fields']
     assert (field['name'], field['doc']) == ('load', 'How much it carries, in t.')
+
+
+def test_the_msg_definition_is_printed_as_recordings_hold_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert report(SchemaOptions('std_msgs/msg/Header', 'msg')) == 0
+    printed = capsys.readouterr().out
+    own, held = printed.split(f'{"=" * 80}\nMSG: builtin_interfaces/Time\n')
+    assert 'builtin_interfaces/Time stamp\n' in own
+    assert '# The seconds component, valid over all int32 values.\nint32 sec\n' in held
+
+
+def test_written_msg_files_can_be_named_at_once_and_replace_no_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = SchemaOptions('std_msgs/msg/Header', 'msg', output=tmp_path)
+    for _ in range(2):
+        assert report(options) == 0
+    assert load_layout('std_msgs/msg/Header', [tmp_path]) == load_layout('std_msgs/msg/Header')
+    written = tmp_path / 'builtin_interfaces/msg/Time.msg'
+    assert str(written) in capsys.readouterr().out
+    (tmp_path / 'std_msgs/msg/Header.msg').unlink()
+    written.write_text('int64 mine\n')
+    with pytest.raises(ConfigError, match=r'Time\.msg: is there already, with another text'):
+        report(options)
+    assert written.read_text() == 'int64 mine\n'
+    assert not (tmp_path / 'std_msgs/msg/Header.msg').exists()
+
+
+def test_a_route_has_the_type_of_a_folder_unless_packages_are_imported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_package(tmp_path, 'sensor_msgs', {'BatteryState': 'uint8 BRIMFUL=1\nfloat32 volts\n'})
+    file = tmp_path / 'bridge.yaml'
+    for packages, line in (('as_needed', 'float32 volts'), ('import', 'float32 voltage')):
+        file.write_text(CONFIG + f'ros: {{message_path: [{tmp_path}], packages: {packages}}}\n')
+        config = load(file, {})
+        report(SchemaOptions('', 'msg', config=config, route='batteries'))
+        shown = capsys.readouterr()
+        assert line in shown.out.splitlines()
+        # Constants and comments are of that definition, too.
+        assert ('BRIMFUL' in shown.out, 'Mandatory' in shown.out) == (
+            packages == 'as_needed',
+            packages == 'import',
+        )
+        said = f'{BATTERY} is described by {tmp_path}/{BATTERY}.msg\n'
+        assert shown.err == said * (packages == 'as_needed')
 
 
 def test_neither_ros_nor_a_client_of_kafka_is_loaded_for_it() -> None:

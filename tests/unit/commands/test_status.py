@@ -159,7 +159,7 @@ def test_a_file_with_mistakes_is_enough_to_ask_the_bridge_that_runs(
     """It runs by what it has read; a variable or a type may be there for it alone."""
     file.write_text(file.read_text().replace(right, wrong))
     with pytest.raises(ConfigError):
-        load_checked(file, with_ros=False)
+        load_checked(file)
     assert report(file, '', as_json=True) == 0
     told = capsys.readouterr()
     assert json.loads(told.out) == STATE
@@ -186,7 +186,7 @@ def test_a_file_that_does_not_tell_the_bridge_is_refused_with_its_mistakes(
 ) -> None:
     file.write_text(file.read_text().replace(right, wrong).replace('format: text', 'format: x'))
     with pytest.raises(ConfigError) as refused:
-        load_checked(file, with_ros=False)
+        load_checked(file)
     with pytest.raises(ConfigError) as caught:
         report(file, '', as_json=False)
     *mistakes, cure = caught.value.problems

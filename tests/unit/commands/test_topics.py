@@ -11,13 +11,16 @@ from command_line import typed
 from made_letters import config
 from tables import row
 
-from ros2_kafka_bridge.commands.topics import report
+from ros2_kafka_bridge.commands.topics import report, types
 from ros2_kafka_bridge.commands.topics.report import SideSettings
 from ros2_kafka_bridge.config.settings import QoS
+from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, records
+from ros2_kafka_bridge.message_types import load_layout
 from ros2_kafka_bridge.ros import rates
 from ros2_kafka_bridge.ros.node import Peer, Topic
 from ros2_kafka_bridge.ros.qos import profile
+from ros2_kafka_bridge.ros.types import load_type
 
 STRING = 'std_msgs/msg/String'
 STRANGE = 'publishers of /orders: somebody in the ROS graph tells what cannot be read (...)'
@@ -131,12 +134,42 @@ def test_whoever_can_be_read_is_shown_beside_one_who_cannot(
 def test_what_would_match_as_far_as_is_known_is_no_plain_yes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(report, 'installed_hash', lambda _: 'RIHS01_aa')
-    readers = [peer('/silent'), peer('/telling', 'RIHS01_aa')]
+    readers = [peer('/silent'), peer('/telling', load_layout(STRING).type_hash or '')]
     text, _ = shown(monkeypatch, capsys, ros=[Topic('/orders', [STRING], [], readers)])
     lines = ' '.join(text.split())
     assert f'/silent as far as is known: whether its definition of {STRING} is the same' in lines
     assert 'orders /telling yes' in lines
+
+
+def test_where_a_type_is_described_that_is_not_installed_is_told_or_that_it_is_nowhere(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = load_type(STRING)._replace(name='a/msg/Told', origin='is described by the node /robot')
+    shown_types = {
+        ('/b', 'a/msg/Told'): told,
+        ('/b', 'a/msg/No'): RouteError('nobody: because'),
+    }
+    monkeypatch.setattr(types, 'load_shown', lambda *_: shown_types)
+    topic = Topic('/b', ['a/msg/No', 'a/msg/Told', STRING], [peer('/robot')], [])
+    text, view = shown(monkeypatch, capsys, ros=[topic])
+    marked = 'a/msg/No; not known here; a/msg/Told; described by the node /robot'
+    assert row(text, '/b').startswith(f'/b {marked}; {STRING} 1 reliable')
+    [note] = [line for line in text.splitlines() if line.startswith('not known here: ')]
+    assert 'ros.message_path' in note
+    found = of(view['ros'], '/b')
+    assert found['type_origins'] == {'a/msg/Told': 'is described by the node /robot'}
+    assert found['type_problems'] == {'a/msg/No': 'nobody: because'}
+
+
+def test_messages_of_a_type_are_counted_that_nodes_alone_describe(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = load_type(STRING)._replace(name='a/msg/Told')
+    monkeypatch.setattr(types, 'load_shown', lambda *_: {('/b', 'a/msg/Told'): told})
+    topics = [Topic(f'/{it}', ['a/msg/Told'], [peer('/robot')], []) for it in 'bc']
+    _, view = shown(monkeypatch, capsys, ros=topics)
+    assert of(view['ros'], '/b')['rate'] == 7.0
+    assert of(view['ros'], '/c')['rate'] is None, 'nobody describes it there'
 
 
 def test_a_topic_that_was_made_anew_while_it_was_counted_has_no_rate() -> None:

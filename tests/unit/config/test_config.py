@@ -54,7 +54,7 @@ routes:
 """
 
 
-def check_type(name: str, _message_path: Sequence[Path]) -> str | None:
+def check_type(name: str, _message_path: Sequence[Path] | None) -> str | None:
     if name.endswith('/Strin'):
         return f'no message type {name} here (did you mean std_msgs/msg/String?)'
     return None
@@ -145,8 +145,8 @@ def test_a_missing_extra_is_a_mistake_of_the_format() -> None:
 def test_a_type_is_looked_for_in_the_folders_of_the_file_too(tmp_path: Path) -> None:
     seen: list[Path] = []
 
-    def check(_name: str, message_path: Sequence[Path]) -> None:
-        seen[:] = message_path
+    def check(_name: str, message_path: Sequence[Path] | None) -> None:
+        seen[:] = message_path or ()
 
     (tmp_path / 'messages').mkdir()
     path = tmp_path / 'bridge.yaml'

@@ -85,4 +85,4 @@ def test_a_folder_of_types_is_looked_at_where_no_ros_is_needed(tmp_path: Path) -
     file = written(tmp_path, '{message.robo}', 'robots/msg/Id')
     file.write_text(f'ros: {{message_path: [{tmp_path}]}}\n{file.read_text()}')
     with pytest.raises(ConfigError, match=r'at robo \(did you mean robot\?\)'):
-        load_checked(file, with_ros=False)
+        load_checked(file)

@@ -189,9 +189,22 @@ def test_a_workspace_of_the_user_is_searched_too(prefix: Path) -> None:
     assert layout == Layout('acme_msgs/msg/Crane', (Field('height', Primitive('float64'), 2.5),))
 
 
+def test_a_package_of_before_iron_is_read_by_its_definitions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    messages = {'T': 'std_msgs/Header header\nU[2] parts\n', 'U': 'float64 a 2.5\n'}
+    package = write_package(tmp_path / 'src', 'acme_msgs', messages)
+    install_package(package, tmp_path, ['std_msgs', 'builtin_interfaces'])
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    of_json = load_layout('acme_msgs/msg/T')
+    for name in messages:
+        (tmp_path / f'share/acme_msgs/msg/{name}.json').unlink()
+    assert load_layout('acme_msgs/msg/T') == of_json
+
+
 @pytest.mark.usefixtures('prefix')
-def test_a_package_without_descriptions_is_told() -> None:
-    said = r'without its description, share/acme_msgs/msg/Crane\.json: build its package with ROS'
+def test_a_package_without_descriptions_and_definitions_is_told() -> None:
+    said = r'installed, and neither share/acme_msgs/msg/Crane\.json nor \.msg can be read: build'
     with pytest.raises(ConfigError, match=said):
         load_layout('acme_msgs/msg/Crane')
 
@@ -211,7 +224,7 @@ def test_a_package_without_descriptions_is_told() -> None:
             described(('height', 11, '', 'tall')),
             "field height: the default 'tall' is no number",
         ),
-        (described(('height', 59, '', '(1.0, x)')), "height: the default ' x' is no number"),
+        (described(('height', 155, '', '(1.0, x)')), "height: the default ' x' is no number"),
         (described(('count', 6, '', 'few')), "field count: the default 'few' is no literal"),
         (described(('count', 6, '', '(')), r"field count: the default '\(' is no literal"),
         (
@@ -236,7 +249,8 @@ def test_a_type_is_that_of_the_first_place_that_has_it_or_none(
     monkeypatch.setenv('AMENT_PREFIX_PATH', f'{over}:{under}')
     assert [field.name for field in load_layout('acme_msgs/msg/T').fields] == ['a', 'added']
     (over / 'share/acme_msgs/msg/T.json').unlink()
-    with pytest.raises(ConfigError, match='acme_msgs/msg/T is installed without its description'):
+    (over / 'share/acme_msgs/msg/T.msg').unlink()
+    with pytest.raises(ConfigError, match='acme_msgs/msg/T is installed, and neither'):
         load_layout('acme_msgs/msg/T')
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(under))
     assert [field.name for field in load_layout('acme_msgs/msg/T').fields] == ['a']

@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from typing import Any, Final, Self
 
 import pytest
-from made_letters import TOPIC, config, kafka_letter, read
+from made_letters import TOPIC, config, kafka_letter, read, ros_letter
 
 from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark
 from ros2_kafka_bridge.endpoints import HeaderList
+from ros2_kafka_bridge.message_types import load_layout
 from ros2_kafka_bridge.monitoring import letters
 
 MEGABYTE: Final = 1_000_000
@@ -104,6 +105,26 @@ def test_of_the_fields_of_a_large_message_the_beginning_is_shown(
     assert fields.endswith(' bytes more')
     assert len(fields) < 100_000
     assert _look(monkeypatch, b'x')['fields'] == '{\n  "data": "x"\n}'
+
+
+def test_fields_of_a_message_are_shown_where_its_own_definition_is_known(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    value = b'\0\1\0\0\2\0\0\0x\0'
+    known = load_layout('std_msgs/msg/String').type_hash or ''
+    unknown = 'acme_msgs/msg/Crate'
+    for name, type_hash, shown in (
+        ('std_msgs/msg/String', '', '{\n  "data": "x"\n}'),
+        ('std_msgs/msg/String', known, '{\n  "data": "x"\n}'),
+        ('std_msgs/msg/String', 'RIHS01_1', ''),
+        (unknown, 'RIHS01_1', ''),
+        (unknown, '', ''),
+    ):
+        letter = read(ros_letter(value, name=name, type_hash=type_hash))
+        monkeypatch.setattr(letters, 'open_reader', lambda _, made=letter: Reader(1, made))
+        found = letters.look(config(), LetterPlace(TOPIC, 0, 7))
+        assert found is not None
+        assert found['fields'] == shown
 
 
 def test_long_headers_are_shortened(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""What a file may name depends on whether ROS itself has to know it."""
+"""What types a file may name."""
 
 from pathlib import Path
 
@@ -26,10 +26,24 @@ routes:
     return path
 
 
-def test_a_folder_of_msg_files_is_enough_without_ros(file: Path) -> None:
-    assert load_checked(file, with_ros=False).routes[0].name == 'scans'
+def test_a_folder_of_msg_files_is_enough(file: Path) -> None:
+    assert load_checked(file).routes[0].name == 'scans'
 
 
-def test_a_route_that_runs_needs_the_package(file: Path) -> None:
-    with pytest.raises(ConfigError, match=r'lies in ros\.message_path only'):
+def test_a_type_of_a_package_that_is_not_here_may_be_described_by_a_node(file: Path) -> None:
+    file.write_text(file.read_text().replace('shelf_msgs/msg/ShelfScan', 'nav2_msgs/msg/Costmap'))
+    assert load_checked(file).routes[0].name == 'scans'
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'near'),
+    [
+        ('shelf_msgs/msg/ShelfScn', 'shelf_msgs/msg/ShelfScan'),
+        ('std_msgs/msg/Strin', 'std_msgs/msg/String'),
+    ],
+)
+def test_a_package_that_is_here_has_all_of_its_types(file: Path, wrong: str, near: str) -> None:
+    file.write_text(file.read_text().replace('shelf_msgs/msg/ShelfScan', wrong))
+    said = rf'no message type {wrong} here \(did you mean {near}\?\)'
+    with pytest.raises(ConfigError, match=said):
         load_checked(file)

@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from ros_package import write_package
 
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.mistakes import field_names
@@ -226,7 +227,7 @@ def test_the_folder_of_types_of_a_file_that_was_named_without_its_own_is_the_sam
     monkeypatch.chdir(tmp_path)
     file = Path('bridge.yaml')
     file.write_text(f'{TEXT}ros: {{message_path: [messages]}}\n')
-    Path('messages').mkdir()
+    write_package(Path('messages'), 'acme_msgs', {'Crane': 'float64 height'})
     before = plan_of(load_checked(file), file.absolute())
     assert check(before).difference.is_empty
 

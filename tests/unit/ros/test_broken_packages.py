@@ -13,10 +13,12 @@ from pathlib import Path
 import pytest
 from ros_package import generate_python, install_package, write_package
 
+from ros2_kafka_bridge.config.endpoints import RosSettings
 from ros2_kafka_bridge.errors import RouteError, blamed
-from ros2_kafka_bridge.ros.types import MessageType, TypeLoader, load_type
+from ros2_kafka_bridge.ros.types import MessageType, TypeLoader, WantedType, load_type
 from ros2_kafka_bridge.threads.stop import Stop
 
+IMPORTED = RosSettings(packages='import')
 CRANE = 'acme_msgs/msg/Crane'
 Package = Callable[[str], Path]
 
@@ -142,18 +144,18 @@ def test_an_import_that_takes_long_is_said_and_waited_for(package: Package) -> N
     go = module.parent / '__init__.py'
     go.write_text(go.read_text().replace('GO', 'getattr(sys, "acme_go", False)'))
     go.write_text('import sys\n' + go.read_text())
-    loader = TypeLoader('import', patience_s=0.05)
+    loader = TypeLoader(IMPORTED, patience_s=0.05)
     try:
         for _ in range(3):
             with pytest.raises(
                 RouteError, match=r'Crane: the import of its package has not ended'
             ):
-                loader.load(CRANE)
+                loader.load(WantedType(CRANE))
         assert len([it for it in threading.enumerate() if it.name == f'load {CRANE}']) == 1
         assert _loaded(loader, 'std_msgs/msg/String').name == 'std_msgs/msg/String'
         stop = Stop()
         stop.ask()
-        assert loader.load(CRANE, stop) is None
+        assert loader.load(WantedType(CRANE), stop) is None
     finally:
         sys.acme_go = True  # type: ignore[attr-defined]
         with pytest.raises(RouteError, match='nowhere'):
@@ -166,7 +168,7 @@ def _loaded(loader: TypeLoader, name: str) -> MessageType:
     deadline_s = time.monotonic() + 20
     while time.monotonic() < deadline_s:
         try:
-            loaded = loader.load(name)
+            loaded = loader.load(WantedType(name))
         except RouteError as error:
             if 'not ended' not in str(error):
                 raise
@@ -178,13 +180,13 @@ def _loaded(loader: TypeLoader, name: str) -> MessageType:
 
 def test_what_could_not_be_loaded_is_tried_again(package: Package) -> None:
     module = package('import nowhere')
-    loader = TypeLoader('import')
+    loader = TypeLoader(IMPORTED)
     with pytest.raises(RouteError, match='nowhere'):
-        loader.load(CRANE)
+        loader.load(WantedType(CRANE))
     module.write_text('import elsewhere', encoding='utf-8')
     importlib.invalidate_caches()
     with pytest.raises(RouteError, match='elsewhere'):
-        loader.load(CRANE)
+        loader.load(WantedType(CRANE))
 
 
 def test_only_the_users_own_interrupt_passes() -> None:

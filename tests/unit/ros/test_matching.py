@@ -83,7 +83,7 @@ def test_routes_of_one_file_count_for_each_other() -> None:
     assert isinstance(out, KafkaToRosRoute)
     assert isinstance(back, RosToKafkaRoute)
     nobody: Any = SimpleNamespace(subscribers=lambda _: [], publishers=lambda _: [])
-    [readers] = ros.reader_findings(out, config, nobody)
+    [readers] = ros.reader_findings(out, config, nobody, None)
     assert readers.level == 'ok'
     assert readers.text == '1 subscriber of /orders matches, with route back of this file'
     peers = ros.publishers(back, config, nobody)

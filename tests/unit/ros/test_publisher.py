@@ -64,7 +64,7 @@ def test_a_subscriber_of_another_definition_is_told_and_waited_out(
     assert graph.sink.matches == (2, 0)
     [said] = caplog.messages
     assert said == (
-        f'/crane: /old subscribes to it as {KIND} {THEIRS}, installed here is {OURS}: '
+        f'/crane: /old subscribes to it as {KIND} {THEIRS}, this route publishes {OURS}: '
         'install the same version of the package on both sides'
     )
     del graph.peers[1]

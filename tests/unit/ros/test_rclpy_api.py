@@ -50,6 +50,8 @@ OBJECTS: Final[dict[str, dict[str, str]]] = {
         'subscription.deadline': DURATION,
     },
     'take.py': {
+        'client': 'rclpy.client.Client',
+        'client.handle': f'{C}.Client',
         'publisher': PUBLISHER,
         'subscription': 'rclpy.subscription.Subscription',
         'handle': f'{C}.Subscription',
@@ -58,6 +60,7 @@ OBJECTS: Final[dict[str, dict[str, str]]] = {
         'self._context': CONTEXT,
     },
     'trial.py': {'publisher': PUBLISHER},
+    'type_request.py': {'client': 'rclpy.client.Client'},
     'control/lifecycle.py': {
         'self': MIXIN,
         'self._service_change_state': 'rclpy.service.Service',
@@ -193,6 +196,7 @@ def test_a_row_has_the_arguments_that_the_room_passes(row: Used, uses: Uses) -> 
 def test_what_no_release_promises_is_used_for_taking_and_for_the_managed_node_alone() -> None:
     private = [str(row).replace(C, 'C') for row in TABLE if re.search(r'\.(_|impl\.)', str(row))]
     assert private == [
+        'C.Client.take_response',
         'C.EventHandle',
         'C.EventHandle.destroy_when_not_in_use',
         'C.EventHandle.take_event',

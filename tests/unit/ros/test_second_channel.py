@@ -8,6 +8,7 @@ import pytest
 
 from ros2_kafka_bridge.commands.check import report
 from ros2_kafka_bridge.commands.check import ros as check_ros
+from ros2_kafka_bridge.commands.check.types import FoundType
 from ros2_kafka_bridge.config.settings import Config, QoS
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.message_types import load_layout
@@ -99,11 +100,10 @@ def test_only_lyrical_and_newer_on_fast_dds_have_that_channel(
 
 @pytest.mark.usefixtures('lyrical')
 def test_check_notes_it_of_a_route_with_such_a_type_alone() -> None:
-    [finding] = check_ros.channel_findings(IMAGE)
+    [finding] = check_ros.channel_findings(load_layout(IMAGE))
     assert (finding.level, finding.text) == ('note', unheard(load_layout(IMAGE)))
-    assert [*check_ros.channel_findings('std_msgs/msg/String')] == []
+    assert [*check_ros.channel_findings(load_layout('std_msgs/msg/String'))] == []
     assert [*check_ros.channel_findings(None)] == []
-    assert [*check_ros.channel_findings('no_package/msg/None')] == []
 
 
 @pytest.mark.usefixtures('lyrical')
@@ -121,7 +121,8 @@ def test_check_tells_it_with_all_else_of_the_route(monkeypatch: pytest.MonkeyPat
     node = MagicMock(domain_id=0)
     node.publishers.return_value = []
     kafka = MagicMock(problem='away')
-    found = report._route_findings(config.routes[0], config, node, kafka, '')
+    met = report.Surroundings(config, node, kafka, '')
+    found = report._route_findings(config.routes[0], FoundType(IMAGE, load_layout(IMAGE)), met)
     assert unheard(load_layout(IMAGE)) in [finding.text for finding in found]
 
 

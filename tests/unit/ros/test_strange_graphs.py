@@ -4,6 +4,7 @@
 """
 
 import logging
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock
@@ -17,8 +18,9 @@ from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.ros.control.node import Namesakes
 from ros2_kafka_bridge.ros.node import RosNode
-from ros2_kafka_bridge.ros.subscription import RosSource, wait_for_type
+from ros2_kafka_bridge.ros.subscription import RosSource
 from ros2_kafka_bridge.ros.types import MessageType
+from ros2_kafka_bridge.ros.used_type import wait_for_type
 
 LOG = logging.LoggerAdapter(logging.getLogger('ros2_kafka_bridge'), {})
 TYPE = MessageType('p/msg/T', object, Layout('p/msg/T', ()), None)
@@ -47,7 +49,7 @@ def test_what_rclpy_cannot_hand_over_is_an_error_of_the_bridge(error: Exception)
         with pytest.raises(RouteError, match=r'of /t: somebody in the ROS graph tells what canno'):
             look('/t')
     with pytest.raises(RouteError, match='tells what cannot be read'):
-        wait_for_type(node, '/t', lambda _: True)
+        wait_for_type(partial(node.publishers, '/t'), '/t', lambda _: True)
     handle.get_topic_names_and_types.side_effect = error
     with pytest.raises(RouteError, match='the topics of the ROS graph: somebody'):
         node.topics()

@@ -19,7 +19,6 @@ from ros2_kafka_bridge.formats.registry import Registry, framed_id, open_registr
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.values.structs import Style, make_structs
 from ros2_kafka_bridge.formats.values.write import make_write
-from ros2_kafka_bridge.message_types import load_layout, unknown_type
 from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.route.format import asks_registry, scope_of, with_docs
 
@@ -27,32 +26,29 @@ if TYPE_CHECKING:
     from confluent_kafka.schema_registry import RegisteredSchema
 
 
-def format_findings(route: AnyRoute, config: Config, message_type: str | None) -> list[Finding]:
+def format_findings(route: AnyRoute, config: Config, layout: Layout | None) -> list[Finding]:
     """Whether the format carries the type, without asking anybody."""
-    if message_type is None or unknown_type(message_type):
+    if layout is None:
         return []
     scope = scope_of(route, config)
     fixed = scope._replace(schema=replace(scope.schema, registry=False))
     chosen = FORMATS[route.format]
     try:
-        layout = with_docs(route, config, load_layout(message_type))
         make = chosen.make_encode if isinstance(route, RosToKafkaRoute) else chosen.make_decode
-        make(layout, fixed)
+        make(with_docs(route, config, layout), fixed)
     except BridgeError as error:
         return [Finding('bad', 'format', str(error))]
-    return [Finding('ok', 'format', f'{route.format} carries {message_type}')]
+    return [Finding('ok', 'format', f'{route.format} carries {layout.type_name}')]
 
 
-def registry_findings(
-    route: AnyRoute, config: Config, message_type: str | None
-) -> Iterator[Finding]:
+def registry_findings(route: AnyRoute, config: Config, layout: Layout | None) -> Iterator[Finding]:
     """What the Schema Registry says to the schema of a route."""
-    if not asks_registry(route) or message_type is None or unknown_type(message_type):
+    if not asks_registry(route) or layout is None:
         return
     scope = scope_of(route, config)
     try:
-        layout = with_docs(route, config, load_layout(message_type))
-        asking = _Asking(open_registry(scope), scope, layout, route.format)
+        whole = with_docs(route, config, layout)
+        asking = _Asking(open_registry(scope), scope, whole, route.format)
         with closing(asking.registry.client):
             to_kafka = isinstance(route, RosToKafkaRoute)
             yield _written(asking) if to_kafka else _read(asking)

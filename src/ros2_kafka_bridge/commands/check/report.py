@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
+from typing import NamedTuple
 
 from rich.console import Console
 
@@ -11,6 +12,7 @@ from ros2_kafka_bridge.commands.check import clock as check_clock
 from ros2_kafka_bridge.commands.check import formats as check_format
 from ros2_kafka_bridge.commands.check import kafka as check_kafka
 from ros2_kafka_bridge.commands.check import ros as check_ros
+from ros2_kafka_bridge.commands.check import types as check_types
 from ros2_kafka_bridge.commands.screen import (
     Finding,
     screen,
@@ -32,10 +34,22 @@ from ros2_kafka_bridge.kafka_to_ros import BATCH as TO_ROS_BATCH
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
-from ros2_kafka_bridge.ros.matching import type_of
 from ros2_kafka_bridge.ros.node import RosNode, open_node
 from ros2_kafka_bridge.ros.probe import SAMPLES, probe, probe_topic
 from ros2_kafka_bridge.ros_to_kafka import BATCH as TO_KAFKA_BATCH
+
+
+class Surroundings(NamedTuple):
+    """What the routes of a configuration would meet.
+
+    Args:
+        unconfirmed: Why no route to ROS would know what has arrived.
+    """
+
+    config: Config
+    node: RosNode
+    kafka: check_kafka.CheckedCluster
+    unconfirmed: str
 
 
 def report(config: Config, file: Path, *, connect: bool) -> int:
@@ -57,15 +71,20 @@ def report(config: Config, file: Path, *, connect: bool) -> int:
         return _report_connected(console, config) or int(failed)
     for route in config.routes:
         console.print(f'  {_way(route)}')
-        bad = [
-            finding
-            for finding in check_format.format_findings(route, config, _said_type(route))
-            if finding.level == 'bad'
-        ]
-        for finding in bad:
-            show_line(console, f'    BAD {finding.text}', 'bold red')
-        failed = failed or bool(bad)
+        named = check_types.named_type(route, config)
+        found = [*named.found, *check_format.format_findings(route, config, named.layout)]
+        failed = _show_short(console, found) or failed
     return 1 if failed else 0
+
+
+def _show_short(console: Console, found: Sequence[Finding]) -> bool:
+    """Show what is not as usual; tells whether anything cannot stay as it is."""
+    for finding in found:
+        if finding.level == 'note':
+            show_line(console, f'    note {finding.text}', 'yellow')
+        elif finding.level == 'bad':
+            show_line(console, f'    BAD {finding.text}', 'bold red')
+    return any(finding.level == 'bad' for finding in found)
 
 
 def _show_clock(console: Console, config: Config) -> bool:
@@ -90,10 +109,6 @@ def tracing_notes(config: Config, environ: Mapping[str, str]) -> Iterator[str]:
         )
 
 
-def _said_type(route: AnyRoute) -> str | None:
-    return route.sink.type if isinstance(route, KafkaToRosRoute) else route.source.type
-
-
 def _report_connected(console: Console, config: Config) -> int:
     keep_clients_quiet()
     kafka, findings = check_kafka.ask(config)
@@ -106,10 +121,9 @@ def _report_connected(console: Console, config: Config) -> int:
         wait_for_discovery()
         sees_none = check_ros.sees_none(node)
         _show(console, 'ROS', check_ros.graph_findings(abilities, config, sees_none=sees_none))
-        found = {
-            route.name: _findings(route, config, node, kafka, unconfirmed)
-            for route in config.routes
-        }
+        types = check_types.find_types(config, node)
+        met = Surroundings(config, node, kafka, unconfirmed)
+        found = {route.name: _findings(route, types[route.name], met) for route in config.routes}
     for route in config.routes:
         _show(console, _way(route), found[route.name])
     if kafka.problem:
@@ -153,52 +167,44 @@ def _way(route: AnyRoute) -> str:
 
 
 def _findings(
-    route: AnyRoute,
-    config: Config,
-    node: RosNode,
-    kafka: check_kafka.CheckedCluster,
-    unconfirmed: str,
+    route: AnyRoute, message_type: check_types.FoundType, met: Surroundings
 ) -> list[Finding]:
     try:
-        return _route_findings(route, config, node, kafka, unconfirmed)
+        return _route_findings(route, message_type, met)
     except BridgeError as error:  # of the ROS graph, of what others tell there
         return [Finding('bad', 'graph', str(error))]
 
 
 def _route_findings(
-    route: AnyRoute,
-    config: Config,
-    node: RosNode,
-    kafka: check_kafka.CheckedCluster,
-    unconfirmed: str,
+    route: AnyRoute, message_type: check_types.FoundType, met: Surroundings
 ) -> list[Finding]:
-    """What is found of a route, in the order in which a message meets it.
-
-    `unconfirmed` is why no route to ROS would know what has arrived.
-    """
+    """What is found of a route, in the order in which a message meets it."""
+    config, node, kafka, unconfirmed = met
+    layout = message_type.layout
     asks = not kafka.problem
     if isinstance(route, KafkaToRosRoute):
         found = [
             *(check_kafka.source_findings(route, config, kafka) if asks else ()),
-            *check_ros.type_findings(route.sink.type, config.ros.packages),
-            *check_format.format_findings(route, config, route.sink.type),
-            *check_format.registry_findings(route, config, route.sink.type),
-            *check_ros.reader_findings(route, config, node),
+            *message_type.found,
+            *check_format.format_findings(route, config, layout),
+            *check_format.registry_findings(route, config, layout),
+            *check_ros.reader_findings(route, config, node, message_type.type_hash),
             check_ros.confirmation_finding(route, config, unconfirmed),
             _pace_finding(route),
             *check_clock.age_findings(route),
         ]
     else:
         publishers = check_ros.publishers(route, config, node)
-        message_type = type_of(route, publishers)
         found = [
-            *check_ros.publisher_findings(route, publishers, message_type),
-            *check_ros.type_findings(message_type, config.ros.packages),
-            *check_ros.key_findings(route, message_type),
-            *check_ros.size_findings(route, message_type, node),
-            *check_ros.channel_findings(message_type),
-            *check_format.format_findings(route, config, message_type),
-            *check_format.registry_findings(route, config, message_type),
+            *check_ros.publisher_findings(
+                route, publishers, message_type.name, message_type.type_hash
+            ),
+            *message_type.found,
+            *check_ros.key_findings(route, layout),
+            *check_ros.size_findings(route, layout, node),
+            *check_ros.channel_findings(layout),
+            *check_format.format_findings(route, config, layout),
+            *check_format.registry_findings(route, config, layout),
             *(check_kafka.sink_findings(route, kafka) if asks else ()),
             *(check_kafka.lock_findings(route, config, kafka) if asks else ()),
         ]

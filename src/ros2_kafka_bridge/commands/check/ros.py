@@ -1,14 +1,12 @@
 """What `check` finds in the ROS graph: who is there, and whether a route would match."""
 
-import contextlib
 from collections.abc import Iterator
 
 from ros2_kafka_bridge.commands.screen import Finding
-from ros2_kafka_bridge.config.endpoints import Packages
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.logs.text import count
-from ros2_kafka_bridge.message_types.layout import is_bulk
+from ros2_kafka_bridge.message_types.layout import Layout, is_bulk
 from ros2_kafka_bridge.ros.confirmation import Confirmation, asks_readers
 from ros2_kafka_bridge.ros.discovery import NOT_TOLD, partial_view, why_nobody
 from ros2_kafka_bridge.ros.installation import rclpy_folder
@@ -77,14 +75,13 @@ def confirmation_finding(route: KafkaToRosRoute, config: Config, problem: str) -
     return Finding('ok', 'confirmation', f'{middleware()} tells what has arrived (it was tried)')
 
 
-def reader_findings(route: KafkaToRosRoute, config: Config, node: RosNode) -> Iterator[Finding]:
-    """Who would get the messages of a route to ROS."""
-    from ros2_kafka_bridge.message_types import installed_hash  # noqa: PLC0415 (reads files)
-
+def reader_findings(
+    route: KafkaToRosRoute, config: Config, node: RosNode, type_hash: str | None
+) -> Iterator[Finding]:
+    """Who would get the messages of a route to ROS; `type_hash` is of what it publishes."""
     topic, fit = route.sink.ros, 0
     own = own_readers(config.routes, route)
     peers = node.subscribers(topic)
-    type_hash = installed_hash(route.sink.type)
     for peer in [*(others(peers, config.name) if own else peers), *own]:
         if problem := reader_problem(route, peer, type_hash):
             yield Finding('bad', 'readers', f'{peer.node} {problem.text}', problem.cure)
@@ -116,7 +113,10 @@ def publishers(route: RosToKafkaRoute, config: Config, node: RosNode) -> list[Pe
 
 
 def publisher_findings(
-    route: RosToKafkaRoute, peers: list[Peer], message_type: str | None
+    route: RosToKafkaRoute,
+    peers: list[Peer],
+    message_type: str | None,
+    type_hash: str | None = None,
 ) -> Iterator[Finding]:
     """Whom a route from ROS would take from, and which type."""
     topic = route.source.ros
@@ -128,7 +128,7 @@ def publisher_findings(
         waits = '' if message_type else f'for a publisher of {topic}'
         yield Finding('note', 'publishers', f'nobody publishes {topic}{learns}', waits=waits)
     for peer in peers:
-        if problem := publisher_problem(route, peer, message_type):
+        if problem := publisher_problem(route, peer, message_type, type_hash):
             yield Finding('bad', 'publishers', f'{peer.node} {problem.text}', problem.cure)
         else:
             yield _offer_finding(peer, topic)
@@ -161,39 +161,14 @@ def _offer_finding(peer: Peer, topic: str) -> Finding:
     return Finding('ok', 'publishers', text)
 
 
-def type_findings(message_type: str | None, packages: Packages) -> Iterator[Finding]:
-    """Whether the package of a type is here, and can be used as the route does it."""
-    from ros2_kafka_bridge.message_types import unknown_type  # noqa: PLC0415 (reads files)
-    from ros2_kafka_bridge.ros.types import load_type  # noqa: PLC0415 (imports packages)
-
-    if message_type is None:
-        return
-    if problem := unknown_type(message_type):
-        yield Finding('bad', 'type', problem, 'install its package beside the bridge')
-        return
-    try:
-        load_type(message_type, packages)
-    except BridgeError as error:
-        cure = 'mend its package, or build it anew for this Python and this ROS'
-        yield Finding('bad', 'type', str(error), cure)
-    else:
-        yield Finding('ok', 'type', f'{message_type} is installed here')
-
-
 def size_findings(
-    route: RosToKafkaRoute, message_type: str | None, node: RosNode
+    route: RosToKafkaRoute, layout: Layout | None, node: RosNode
 ) -> Iterator[Finding]:
     """Whether messages come whole that are larger than what a socket of this host holds."""
-    from ros2_kafka_bridge.message_types import load_layout, unknown_type  # noqa: PLC0415
-
     room_bytes = receive_buffer_bytes(node.domain_id)
-    if room_bytes is None or message_type is None or unknown_type(message_type):
+    if room_bytes is None or layout is None:
         return
-    is_said = route.max_message_bytes != type(route).max_message_bytes
-    try:
-        is_large = is_said or is_bulk(load_layout(message_type))
-    except ConfigError:
-        return  # told of its type
+    is_large = route.max_message_bytes != type(route).max_message_bytes or is_bulk(layout)
     if route.max_message_bytes > room_bytes and is_large:
         text = (
             f'messages may have {route.max_message_bytes:,} bytes (max_message_bytes), and a UDP '
@@ -204,27 +179,21 @@ def size_findings(
         yield Finding('note', 'size', text, cure)
 
 
-def channel_findings(message_type: str | None) -> Iterator[Finding]:
+def channel_findings(layout: Layout | None) -> Iterator[Finding]:
     """Whether ROS sends messages of a type where the bridge may not hear them."""
-    from ros2_kafka_bridge.message_types import load_layout, unknown_type  # noqa: PLC0415
-
-    if message_type is None or unknown_type(message_type):
-        return
-    with contextlib.suppress(ConfigError):  # told of its type
-        if may_miss := unheard(load_layout(message_type)):
-            yield Finding('note', 'middleware', may_miss)
+    if layout is not None and (may_miss := unheard(layout)):
+        yield Finding('note', 'middleware', may_miss)
 
 
-def key_findings(route: RosToKafkaRoute, message_type: str | None) -> Iterator[Finding]:
+def key_findings(route: RosToKafkaRoute, layout: Layout | None) -> Iterator[Finding]:
     """Whether the messages have what the key of their records is made of."""
-    from ros2_kafka_bridge.message_types import load_layout, unknown_type  # noqa: PLC0415
     from ros2_kafka_bridge.route.labels import make_key  # noqa: PLC0415 (with the types of ROS)
 
-    if route.sink.key is None or message_type is None or unknown_type(message_type):
+    if route.sink.key is None or layout is None:
         return
     try:
-        make_key(route.sink.key, route.source.ros, load_layout(message_type))
+        make_key(route.sink.key, route.source.ros, layout)
     except ConfigError as error:
         yield Finding('bad', 'key', str(error), 'mend to.key')
     else:
-        yield Finding('ok', 'key', f'{route.sink.key}: {message_type} has it')
+        yield Finding('ok', 'key', f'{route.sink.key}: {layout.type_name} has it')

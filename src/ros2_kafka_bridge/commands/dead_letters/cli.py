@@ -203,7 +203,7 @@ def _query(
         offset=offset,
         limit=limit,
     )
-    config = load_checked(file, with_ros=False)
+    config = load_checked(file)
 
     from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery  # noqa: PLC0415 (heavy)
 

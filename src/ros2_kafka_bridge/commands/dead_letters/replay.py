@@ -24,6 +24,7 @@ from ros2_kafka_bridge.commands.dead_letters.report import (
     unseen_in_words,
 )
 from ros2_kafka_bridge.commands.dead_letters.restore import Again, Restorer
+from ros2_kafka_bridge.commands.dead_letters.types import LetterTypes, open_asking, why_packages
 from ros2_kafka_bridge.commands.screen import waiting
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.dead_letters.filter import Index, LetterFilter, limited, read_index
@@ -34,6 +35,7 @@ from ros2_kafka_bridge.kafka.letters import LetterReader, Originals
 from ros2_kafka_bridge.kafka.properties import producer_properties
 from ros2_kafka_bridge.kafka.transactions import Parcel, Send, Transactions
 from ros2_kafka_bridge.logs.text import count
+from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.threads.stop import Stop, signals_to_handle
 
 _BATCH: Final = 200
@@ -205,9 +207,20 @@ class _Run:
         self._stop = stop
         self._reader = reader
         self._channels = cache(lambda: stack.enter_context(open_channels(query.config, stop)))
+        self._asking = cache(lambda: stack.enter_context(open_asking(query.config)))
         self._restorer = Restorer(
-            query.config, reader.partitions, Originals(originals).fetch, force=options.force
+            query.config,
+            reader.partitions,
+            Originals(originals).fetch,
+            LetterTypes(
+                query.config, self._join_ros, why_packages(query.config, to_ros=options.to_ros)
+            ),
+            force=options.force,
         )
+
+    def _join_ros(self) -> RosNode:
+        # Fast DDS takes the histories of the channels from the first node of a process alone.
+        return self._channels().node if self._options.to_ros else self._asking()
 
     def replay(self, topic: str) -> None:
         """Replay the letters of one dead-letter topic."""
@@ -329,7 +342,7 @@ class _Run:
         """Publish, and mark what all readers have, also where not all of it comes so far."""
         route = part[0].again.route
         assert isinstance(route, KafkaToRosRoute), 'the restorer says so'
-        channel = self._channels()(route)
+        channel = self._channels().open(route)
         try:
             channel.deliver([one.again.record for one in part])
         finally:

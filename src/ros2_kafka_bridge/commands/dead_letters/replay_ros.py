@@ -19,10 +19,8 @@ from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.logs.lines import route_log
 from ros2_kafka_bridge.logs.text import count
-from ros2_kafka_bridge.message_types import load_layout
-from ros2_kafka_bridge.ros.node import open_node
+from ros2_kafka_bridge.ros.node import RosNode, open_node
 from ros2_kafka_bridge.ros.probe import probe, probe_topic
-from ros2_kafka_bridge.ros.types import load_type
 from ros2_kafka_bridge.threads.stop import Part, Stop
 from ros2_kafka_bridge.tracing.routes import Tracing
 from ros2_kafka_bridge.wiring import Wiring, histories_of
@@ -33,11 +31,21 @@ MakeDirection = Callable[[KafkaToRosRoute, RecordSource], KafkaToRos]
 """Route, where its records come from -> what carries them."""
 
 
+class Channels(NamedTuple):
+    """The way to ROS.
+
+    Args:
+        node: Where they are.
+        open: Opens the channel of a route, once.
+    """
+
+    node: RosNode
+    open: Callable[[KafkaToRosRoute], 'LetterChannel']
+
+
 @contextmanager
-def open_channels(
-    config: Config, stop: Stop
-) -> Iterator[Callable[[KafkaToRosRoute], 'LetterChannel']]:
-    """Join ROS; yields what opens the channel of a route when its first letter comes.
+def open_channels(config: Config, stop: Stop) -> Iterator[Channels]:
+    """Join ROS; the channel of a route is opened when its first letter comes.
 
     Args:
         config: With the routes.
@@ -53,11 +61,9 @@ def open_channels(
 
         @cache
         def channel(route: KafkaToRosRoute) -> LetterChannel:
-            check_described(route, config)
-            make = partial(_make, wiring, stop, stack)
-            return LetterChannel(route, make, stop)
+            return LetterChannel(route, partial(_make, wiring, stop, stack), stop)
 
-        yield channel
+        yield Channels(node, channel)
 
 
 def _make(
@@ -70,22 +76,6 @@ def _make(
     if direction is None:
         raise TransportError(f'stopped before {route.sink.ros} was open')
     return direction
-
-
-def check_described(route: KafkaToRosRoute, config: Config) -> None:
-    """Refuse a type that letters were checked with, and that is installed otherwise.
-
-    Raises:
-        RouteError: The folder of .msg files has another version of it.
-        ConfigError: It is not installed.
-    """
-    name = route.sink.type
-    checked = load_layout(name, config.ros.message_path)
-    if checked.type_hash != load_type(name, config.ros.packages).type_hash:
-        raise RouteError(
-            f'{name} is installed otherwise than ros.message_path describes it, which letters '
-            'are checked with: build and source its package'
-        )
 
 
 class LetterChannel:

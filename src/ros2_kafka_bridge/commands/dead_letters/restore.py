@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple, TypeVar
 
+from ros2_kafka_bridge.commands.dead_letters.types import LetterTypes
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters.letter import Explanation, Letter
@@ -19,7 +20,7 @@ from ros2_kafka_bridge.endpoints import (
 from ros2_kafka_bridge.errors import ConfigError, RecordError
 from ros2_kafka_bridge.formats import Decode, Encode
 from ros2_kafka_bridge.kafka.letters import Original
-from ros2_kafka_bridge.message_types import load_layout
+from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.route.format import check_of, decode_of, encode_of
 from ros2_kafka_bridge.route.identity import make_loop_check
 from ros2_kafka_bridge.route.labels import MakeKey, make_key
@@ -60,6 +61,7 @@ class Restorer:
         config: With the routes as they are now.
         partitions: How many partitions each topic of the cluster has.
         fetch_original: Reads the record that a letter tells of.
+        types: Of the letters.
         force: Whether a record goes back to its topic though it would fail again, or though its
             letter holds another one.
     """
@@ -69,15 +71,17 @@ class Restorer:
         config: Config,
         partitions: Mapping[str, int],
         fetch_original: FetchOriginal,
+        types: LetterTypes,
         *,
         force: bool,
     ) -> None:
         self._config = config
         self._partitions = partitions
         self._fetch_original = fetch_original
+        self._types = types
         self._force = force
         self._decodes: dict[str, tuple[CheckHeaders, Decode]] = {}
-        self._of_types: dict[tuple[str, str], _OfType] = {}
+        self._of_types: dict[tuple[str, str, str | None], _OfType] = {}
 
     def for_kafka(self, letter: Letter) -> Again:
         """Make the record that goes to the topic which the letter names.
@@ -134,11 +138,11 @@ class Restorer:
             decode(letter.value)
         except RecordError as error:
             if not self._force:
-                raise RecordError(f'would fail again: {type(error).__name__}: {error}') from error
+                raise RecordError(_again(error)) from error
 
     def _decode_of(self, route: KafkaToRosRoute) -> tuple[CheckHeaders, Decode]:
         if route.name not in self._decodes:
-            layout = load_layout(route.sink.type, self._config.ros.message_path)
+            layout = self._types.on_topic(route.sink.ros, route.sink.type)
             decode = decode_of(route, self._config, layout)
             self._decodes[route.name] = check_of(route, layout), decode
         return self._decodes[route.name]
@@ -207,15 +211,15 @@ class Restorer:
         try:
             key, value = self._encoded(letter, about, route)
         except (RecordError, ConfigError) as error:
-            text = f'{type(error).__name__}: {escaped(str(error))}'
-            raise RecordError(f'would fail again: {text}') from error
+            raise RecordError(_again(error)) from error
         return Again(Outgoing(about.topic, key, value, letter.headers), None, route, _OF_ROS)
 
     def _encoded(
         self, letter: Letter, about: Explanation, route: RosToKafkaRoute
     ) -> tuple[bytes | None, bytes | None]:
         """Key and value of a message, encoded now where that was not possible before."""
-        of_type = self._of_type(route, _kind(letter, route))
+        layout = self._types.of_message(route.source.ros, _kind(letter, route), letter)
+        of_type = self._of_type(route, layout)
         of_type.check_headers(letter.headers)
         if not about.reason.startswith('EncodeError:'):  # it was encoded, and refused by Kafka
             of_type.decode(letter.value)
@@ -224,16 +228,16 @@ class Restorer:
         value = of_type.encode(message.cdr)
         return of_type.make_key(message), value
 
-    def _of_type(self, route: RosToKafkaRoute, name: str) -> '_OfType':
-        if (route.name, name) not in self._of_types:
-            layout = load_layout(name, self._config.ros.message_path)
-            self._of_types[route.name, name] = _OfType(
+    def _of_type(self, route: RosToKafkaRoute, layout: Layout) -> '_OfType':
+        place = route.name, layout.type_name, layout.type_hash
+        if place not in self._of_types:
+            self._of_types[place] = _OfType(
                 check_of(route, layout),
                 encode_of(route, self._config, layout),
                 decode_of(route, self._config, layout),
                 make_key(route.sink.key, route.source.ros, layout),
             )
-        return self._of_types[route.name, name]
+        return self._of_types[place]
 
 
 class _OfType(NamedTuple):
@@ -275,6 +279,13 @@ def _chosen(routes: Sequence[SomeRoute], about: Explanation) -> SomeRoute | None
     if named or len(routes) == 1:
         return (named or routes)[0]
     return None
+
+
+def _again(error: RecordError | ConfigError) -> str:
+    """What is said of a letter that cannot go on; of what no route has said, it is no again."""
+    if type(error) is RecordError:
+        return str(error)
+    return f'would fail again: {type(error).__name__}: {error}'
 
 
 def _message(letter: Letter) -> Message:

@@ -11,7 +11,7 @@ import numpy as np
 from ros2_kafka_bridge.commands.depth.options import DepthOptions, Kafka, Ros
 from ros2_kafka_bridge.commands.options import LOCAL
 from ros2_kafka_bridge.commands.screen import waiting
-from ros2_kafka_bridge.config.settings import QoS
+from ros2_kafka_bridge.config.settings import QoS, RosSettings
 from ros2_kafka_bridge.depth.queue import SEED, Times
 from ros2_kafka_bridge.depth.recording import Reader, read_arrivals, read_recording, read_service
 from ros2_kafka_bridge.errors import ConfigError, RouteError
@@ -27,8 +27,9 @@ from ros2_kafka_bridge.process.load import load_checked
 from ros2_kafka_bridge.ros.discovery import hint
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode, domain_in_words, open_node
-from ros2_kafka_bridge.ros.subscription import RosSource, wait_for_type
-from ros2_kafka_bridge.ros.types import load_type
+from ros2_kafka_bridge.ros.subscription import RosSource
+from ros2_kafka_bridge.ros.types import MessageType
+from ros2_kafka_bridge.ros.used_type import RosEnd, RouteTypes
 
 _KAFKA_TIMES = (
     'Kafka keeps milliseconds: records of one millisecond are taken for a burst; and between '
@@ -171,7 +172,7 @@ def _from_ros(asked: Ros) -> Traffic:
     log = logging.LoggerAdapter(logging.getLogger(__name__))
     histories = Histories({}, {asked.topic: _SAMPLES})
     with open_node(f'depth_{os.getpid()}', None, histories) as node:
-        source = RosSource(node, asked.topic, load_type(_type(node, asked.topic)), QoS(), log)
+        source = RosSource(node, asked.topic, _type(node, asked.topic), QoS(), log)
         source.open()
         try:
             with waiting(f'Listening to {asked.topic} ({asked.seconds:g} s)'):
@@ -185,19 +186,21 @@ def _from_ros(asked: Ros) -> Traffic:
     return Traffic(f'ROS topic {asked.topic}', np.sort(np.array(times_ns, np.int64)), notes)
 
 
-def _type(node: RosNode, topic: str) -> str:
+def _type(node: RosNode, topic: str) -> MessageType:
     deadline_s = time.monotonic() + _TYPE_S
 
     def too_long(pause_s: float) -> bool:
         time.sleep(pause_s)
         return time.monotonic() > deadline_s
 
+    types = RouteTypes(node, RosSettings())
     with waiting(f'Waiting for a publisher of {topic}'):
-        found = wait_for_type(node, topic, too_long)
-    if found is None:
+        wanted = types.find(RosEnd(topic), too_long)
+        loaded = None if wanted is None else types.loader.load(wanted)
+    if loaded is None:
         why = hint('is it the domain of the nodes, do they run?')
         raise RouteError(f'nobody is seen to publish {topic} in {domain_in_words(None)}: {why}')
-    return found
+    return loaded
 
 
 def _listen(source: RosSource, seconds: float) -> list[int]:

@@ -1,7 +1,7 @@
 """From what the ROS graph shows to a draft of a route for each of its topics."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Literal, NamedTuple
 
 from ros2_kafka_bridge.commands.names import (
@@ -14,12 +14,16 @@ from ros2_kafka_bridge.commands.names import (
 from ros2_kafka_bridge.config.checks import ros_topic
 from ros2_kafka_bridge.config.routes import TEXT_TYPE
 from ros2_kafka_bridge.config.settings import QoS
+from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.ros.node import Peer, Topic
 from ros2_kafka_bridge.ros.qos import mismatch, profile
+from ros2_kafka_bridge.ros.shown_types import ShownTypes
+from ros2_kafka_bridge.ros.types import MessageType
 
 _LARGE = frozenset(
     {'sensor_msgs/msg/CompressedImage', 'sensor_msgs/msg/Image', 'sensor_msgs/msg/PointCloud2'}
 )
+_TOLD = 'Its type is not installed here: the bridge asks a node that uses it.'
 
 
 class Draft(NamedTuple):
@@ -57,7 +61,7 @@ class Draft(NamedTuple):
 
 def drafts(
     topics: Iterable[Topic],
-    unknown_type: Callable[[str], str | None],
+    types: ShownTypes,
     kafka_topics: Sequence[str] | None = None,
 ) -> list[Draft]:
     """Draft a route for each topic that is not of ROS itself.
@@ -67,7 +71,7 @@ def drafts(
 
     Args:
         topics: Of the graph.
-        unknown_type: Says why a type cannot be used here, None where it can.
+        types: What is known of those that are not installed here.
         kafka_topics: What Kafka holds, to use the names that are there; None is not asked.
     """
     held = {stem(name): name for name in kafka_topics or ()}
@@ -79,7 +83,7 @@ def drafts(
         subscribers = [peer for peer in topic.subscribers if not peer.is_bridge]
         if is_of_ros_itself(topic.name) or not (publishers or subscribers):
             continue
-        types = sorted({peer.message_type for peer in publishers + subscribers})
+        names = sorted({peer.message_type for peer in publishers + subscribers})
         wanted = held.get(stem(topic.name)) or kafka_name(topic.name)
         kafka = unique(wanted, taken_topics)
         draft = Draft(
@@ -87,31 +91,32 @@ def drafts(
             way='to Kafka' if publishers else 'from Kafka',
             ros=topic.name,
             kafka=kafka,
-            message_type=types[0],
+            message_type=names[0],
             latched=not publishers and any(p.durability == 'transient_local' for p in subscribers),
             comments=[],
-            problem=_problem(topic.name, types, unknown_type),
+            problem=_problem(topic.name, names, types),
         )
         comments = list(_comments(draft, publishers, subscribers))
+        if not draft.problem and isinstance(types.get((topic.name, names[0])), MessageType):
+            comments.append(_TOLD)
         if kafka_topics is not None and kafka not in kafka_topics:
             comments.append(f'Kafka has no topic {kafka} yet.')
         found.append(draft._replace(comments=comments))
     return found
 
 
-def _problem(topic: str, types: Sequence[str], unknown_type: Callable[[str], str | None]) -> str:
-    if len(types) > 1:
+def _problem(topic: str, names: Sequence[str], types: ShownTypes) -> str:
+    if len(names) > 1:
         return (
-            f'{topic} has types {" and ".join(types)}: a route carries one. Give one of the '
+            f'{topic} has types {" and ".join(names)}: a route carries one. Give one of the '
             'two another topic, or choose the type.'
         )
     try:
         ros_topic(topic)
     except ValueError as error:
         return f'{topic} cannot be bridged: {error}.'
-    if problem := unknown_type(types[0]):
-        return f'{problem}. Install its package beside the bridge.'
-    return ''
+    found = types.get((topic, names[0]))
+    return f'{found}.' if isinstance(found, BridgeError) else ''
 
 
 def _comments(

@@ -13,16 +13,21 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from ros2_kafka_bridge.commands.init.drafts import Draft, drafts
+from ros2_kafka_bridge.commands.names import is_of_ros_itself
 from ros2_kafka_bridge.commands.screen import screen, wait_for_discovery
 from ros2_kafka_bridge.config.file import loads
-from ros2_kafka_bridge.errors import BridgeError, ConfigError
+from ros2_kafka_bridge.config.settings import RosSettings
+from ros2_kafka_bridge.errors import BridgeError, ConfigError, RouteError
 from ros2_kafka_bridge.kafka.overview import Overview
 from ros2_kafka_bridge.kafka.properties import common_properties
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
-from ros2_kafka_bridge.message_types import unknown_type
+from ros2_kafka_bridge.message_types import KnownTypes
+from ros2_kafka_bridge.message_types.source import CURE
 from ros2_kafka_bridge.ros.discovery import hint, partial_view
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
-from ros2_kafka_bridge.ros.node import Topic, domain_in_words, open_node
+from ros2_kafka_bridge.ros.node import RosNode, Topic, domain_in_words, open_node
+from ros2_kafka_bridge.ros.shown_types import ShownTypes, load_shown
+from ros2_kafka_bridge.ros.types import TypeLoader
 
 _WIDTH = 98
 
@@ -113,6 +118,7 @@ class _Seen(NamedTuple):
     """What both sides showed; `kafka` is None where it was not asked or does not answer."""
 
     topics: list[Topic]
+    types: ShownTypes
     kafka: list[str] | None
     notes: list[str]
 
@@ -144,7 +150,7 @@ def write_from_graph(file: Path, servers: str, *, ask_kafka: bool, force: bool) 
     _refuse_existing(file, force=force)
     keep_clients_quiet()
     seen = _look(servers, ask_kafka=ask_kafka)
-    found = drafts(seen.topics, unknown_type, seen.kafka)
+    found = drafts(seen.topics, seen.types, seen.kafka)
     errors = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     for note in seen.notes:
         errors.print(note)
@@ -199,10 +205,22 @@ def _look(servers: str, *, ask_kafka: bool) -> _Seen:
     with open_node('init', None, Histories({}, {})) as node:
         wait_for_discovery()
         seen = node.topics()
+        types = _types(node, [topic for topic in seen if not is_of_ros_itself(topic.name)])
     if seen and (hidden := partial_view()):
         notes.append(f'there may be more topics: {hidden}')
     notes += [f'{topic.name} is left out: {topic.problem}' for topic in seen if topic.problem]
-    return _Seen([topic for topic in seen if not topic.problem], kafka, notes)
+    return _Seen([topic for topic in seen if not topic.problem], types, kafka, notes)
+
+
+def _types(node: RosNode, topics: Sequence[Topic]) -> ShownTypes:
+    """The types that are not installed here; `check` refuses one of a package that is."""
+    known = KnownTypes()
+    shown = load_shown(node, TypeLoader(RosSettings()), topics)
+    mistakes = {place: known.mistake(place[1]) for place in shown}
+    refused = {
+        place: RouteError(f'{mistake}: {CURE}') for place, mistake in mistakes.items() if mistake
+    }
+    return {**shown, **refused}
 
 
 def _kafka_topics(servers: str) -> list[str]:

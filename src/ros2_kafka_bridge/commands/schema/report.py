@@ -1,20 +1,27 @@
-"""The schema of a message type, as a format uses it. No broker is asked, and no ROS is loaded."""
+"""The schema of a message type, as a format uses it.
+
+No broker is asked, and no ROS is loaded unless the graph is to tell the type.
+"""
 
 import json
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.config.formats import JsonSettings
 from ros2_kafka_bridge.config.mistakes import near
-from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
-from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.message_types import document, load_layout
+from ros2_kafka_bridge.config.routes import AnyRoute
+from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosSettings
+from ros2_kafka_bridge.errors import BridgeError, ConfigError
+from ros2_kafka_bridge.message_types import INSTALLED, describe, document
+from ros2_kafka_bridge.message_types.description import DescribedTypes, make_layout
 from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.message_types.source import TypeSource
 from ros2_kafka_bridge.outside.extras import missing_extra
 
-SCHEMAS: Final = ('json', 'avro', 'protobuf')
+SCHEMAS: Final = ('json', 'avro', 'protobuf', 'msg')
 
 
 class SchemaOptions(NamedTuple):
@@ -27,6 +34,7 @@ class SchemaOptions(NamedTuple):
         config: With the route.
         route: Its name; empty without.
         output: Folder to write files into; None prints.
+        from_graph: Whether the type is the one that ROS nodes use.
     """
 
     type_name: str
@@ -35,6 +43,7 @@ class SchemaOptions(NamedTuple):
     config: Config | None = None
     route: str = ''
     output: Path | None = None
+    from_graph: bool = False
 
 
 class _Wanted(NamedTuple):
@@ -49,12 +58,21 @@ def report(options: SchemaOptions) -> int:
     Raises:
         ConfigError: There is no such type, route or schema, or the extra is missing.
     """
-    wanted = _wanted(options)
+    try:
+        wanted = _wanted(options)
+    except ConfigError:
+        raise
+    except BridgeError as error:  # of the graph
+        _say(str(error))
+        return 1
     if options.output is None:
         sys.stdout.write(text_of(*wanted))
         return 0
-    for name, text in _files_of(wanted).items():
-        _write(options.output / name, text)
+    files = {options.output / name: text for name, text in _files_of(wanted).items()}
+    if wanted.format_name == 'msg':
+        _refuse_other(files)
+    for file, text in files.items():
+        _write(file, text)
     return 0
 
 
@@ -73,6 +91,10 @@ def text_of(layout: Layout, format_name: str, settings: JsonSettings) -> str:
         from ros2_kafka_bridge.formats.avro.schema import avro_schema  # noqa: PLC0415
 
         return json.dumps(avro_schema(layout), indent=2, ensure_ascii=False) + '\n'
+    if format_name == 'msg':
+        from ros2_kafka_bridge.message_types.writing import msg_text  # noqa: PLC0415
+
+        return msg_text(layout)
     from ros2_kafka_bridge.formats.protobuf.schema import protobuf_schema  # noqa: PLC0415
 
     return protobuf_schema(layout)
@@ -84,8 +106,26 @@ def _files_of(wanted: _Wanted) -> dict[str, str]:
         from ros2_kafka_bridge.formats.protobuf.schema import protobuf_sources  # noqa: PLC0415
 
         return protobuf_sources(layout)
+    if format_name == 'msg':
+        from ros2_kafka_bridge.message_types.writing import msg_files  # noqa: PLC0415
+
+        return {f'{name}.msg': text for name, text in msg_files(layout).items()}
     suffix = {'json': 'schema.json', 'avro': 'avsc'}[format_name]
     return {f'{layout.type_name}.{suffix}': text_of(*wanted)}
+
+
+def _refuse_other(files: dict[Path, str]) -> None:
+    """Keep the .msg files of a person, which have the same names."""
+    problems = []
+    for file, text in files.items():
+        with suppress(OSError):
+            if file.read_bytes() != text.encode():
+                problems.append(
+                    f'{file}: is there already, with another text: remove it, or name another '
+                    'folder'
+                )
+    if problems:
+        raise ConfigError(problems)
 
 
 def _write(file: Path, text: str) -> None:
@@ -97,23 +137,32 @@ def _write(file: Path, text: str) -> None:
     print(file)  # noqa: T201 (the words for the user)
 
 
+def _say(text: str) -> None:
+    print(text, file=sys.stderr)  # noqa: T201 (the words for the user; the schema is the answer)
+
+
 def _wanted(options: SchemaOptions) -> _Wanted:
     route = _route(options)
     format_name = options.format_name or (route.format if route else '')
     if format_name not in SCHEMAS:
         said = f'{format_name} has no schema: say' if format_name else 'of which format? Say'
-        raise ConfigError([f'{said} --format json, avro or protobuf'])
+        raise ConfigError([f'{said} --format json, avro, protobuf or msg'])
     if problem := missing_extra(format_name):
         raise ConfigError([problem])
-    name = options.type_name or _type_of(route)
-    folders = [*options.message_path, *(options.config.ros.message_path if options.config else ())]
-    # A route has the type that is installed; the folders only tell its docs.
-    layout = load_layout(name, () if route else folders)
+    name = options.type_name or _type_of(route, from_graph=options.from_graph)
+    layout = _layout(name, route, options)
     settings = route.json_settings if route and route.format == 'json' else None
-    return _Wanted(document(layout, folders), format_name, settings or JsonSettings())
+    return _Wanted(layout, format_name, settings or JsonSettings())
 
 
-def _route(options: SchemaOptions) -> KafkaToRosRoute | RosToKafkaRoute | None:
+def _message_path(config: Config | None) -> Sequence[Path]:
+    return () if config is None else config.ros.message_path
+
+
+# Which type
+
+
+def _route(options: SchemaOptions) -> AnyRoute | None:
     if not options.route:
         return None
     if options.config is None:
@@ -124,11 +173,43 @@ def _route(options: SchemaOptions) -> KafkaToRosRoute | RosToKafkaRoute | None:
     return by_name[options.route]
 
 
-def _type_of(route: KafkaToRosRoute | RosToKafkaRoute | None) -> str:
+def _type_of(route: AnyRoute | None, *, from_graph: bool) -> str:
+    """The name of the type; empty for the one that is published."""
     if route is None:
         raise ConfigError(['of which message type? Name it, as std_msgs/msg/String'])
     name = route.sink.type if isinstance(route, KafkaToRosRoute) else route.source.type
-    if name is None:
+    if name is None and not from_graph:
         text = f'route {route.name} takes the type that is published: name a message type'
-        raise ConfigError([text])
-    return name
+        raise ConfigError([f'{text}, or say --from-graph'])
+    return name or ''
+
+
+def _layout(name: str, route: AnyRoute | None, options: SchemaOptions) -> Layout:
+    config = options.config
+    ros = RosSettings() if config is None else config.ros
+    source = TypeSource.of(ros, over=options.message_path)
+    if options.from_graph:
+        from ros2_kafka_bridge.commands.schema.graph import type_there  # noqa: PLC0415 (heavy)
+
+        topic = '' if route is None else _ros_topic(route)
+        name, described, said = type_there(ros, source, name, topic)
+        _say(said)
+    else:
+        described = source.describe(name)
+        if described.origin != INSTALLED:
+            _say(f'{name} {described.origin}')
+    return _documented(name, described, [*options.message_path, *_message_path(config)])
+
+
+def _ros_topic(route: AnyRoute) -> str:
+    return route.sink.ros if isinstance(route, KafkaToRosRoute) else route.source.ros
+
+
+def _documented(name: str, described: DescribedTypes, folders: Sequence[Path]) -> Layout:
+    """The layout with its docs and constants: another definition has other ones."""
+    layout = make_layout(name, described)
+    for place in (folders, ()):
+        with suppress(ConfigError):
+            if describe(name, place).types == described.types:
+                return document(layout, place)
+    return layout

@@ -78,7 +78,7 @@ def _asked(file: Path | None, address: str) -> _Asked:
     if address:
         raise ConfigError([f'--address: {file} says it already: leave one out'])
     try:
-        config = load_checked(file, with_ros=False)
+        config = load_checked(file)
     except ConfigError as error:
         return _of_wrong(file, error)
     return _of_config(config, file)

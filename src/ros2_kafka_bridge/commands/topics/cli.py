@@ -30,9 +30,10 @@ def topics(
     """Show the topics of both sides, and which routes and nodes would match.
 
     For Kafka: partitions, records held (offsets from the first to the last, more than records on
-    compacted topics), rates. For ROS: types, QoS of publishers and subscribers, rates. A topic
-    that a bridge publishes is not counted, because the bridge would wait for the counting.
-    Without FILE: localhost:9092 and ROS_DOMAIN_ID.
+    compacted topics), rates. For ROS: types, QoS of publishers and subscribers, rates. For a
+    type that is not installed here, nodes that use it are asked. A topic that a bridge publishes
+    is not counted, because the bridge would wait for the counting. Without FILE: localhost:9092
+    and ROS_DOMAIN_ID.
 
     Exit status: 0 both sides were seen, 1 one of them was not, 2 the file is wrong.
     """

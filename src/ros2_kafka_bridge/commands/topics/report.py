@@ -10,6 +10,7 @@ from typing import Literal, NamedTuple
 from ros2_kafka_bridge.commands.names import is_of_kafka_itself, is_of_ros_itself, stem
 from ros2_kafka_bridge.commands.screen import screen, wait_for_discovery, waiting
 from ros2_kafka_bridge.commands.topics.tables import show
+from ros2_kafka_bridge.commands.topics.types import GraphTypes
 from ros2_kafka_bridge.commands.topics.view import (
     KafkaRow,
     Match,
@@ -31,7 +32,6 @@ from ros2_kafka_bridge.errors import BridgeError, TransportError
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
 from ros2_kafka_bridge.kafka.properties import PropertyValue, common_properties
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
-from ros2_kafka_bridge.message_types import installed_hash
 from ros2_kafka_bridge.ros import rates
 from ros2_kafka_bridge.ros.discovery import NOT_TOLD, hint, partial_view
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
@@ -47,6 +47,7 @@ from ros2_kafka_bridge.ros.matching import (
 )
 from ros2_kafka_bridge.ros.node import Peer, RosNode, Topic, domain_in_words, middleware, open_node
 from ros2_kafka_bridge.ros.qos import mismatch, profile
+from ros2_kafka_bridge.ros.types import MessageType
 
 Offsets = Mapping[tuple[str, int], int]
 
@@ -100,17 +101,20 @@ def look(sides: SideSettings, seconds: float | None) -> TopicsView:
     with open_node('topics', sides.ros.domain_id, Histories({}, {}, sides.ros.lease_s)) as node:
         wait_for_discovery()
         graph, ros_problem, ros_hint = _ros_topics(node, sides.routes)
+        with waiting('Asking nodes for their types'):
+            types = GraphTypes(node, sides.ros, graph)
+        counted = {} if seconds is None else _countable(graph, types)
         before, started_s = overview.ends(topics), time.monotonic()
-        ros_rates = {} if seconds is None else _ros_rates(node, graph, seconds)
+        ros_rates = {} if seconds is None else _ros_rates(node, graph, counted, seconds)
         after = before if seconds is None else overview.ends(topics)
         measured_s = time.monotonic() - started_s
+        ros_rows = [_ros_row(topic, sides.routes, types, ros_rates) for topic in graph]
     kafka_rates = {} if seconds is None else _kafka_rates(topics, before, after, measured_s)
     begins = overview.begins(topics)
     kafka_rows = [
         _kafka_row(topic, sides.routes, records(topic, begins, after), kafka_rates)
         for topic in [*topics, *_missing_in_kafka(topics, sides.routes, problem)]
     ]
-    ros_rows = [_ros_row(topic, sides.routes, ros_rates) for topic in graph]
     return TopicsView(
         brokers=str(sides.kafka.get('bootstrap.servers', '')),
         kafka_problem=problem,
@@ -208,21 +212,27 @@ def _missing_in_ros(
     return [Topic(name, [], [], [], problem) for name in missing]
 
 
-def _ros_rates(node: RosNode, graph: Iterable[Topic], seconds: float) -> dict[str, float]:
-    """Count where that disturbs nobody.
+def _countable(graph: Iterable[Topic], types: GraphTypes) -> dict[str, MessageType]:
+    """The topics where counting disturbs nobody, with their types.
 
     A bridge waits for subscribers, and publishes again what is in flight when one has gone: it
     would take the counting for such a one.
     """
-    silent = {topic.name: 0.0 for topic in graph if not topic.publishers and not topic.problem}
-    counted = {
-        topic.name: topic.types[0]
+    loaded = {
+        topic.name: types.load(topic.name, topic.types[0])
         for topic in graph
         if topic.publishers
         and not topic.problem
         and len(topic.types) == 1
         and (is_of_ros_itself(topic.name) or all(_is_no_bridge(p) for p in topic.publishers))
     }
+    return {name: it for name, it in loaded.items() if it is not None}
+
+
+def _ros_rates(
+    node: RosNode, graph: Iterable[Topic], counted: Mapping[str, MessageType], seconds: float
+) -> dict[str, float]:
+    silent = {topic.name: 0.0 for topic in graph if not topic.publishers and not topic.problem}
     with waiting(f'Counting messages ({seconds:g} s)'):
         return silent | rates.count(node, counted, seconds)
 
@@ -231,11 +241,15 @@ def _is_no_bridge(peer: Peer) -> bool:
     return peer.named and not peer.is_bridge
 
 
-def _ros_row(topic: Topic, routes: Sequence[AnyRoute], found: Mapping[str, float]) -> RosRow:
+def _ros_row(
+    topic: Topic, routes: Sequence[AnyRoute], types: GraphTypes, found: Mapping[str, float]
+) -> RosRow:
     joined = [route for route in routes if ros_end(route) == topic.name]
     return RosRow(
         name=topic.name,
         types=topic.types,
+        type_origins=types.origins(topic),
+        type_problems=types.problems(topic),
         publishers=[_peer_row(peer) for peer in topic.publishers],
         subscribers=[_peer_row(peer) for peer in topic.subscribers],
         rate=found.get(topic.name),
@@ -244,7 +258,7 @@ def _ros_row(topic: Topic, routes: Sequence[AnyRoute], found: Mapping[str, float
             RouteRow(route.name, 'publishes' if isinstance(route, KafkaToRosRoute) else 'takes')
             for route in joined
         ],
-        matches=[match for route in joined for match in _matches(route, topic, routes)],
+        matches=[match for route in joined for match in _matches(route, topic, routes, types)],
         problem=topic.problem,
     )
 
@@ -253,10 +267,13 @@ def _peer_row(peer: Peer) -> PeerRow:
     return PeerRow(peer.node, peer.message_type, peer.reliability, peer.durability)
 
 
-def _matches(route: AnyRoute, topic: Topic, routes: Sequence[AnyRoute]) -> Iterator[Match]:
+def _matches(
+    route: AnyRoute, topic: Topic, routes: Sequence[AnyRoute], types: GraphTypes
+) -> Iterator[Match]:
     if isinstance(route, KafkaToRosRoute):
         readers = [*topic.subscribers, *own_readers(routes, route)]
-        type_hash = installed_hash(route.sink.type)
+        loaded = types.load(topic.name, route.sink.type)
+        type_hash = loaded and loaded.type_hash
         found = [
             (peer, reader_problem(route, peer, type_hash), reader_unknown(route, peer, type_hash))
             for peer in readers

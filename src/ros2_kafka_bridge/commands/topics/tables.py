@@ -1,7 +1,8 @@
 """The tables of `topics`, for people."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Final
 
 from rich.console import Console
 
@@ -14,8 +15,10 @@ from ros2_kafka_bridge.commands.topics.view import (
     RouteRow,
     TopicsView,
 )
+from ros2_kafka_bridge.message_types.source import CURE
 
 _MATCH_COLUMNS = ('route', 'node', 'would match')
+_UNKNOWN: Final = 'not known here'
 
 
 def show(console: Console, view: TopicsView) -> None:
@@ -59,19 +62,34 @@ def _show_ros(console: Console, title: str, view: TopicsView) -> None:
     columns = [*kinds, 'publishers', 'subscribers', *['#msg/s'] * rated, 'route']
     rows: list[list[list[str]]] = []
     for row in view.ros:
-        types = [*row.types, *_if(row.problem)] or ['nobody is there']
+        types = [*_types(row), *_if(row.problem)] or ['nobody is there']
         first = [[row.name, *types]] if console.is_terminal else [[row.name], [*types]]
         unknown = ['?'] * bool(row.problem)
         ends = [_ends(peers) or unknown for peers in (row.publishers, row.subscribers)]
         rate = [[_rate(row.rate)]] if rated else []
         rows.append([*first, *ends, *rate, [*_routes(row.routes), *_if(row.kind)]])
     show_table(console, title, columns, rows)
+    if any(row.type_problems for row in view.ros):
+        show_line(
+            console,
+            f'{_UNKNOWN}: nobody there describes the type (--json says why): {CURE}',
+        )
     if rated and any(row.rate is None for row in view.ros):
         show_line(
             console,
-            '?: not counted: two types, a type that is not installed here, somebody there who '
+            '?: not counted: two types, a type that is not known here, somebody there who '
             'cannot be read, or a bridge publishes it (counting would be a subscriber to it)',
         )
+
+
+def _types(row: RosRow) -> Iterator[str]:
+    """The types of a topic, each with where it is described if it is not installed."""
+    for name in row.types:
+        yield name
+        if name in row.type_origins:
+            yield row.type_origins[name].removeprefix('is ')
+        if name in row.type_problems:
+            yield _UNKNOWN
 
 
 def _ends(peers: Sequence[PeerRow]) -> list[str]:

@@ -64,6 +64,8 @@ class RosRow:
     """A ROS topic.
 
     Args:
+        type_origins: Of each type that is not installed here, where it is described.
+        type_problems: Of each type that is described nowhere, why.
         rate: Messages a second; None where it was not asked for or could not be counted.
         kind: Whose it is, where it is not the user's own.
         routes: The routes that take from it or publish to it.
@@ -73,6 +75,8 @@ class RosRow:
 
     name: str
     types: list[str]
+    type_origins: dict[str, str]
+    type_problems: dict[str, str]
     publishers: list[PeerRow]
     subscribers: list[PeerRow]
     rate: float | None

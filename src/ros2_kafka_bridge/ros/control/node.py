@@ -16,6 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 from ros2_kafka_bridge import __version__
+from ros2_kafka_bridge.config.endpoints import RosSettings
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError, blamed
@@ -33,7 +34,7 @@ from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.installation import check_api
 from ros2_kafka_bridge.ros.node import RosNode, node_name, open_made, told_by_others
 from ros2_kafka_bridge.ros.rclpy_api import NeededBy
-from ros2_kafka_bridge.ros.types import TypeLoader
+from ros2_kafka_bridge.ros.types import TypeLoader, WantedType
 from ros2_kafka_bridge.threads.stop import Stop
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ def run_control(watch: WatchedBridge, stop: Stop) -> None:
         watch: The bridge.
         stop: Asks for the end.
     """
-    log, types = logs.route_log(), TypeLoader('import')
+    log, types = logs.route_log(), TypeLoader(RosSettings(packages='import'))
     said = ''
     while not stop.asked:
         problem = _until_problem(watch, stop, types, log)
@@ -119,7 +120,7 @@ def _import_packages(types: TypeLoader, stop: Stop) -> bool:
     Raises:
         BridgeError: One cannot be imported, or its import has not ended.
     """
-    if any(types.load(name, stop) is None for name in _TYPES):
+    if any(types.load(WantedType(name), stop) is None for name in _TYPES):
         return False
     with blamed('its ROS packages cannot be loaded'):
         check_api(NeededBy.MANAGED_NODE)
