@@ -6,12 +6,12 @@ from typing import NamedTuple
 from ros2_kafka_bridge.commands.check.ros import publishers
 from ros2_kafka_bridge.commands.screen import Finding
 from ros2_kafka_bridge.config.routes import AnyRoute
-from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.config.settings import Config, RosToKafkaRoute
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, RouteError
 from ros2_kafka_bridge.message_types.description import make_layout
 from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.message_types.source import TypeSource
-from ros2_kafka_bridge.ros.matching import ros_end, type_of
+from ros2_kafka_bridge.ros.matching import type_of
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.shown_types import TypeOrError, load_all
 from ros2_kafka_bridge.ros.types import WantedType
@@ -36,12 +36,12 @@ class FoundType(NamedTuple):
 
 def named_type(route: AnyRoute, config: Config) -> FoundType:
     """The type that the file names, without asking anybody."""
-    name = route.sink.type if isinstance(route, KafkaToRosRoute) else route.source.type
+    topic, name, _ = RosEnd.of(route)
     if name is None:
         return FoundType()
     source = TypeSource.of(config.ros)
     if problem := source.unsettled(name):
-        text = f'{problem}: a node that uses {ros_end(route)} is asked for it'
+        text = f'{problem}: a node that uses {topic} is asked for it'
         return FoundType(name, found=[Finding('note', 'type', text)])
     try:
         layout = make_layout(name, source.describe(name))

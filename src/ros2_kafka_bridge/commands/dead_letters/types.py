@@ -108,12 +108,7 @@ class LetterTypes:
         except BridgeError as error:
             if self._source.unknown(name) is None:  # in two versions, and nobody tells which
                 return make_layout(name, self._source.describe(name))
-            why = str(error)
-            why = why if why.startswith(problem) else f'{problem}, and {why}'
-            raise RecordError(
-                f'{why}; ros2-kafka-bridge schema {name} --from-graph --format msg --output DIR '
-                'writes them while a node runs that describes it'
-            ) from error
+            raise _not_told(name, problem, str(error)) from error
 
     def _ask(self, topic: str, name: str, wanted: str) -> DescribedTypes:
         if wanted not in self._there(topic, name, {wanted: ''}):
@@ -140,3 +135,11 @@ class LetterTypes:
             return self._join()
         except BridgeError as error:  # ROS may not be here: what is known without it counts
             raise RouteError(f'{error}; {CURE}') from error
+
+
+def _not_told(name: str, problem: str, why: str) -> RecordError:
+    told = why if why.startswith(problem) else f'{problem}, and {why}'
+    return RecordError(
+        f'{told}; ros2-kafka-bridge schema {name} --from-graph --format msg --output DIR writes '
+        'them while a node runs that describes it'
+    )

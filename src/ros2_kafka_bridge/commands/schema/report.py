@@ -155,10 +155,6 @@ def _wanted(options: SchemaOptions) -> _Wanted:
     return _Wanted(layout, format_name, settings or JsonSettings())
 
 
-def _message_path(config: Config | None) -> Sequence[Path]:
-    return () if config is None else config.ros.message_path
-
-
 # Which type
 
 
@@ -185,24 +181,20 @@ def _type_of(route: AnyRoute | None, *, from_graph: bool) -> str:
 
 
 def _layout(name: str, route: AnyRoute | None, options: SchemaOptions) -> Layout:
-    config = options.config
-    ros = RosSettings() if config is None else config.ros
+    ros = RosSettings() if options.config is None else options.config.ros
     source = TypeSource.of(ros, over=options.message_path)
     if options.from_graph:
         from ros2_kafka_bridge.commands.schema.graph import type_there  # noqa: PLC0415 (heavy)
+        from ros2_kafka_bridge.ros.matching import ros_end  # noqa: PLC0415
 
-        topic = '' if route is None else _ros_topic(route)
+        topic = '' if route is None else ros_end(route)
         name, described, said = type_there(ros, source, name, topic)
         _say(said)
     else:
         described = source.describe(name)
         if described.origin != INSTALLED:
             _say(f'{name} {described.origin}')
-    return _documented(name, described, [*options.message_path, *_message_path(config)])
-
-
-def _ros_topic(route: AnyRoute) -> str:
-    return route.sink.ros if isinstance(route, KafkaToRosRoute) else route.source.ros
+    return _documented(name, described, [*options.message_path, *ros.message_path])
 
 
 def _documented(name: str, described: DescribedTypes, folders: Sequence[Path]) -> Layout:
