@@ -1,4 +1,4 @@
-"""The direction ROS -> Kafka with ends in memory, driven step by step."""
+"""The pipeline ROS -> Kafka with ends in memory, driven step by step."""
 
 import logging
 from collections.abc import Iterable
@@ -59,7 +59,7 @@ class InKafka:
 
 
 class House:
-    """A direction with its ends."""
+    """A pipeline with its ends."""
 
     def __init__(
         self,
@@ -83,7 +83,7 @@ class House:
         dead: DeadLetters[MessageEntry] = DeadLetters(
             'orders.dead', self.letters, lambda: None, LOG
         )
-        self.direction = RosToKafka(
+        self.pipeline = RosToKafka(
             route,
             self.source,
             InKafka(seen, refused),
@@ -96,8 +96,8 @@ class House:
             Backlog(None, None, LOG),
             LOG,
         )
-        self.pause = self.direction._pause
-        self.direction._prepare()
+        self.pause = self.pipeline._pause
+        self.pipeline._prepare()
         self.sink.open()
 
     def give(self, *cdr: bytes, first: int = 1) -> None:
@@ -106,20 +106,20 @@ class House:
 
     def steps(self, count: int = 4) -> None:
         for _ in range(count):
-            self.direction._step()
+            self.pipeline._step()
             self.check_balance()
 
     def rests(self, count: int = 3) -> None:
         for _ in range(count):
-            self.direction._rest()
+            self.pipeline._rest()
             self.check_balance()
 
     def check_balance(self) -> None:
-        snapshot = self.direction.counters.snapshot(len(self.direction._window))
+        snapshot = self.pipeline.counters.snapshot(len(self.pipeline._window))
         assert snapshot.balanced, snapshot
 
     def values(self) -> list[bytes | None]:
         return [record.value for record in self.sink.records]
 
     def count(self, name: str) -> int:
-        return int(getattr(self.direction.counters.snapshot(0), name))
+        return int(getattr(self.pipeline.counters.snapshot(0), name))

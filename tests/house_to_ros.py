@@ -1,4 +1,4 @@
-"""The direction Kafka -> ROS with ends in memory, driven step by step."""
+"""The pipeline Kafka -> ROS with ends in memory, driven step by step."""
 
 import logging
 from typing import TYPE_CHECKING, Any
@@ -52,7 +52,7 @@ def decode(value: bytes | None) -> bytes:
 
 
 class House:
-    """A direction with its ends."""
+    """A pipeline with its ends."""
 
     def __init__(self, **settings: Any) -> None:
         self.source = MemoryRecordSource()
@@ -71,7 +71,7 @@ class House:
         dead: DeadLetters[RecordEntry] = DeadLetters(
             'orders.dead', self.letters, lambda: None, LOG
         )
-        self.direction = KafkaToRos(
+        self.pipeline = KafkaToRos(
             route,
             'me',
             self.source,
@@ -81,8 +81,8 @@ class House:
             dead,
             LOG,
         )
-        self.pause = self.direction._pause
-        self.source.open(self.direction)
+        self.pause = self.pipeline._pause
+        self.source.open(self.pipeline)
 
     def give(self, *values: bytes | None, partition: int = 0, first: int = 0, **more: Any) -> None:
         for number, value in enumerate(values):
@@ -90,21 +90,21 @@ class House:
 
     def steps(self, count: int = 6) -> None:
         for _ in range(count):
-            self.direction._step()
+            self.pipeline._step()
             self.check_balance()
 
     def rests(self, count: int = 3) -> None:
         for _ in range(count):
-            self.direction._rest()
+            self.pipeline._rest()
             self.check_balance()
 
     def check_balance(self) -> None:
-        snapshot = self.direction.counters.snapshot(len(self.direction._window))
+        snapshot = self.pipeline.counters.snapshot(len(self.pipeline._window))
         assert snapshot.balanced, snapshot
 
     def positions(self) -> dict[int, int]:
-        self.direction._settle()
+        self.pipeline._settle()
         return self.source.positions
 
     def confirmed(self) -> int:
-        return self.direction.counters.snapshot(0).confirmed
+        return self.pipeline.counters.snapshot(0).confirmed

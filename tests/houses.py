@@ -1,4 +1,4 @@
-"""The direction ROS -> Kafka with a spool on disk, driven step by step with ends in memory."""
+"""The pipeline ROS -> Kafka with a spool on disk, driven step by step with ends in memory."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -76,7 +76,7 @@ class NoTail:
 
 
 class House:
-    """One life of a direction, with a spool in `place`."""
+    """One life of a pipeline, with a spool in `place`."""
 
     def __init__(self, place: Path, spool: dict[str, Any] | None = None, **more: Any) -> None:
         self.source = MemoryMessageSource()
@@ -97,7 +97,7 @@ class House:
         )
         self.sink.room = route.max_in_flight  # as that of the real producer
         self.spool = Spool(file_of(place, 'test', route.name), sync=False, log=LOG)
-        self.direction = RosToKafka(
+        self.pipeline = RosToKafka(
             route,
             self.source,
             Produced(self.tail, NoTail(), identify, lambda _: None, LOG),
@@ -110,8 +110,8 @@ class House:
             Backlog(self.spool, route.spool, LOG, drops=route.when_full == 'drop_oldest'),
             LOG,
         )
-        self.direction._prepare()
-        self._opened = self.direction._opened()
+        self.pipeline._prepare()
+        self._opened = self.pipeline._opened()
         self._opened.__enter__()
 
     def give(self, *numbers: int) -> None:
@@ -120,13 +120,13 @@ class House:
 
     def steps(self, count: int = 4) -> None:
         for _ in range(count):
-            self.direction._step()
+            self.pipeline._step()
             self.check_balance()
 
     def until_all_confirmed(self) -> None:
         for _ in range(1000):
             self.steps(1)
-            if not self.direction._window and not self.direction._spooling.waiting:
+            if not self.pipeline._window and not self.pipeline._spooling.waiting:
                 return
         pytest.fail('it never ends')
 
@@ -140,21 +140,21 @@ class House:
         self.until_all_confirmed()
 
     def check_balance(self) -> None:
-        self.direction._take_snapshot()
-        snapshot = self.direction.snapshot
+        self.pipeline._take_snapshot()
+        snapshot = self.pipeline.snapshot
         assert snapshot.balanced, snapshot
         assert all(count >= 0 for count in snapshot if isinstance(count, int)), snapshot
 
     def crash(self) -> None:
         """Leave everything as a SIGKILL would."""
-        self.direction._spooling._backlog._is_open = False
+        self.pipeline._spooling._backlog._is_open = False
         self.spool._file._close_database()
         self.spool._file._lock.release()
 
     def drain(self, stop: Stop | None = None) -> None:
         stop = stop or Stop()
         stop.ask()
-        self.direction._drain(stop)
+        self.pipeline._drain(stop)
         self.check_balance()
         self._opened.__exit__(None, None, None)
 
@@ -162,15 +162,15 @@ class House:
         """Let the run end with an error, and begin the next."""
         error = RouteError('no permission')
         assert not self._opened.__exit__(RouteError, error, None)
-        self._opened = self.direction._opened()
+        self._opened = self.pipeline._opened()
         self._opened.__enter__()
 
     def numbers(self) -> list[int]:
         return [int(record.value or b'0') for record in self.sink.records]
 
     def count(self, name: str) -> int:
-        self.direction._take_snapshot()
-        return int(getattr(self.direction.snapshot, name))
+        self.pipeline._take_snapshot()
+        return int(getattr(self.pipeline.snapshot, name))
 
     def on_disk(self) -> list[int]:
         return [row.number for row in self.spool.read(0, 1_000_000, 1 << 40)]

@@ -56,8 +56,8 @@ class MemoryLock:
         self.said.append('closed')
 
 
-class MemoryDirection:
-    """A direction that takes some messages, does what it is told, and confirms all but some."""
+class MemoryPipeline:
+    """A pipeline that takes some messages, does what it is told, and confirms all but some."""
 
     def __init__(self, taken: int, then: Callable[[Stop], None], left: int = 0) -> None:
         self._counters = Counters('orders')
@@ -76,7 +76,7 @@ class MemoryDirection:
 
 
 class Told:
-    """A direction that shows a snapshot and does nothing."""
+    """A pipeline that shows a snapshot and does nothing."""
 
     def __init__(self, snapshot: Snapshot) -> None:
         self.snapshot = snapshot
@@ -96,9 +96,9 @@ class Nobody:
 
 
 class House:
-    """A bridge with one route, whose terms are these directions, one after the other."""
+    """A bridge with one route, whose terms are these pipelines, one after the other."""
 
-    def __init__(self, lock: MemoryLock, *directions: MemoryDirection) -> None:
+    def __init__(self, lock: MemoryLock, *pipelines: MemoryPipeline) -> None:
         content = {
             'name': 'pair',
             'kafka': {'bootstrap.servers': 'localhost:1'},
@@ -118,8 +118,8 @@ class House:
         assert isinstance(self.lane.lock, GroupLock)
         self.lane.lock = cast('GroupLock', lock)
         self.lock = lock
-        self.directions = list(directions)
-        self.for_backlog: MemoryDirection | None = None
+        self.pipelines = list(pipelines)
+        self.for_backlog: MemoryPipeline | None = None
         self.in_use: SpoolInUseError | None = None
         self.claims_until_free = 0
         self.claims: list[int] = []  # ROS endpoints at each
@@ -127,12 +127,12 @@ class House:
         self.open = 0  # ROS endpoints
         self.told = 0
 
-    def make(self, *arguments: Any) -> MemoryDirection:
+    def make(self, *arguments: Any) -> MemoryPipeline:
         self.open += 1
         arguments[3].callback(self._close)
-        return self.directions.pop(0)
+        return self.pipelines.pop(0)
 
-    def make_for_backlog(self, *_: Any) -> MemoryDirection | None:
+    def make_for_backlog(self, *_: Any) -> MemoryPipeline | None:
         return self.for_backlog
 
     def successor(self, _: Any) -> 'Nobody':

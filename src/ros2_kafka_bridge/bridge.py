@@ -30,7 +30,7 @@ from ros2_kafka_bridge.tracing.routes import open_tracing
 from ros2_kafka_bridge.turns.lane import Lane
 from ros2_kafka_bridge.turns.standing_by import stand_by
 from ros2_kafka_bridge.turns.term import OVERLAP_S, Successor, Term
-from ros2_kafka_bridge.wiring import Direction, Wiring, group_lock_of, histories_of
+from ros2_kafka_bridge.wiring import Pipeline, Wiring, group_lock_of, histories_of
 
 _CLOSING_S = 10.0
 _AT_ONCE_S = 2.0
@@ -246,21 +246,21 @@ class Bridge:
         """Run one route until it stops or fails; returns why it has failed."""
         lane.begin()
         try:
-            if lane.direction is None:
+            if lane.pipeline is None:
                 lane.use(wiring.make(lane.route, lane.log, stop, stack, lane.wait_for_type))
-            direction = lane.direction
-            if direction is None:
+            pipeline = lane.pipeline
+            if pipeline is None:
                 return None
-            if lane.lock is not None and not self._has_spool(lane, direction, wiring, stop):
+            if lane.lock is not None and not self._has_spool(lane, pipeline, wiring, stop):
                 return None
             lane.begin_run()
-            direction.run(stop, lane.pause)
+            pipeline.run(stop, lane.pause)
         except BridgeError as error:
             # Of a route that was never made, a stop in its try is one between two of them.
-            return None if lane.stop.asked and lane.direction is None else error
+            return None if lane.stop.asked and lane.pipeline is None else error
         return None
 
-    def _has_spool(self, lane: Lane, direction: Direction, wiring: Wiring, stop: Stop) -> bool:
+    def _has_spool(self, lane: Lane, pipeline: Pipeline, wiring: Wiring, stop: Stop) -> bool:
         """Wait until a bridge of this machine, whose turn is over, has put the spool away.
 
         The ROS endpoint is open meanwhile: that one reads until it sees it. False at a stop.
@@ -271,7 +271,7 @@ class Bridge:
         """
         while True:
             try:
-                wiring.claim_spool(direction)
+                wiring.claim_spool(pipeline)
             except SpoolInUseError as in_use:
                 lane.wait_for_spool(in_use)
             else:

@@ -1,4 +1,4 @@
-"""The four ends that a direction joins, as the direction sees them.
+"""The four ends that a pipeline joins, as the pipeline sees them.
 
 The real ones are in `kafka` and `ros`, memory ones in `testing`. All calls on an end come from
 the thread of its route, also the calls back.

@@ -55,7 +55,7 @@ _LEAST_KBYTES = 1024
 _LARGEST_LETTER_BYTES = 1_000_000_000  # the most that librdkafka takes
 _FRAME_BYTES = 10_000  # of key, headers and protocol around a message
 
-Direction = KafkaToRos | RosToKafka
+Pipeline = KafkaToRos | RosToKafka
 Log = logging.LoggerAdapter[logging.Logger]
 Say = Callable[[str], None]
 
@@ -108,7 +108,7 @@ class Wiring:
         stop: Stop,
         stack: ExitStack,
         say: Say = lambda _: None,
-    ) -> Direction | None:
+    ) -> Pipeline | None:
         """Make what runs a route; None where a stop came while its type was waited for.
 
         Its ROS endpoint is open until the stack closes: a route that fails on the Kafka side
@@ -120,26 +120,26 @@ class Wiring:
         """
         with ExitStack() as made:
             if isinstance(route, KafkaToRosRoute):
-                direction: Direction | None = self._kafka_to_ros(route, log, stop, made, say)
+                pipeline: Pipeline | None = self._kafka_to_ros(route, log, stop, made, say)
             else:
-                direction = self._ros_to_kafka(route, log, stop, made, say)
+                pipeline = self._ros_to_kafka(route, log, stop, made, say)
             stack.push(made.pop_all())
-        return direction
+        return pipeline
 
     def successor(self, route: RosToKafkaRoute) -> RosSuccessor:
         """Make what knows whether another bridge of this name reads the ROS topic of a route."""
         topic, own = route.source.ros, self._abilities.own
         return RosSuccessor(self._node, topic, self._config.name, own)
 
-    def claim_spool(self, direction: Direction) -> None:
+    def claim_spool(self, pipeline: Pipeline) -> None:
         """Keep the spool of a route, if it has one, until its stack closes.
 
         Raises:
             SpoolInUseError: Another process has it.
             RouteError: It cannot be kept.
         """
-        if isinstance(direction, RosToKafka):
-            direction.claim_spool()
+        if isinstance(pipeline, RosToKafka):
+            pipeline.claim_spool()
 
     def is_spool_in_use(self, route: AnyRoute) -> bool:
         """Whether a process has the spool of a route; not asked while this one has."""
@@ -182,14 +182,14 @@ class Wiring:
             log,
             self._config.membership,
         )
-        direction = self.to_ros(route, source, log, stop, stack, say)
-        if direction is not None and route.max_rate is None:
+        pipeline = self.to_ros(route, source, log, stop, stack, say)
+        if pipeline is not None and route.max_rate is None:
             log.info(
                 'a subscriber of %s that is KEEP_LAST can overwrite its own queue unseen: '
                 'max_rate is the cure',
                 route.sink.ros,
             )
-        return direction
+        return pipeline
 
     def to_ros(
         self,
@@ -277,7 +277,7 @@ class Wiring:
         # From here on DDS holds the publishers back: nothing behind this line may ask Kafka, or
         # an outage would close the reader again.
         stack.enter_context(_open(source))
-        direction = RosToKafka(
+        pipeline = RosToKafka(
             route,
             source,
             produced,
@@ -291,8 +291,8 @@ class Wiring:
             log,
             self._tracing.messages(route, message_type.name),
         )
-        stack.callback(direction.let_go_spool)
-        return direction
+        stack.callback(pipeline.let_go_spool)
+        return pipeline
 
     def _produced(self, route: RosToKafkaRoute, log: Log) -> Produced:
         properties = self._consumer_properties(tail_group(self._config.name, route.name))

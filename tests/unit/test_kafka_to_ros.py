@@ -1,4 +1,4 @@
-"""The direction Kafka -> ROS, driven step by step with ends in memory."""
+"""The pipeline Kafka -> ROS, driven step by step with ends in memory."""
 
 import time
 from typing import TYPE_CHECKING
@@ -60,7 +60,7 @@ def test_what_would_go_round_is_a_dead_letter_and_no_other_record_of_this_bridge
         house.give(b'round', first=offset, header_list=[*MINE, ('extra', b'x')])
     house.steps()
     assert house.sink.published == [b'cdr:%d' % offset for offset in range(5)]
-    assert house.direction.counters.snapshot(0).dead_lettered == 50
+    assert house.pipeline.counters.snapshot(0).dead_lettered == 50
     letter = house.letters.records[0]
     assert (letter.value, letter.headers[:3]) == (b'round', [*MINE, ('extra', b'x')])
     assert str(dict(letter.headers)['dead_letter.error']).startswith('LoopError: it came from /or')
@@ -75,7 +75,7 @@ def test_what_would_go_round_is_skipped_and_counted_where_the_route_says_so() ->
     house.give(b'other', first=1, header_list=[MINE[0]])
     house.steps()
     assert house.sink.published == [b'cdr:other']
-    assert house.direction.counters.snapshot(0).skipped == 1
+    assert house.pipeline.counters.snapshot(0).skipped == 1
     assert house.letters.records == []
 
 
@@ -93,7 +93,7 @@ def test_what_would_go_round_follows_on_error_as_any_other_bad_record(
         assert failed.value.final
     else:
         house.steps()
-    counts = house.direction.counters.snapshot(0)
+    counts = house.pipeline.counters.snapshot(0)
     assert {name: getattr(counts, name) for name in ended} == ended
     assert house.sink.published == []
     assert house.letters.records == []
@@ -110,7 +110,7 @@ def test_when_a_reader_goes_the_unconfirmed_are_published_again_in_order() -> No
     house.steps()
     assert house.sink.published[3:] == [b'cdr:b', b'cdr:c']
     assert house.positions() == {0: 1}
-    assert house.direction.counters.repeated == 2
+    assert house.pipeline.counters.repeated == 2
     house.sink.acknowledging = True
     house.steps()
     assert house.positions() == {0: 3}
@@ -143,7 +143,7 @@ def test_guarantee_6c_what_nothing_confirms_is_published_and_its_offset_follows(
     house.sink.tells = True
     house.give(b'd', first=3)
     house.steps()
-    counters, meter = house.direction.counters.snapshot(0), house.direction._meter
+    counters, meter = house.pipeline.counters.snapshot(0), house.pipeline._meter
     assert (counters.published, counters.confirmed, counters.dead_lettered) == (2, 1, 1)
     assert counters.carried == 3
     assert (meter.bytes_published, meter.bytes_confirmed, meter.bytes_taken) == (4, 1, 8)
@@ -170,7 +170,7 @@ def test_old_records_are_dropped_and_counted_where_the_route_says_so() -> None:
     house.give(b'no time', first=2)
     house.steps()
     assert house.sink.published == [b'cdr:new', b'cdr:no time']
-    assert house.direction.counters.snapshot(0).dropped == 1
+    assert house.pipeline.counters.snapshot(0).dropped == 1
     assert house.positions() == {0: 3}
 
 
@@ -243,7 +243,7 @@ def test_guarantee_1_no_offset_is_committed_before_all_up_to_it_have_ended(
         house.sink.acknowledging = house.letters.answering = False
         good: dict[int, bytes] = {}
         for event in events:
-            offset = len(house.source.waiting) + house.direction.counters.taken
+            offset = len(house.source.waiting) + house.pipeline.counters.taken
             if event == 'good':
                 good[offset] = b'cdr:%d' % offset
                 house.give(b'%d' % offset, first=offset)
@@ -266,11 +266,11 @@ def test_guarantee_1_no_offset_is_committed_before_all_up_to_it_have_ended(
         house.check_balance()
         stop = Stop()
         stop.ask()
-        house.direction.run(stop)
+        house.pipeline.run(stop)
         committed = house.source.committed.get(0, 0)
         assert {b for o, b in good.items() if o < committed} <= set(house.sink.published)
-        assert house.direction.snapshot.balanced
-        confirmed = house.direction.snapshot.confirmed
+        assert house.pipeline.snapshot.balanced
+        confirmed = house.pipeline.snapshot.confirmed
         assert sum(o < committed for o in good) <= confirmed
 
 
@@ -286,8 +286,8 @@ def test_a_paused_route_publishes_nothing_and_confirms_what_is_in_flight() -> No
     house.give(b'c', first=2)
     house.rests()
     assert house.source.held
-    assert house.direction.snapshot.state == 'paused'
-    assert house.direction.snapshot.reason == 'paused by an operator'
+    assert house.pipeline.snapshot.state == 'paused'
+    assert house.pipeline.snapshot.reason == 'paused by an operator'
     house.sink.acknowledging = True
     house.rests()
     assert house.sink.published == [b'cdr:a', b'cdr:b']
@@ -295,7 +295,7 @@ def test_a_paused_route_publishes_nothing_and_confirms_what_is_in_flight() -> No
     house.pause.asked = False
     house.steps()
     assert house.sink.published == [b'cdr:a', b'cdr:b', b'cdr:c']
-    assert house.direction.snapshot.state == 'running'
+    assert house.pipeline.snapshot.state == 'running'
 
 
 def test_what_was_read_and_not_published_waits_in_its_order_for_the_end_of_a_pause() -> None:
@@ -323,7 +323,7 @@ def test_a_stop_drains_a_paused_route(monkeypatch: pytest.MonkeyPatch) -> None:
         return ()
 
     monkeypatch.setattr(house.source, 'stay', stay)
-    house.direction.run(stop, Pause(asked=True))
+    house.pipeline.run(stop, Pause(asked=True))
     assert house.sink.published == []
-    assert house.direction.snapshot.state == 'stopped'
-    assert house.direction.snapshot.balanced
+    assert house.pipeline.snapshot.state == 'stopped'
+    assert house.pipeline.snapshot.balanced

@@ -65,7 +65,7 @@ def test_a_record_from_the_future_is_a_dead_letter_and_never_dropped(
     assert reason.startswith('TimestampError: its timestamp is more than ')
     assert f'{span} ahead of this machine' in reason
     assert house.letters.records[0].value == b'ahead'
-    snapshot = house.direction.counters.snapshot(0)
+    snapshot = house.pipeline.counters.snapshot(0)
     assert (snapshot.dead_lettered, snapshot.dropped) == (1, 0)
     assert house.positions() == {0: 2}
 
@@ -118,7 +118,7 @@ def test_what_waits_grows_neither_older_nor_younger_when_the_clock_is_set(
     house.sink.matched = 1
     house.steps()
     assert house.sink.published == [b'cdr:second']
-    assert house.direction.counters.snapshot(0).dropped == 1
+    assert house.pipeline.counters.snapshot(0).dropped == 1
 
 
 @pytest.mark.parametrize('when_full', ['wait', 'drop_oldest'])
@@ -134,15 +134,15 @@ def test_a_route_waits_while_this_machine_does_not_know_what_time_it_is(
     house.steps()
     monkeypatch.setattr('ros2_kafka_bridge.route.obstacle.SAID_AFTER_S', -1.0)
     house.steps()
-    snapshot = house.direction.counters.snapshot(0)
+    snapshot = house.pipeline.counters.snapshot(0)
     assert (snapshot.taken, snapshot.dropped, snapshot.dead_lettered) == (0, 0, 0)
-    obstacle = house.direction._publish_pending()
+    obstacle = house.pipeline._publish_pending()
     assert obstacle is not None
     assert obstacle.reason.startswith("max_age_s: this machine's clock says 1970-01-01, and this")
     set_clock(today_s)
     house.steps(20)
     assert house.sink.published == [b'cdr:%d' % offset for offset in range(10)]
-    assert house.direction.counters.snapshot(0).dropped == 1
+    assert house.pipeline.counters.snapshot(0).dropped == 1
 
 
 def test_what_comes_while_the_clock_is_wrong_is_read_again(set_clock: SetClock) -> None:
@@ -150,10 +150,10 @@ def test_what_comes_while_the_clock_is_wrong_is_read_again(set_clock: SetClock) 
     set_clock(IN_1970_S)
     house = House(max_age_s=60)
     record = MemoryRecord(b'a', time_ms=int(today_s * 1000))
-    house.direction._accept_all([record])  # of a partition that has come meanwhile
-    house.direction._settle()
+    house.pipeline._accept_all([record])  # of a partition that has come meanwhile
+    house.pipeline._settle()
     with pytest.raises(RouteError, match=r"^max_age_s: this machine's clock says 1970-01-01"):
-        house.direction._step()
+        house.pipeline._step()
     assert house.positions() == {}
     assert not house.letters.records
 

@@ -1,4 +1,4 @@
-"""Records that the direction Kafka -> ROS cannot deliver, driven step by step."""
+"""Records that the pipeline Kafka -> ROS cannot deliver, driven step by step."""
 
 import traceback
 from contextlib import suppress
@@ -83,7 +83,7 @@ def test_a_bug_of_the_decoder_drops_no_record() -> None:
     house.give(b'bad', b'bug of the bridge')
     house.steps()
     assert [letter.value for letter in house.letters.records] == [b'bug of the bridge']
-    assert house.direction.counters.snapshot(0).dropped == 1
+    assert house.pipeline.counters.snapshot(0).dropped == 1
 
 
 def test_many_bugs_of_the_decoder_flood_no_log(caplog: pytest.LogCaptureFixture) -> None:
@@ -92,7 +92,7 @@ def test_many_bugs_of_the_decoder_flood_no_log(caplog: pytest.LogCaptureFixture)
     house.steps()
     assert len(house.letters.records) == 200
     assert len([one for one in caplog.records if one.exc_info]) == 5
-    house.direction._occasional.close()
+    house.pipeline._occasional.close()
     last = [one for one in caplog.records if one.exc_info][-1]
     assert last.getMessage().endswith(' (195 times more)')
 
@@ -136,11 +136,11 @@ def test_a_dead_letter_topic_that_refuses_stops_the_reading_and_nothing_is_lost(
     house.steps()
     house.give(b'd', first=3)
     house.steps(2)
-    house.direction._show('')
-    assert house.direction.snapshot.state == State.FAILED
-    assert 'no permission' in house.direction.snapshot.reason
+    house.pipeline._show('')
+    assert house.pipeline.snapshot.state == State.FAILED
+    assert 'no permission' in house.pipeline.snapshot.reason
     assert len(house.source.waiting) == 1
-    house.direction._dead_letters._again_at_s = 0.0
+    house.pipeline._dead_letters._again_at_s = 0.0
     house.steps()
     assert [letter.value for letter in house.letters.records] == [b'bad']
     assert house.sink.published == [b'cdr:a', b'cdr:c', b'cdr:d']
@@ -151,7 +151,7 @@ def test_on_error_drop_counts_and_goes_on() -> None:
     house = House(on_error='drop')
     house.give(b'bad', b'b')
     house.steps()
-    assert house.direction.counters.snapshot(0).dropped == 1
+    assert house.pipeline.counters.snapshot(0).dropped == 1
     assert house.positions() == {0: 2}
 
 
@@ -183,7 +183,7 @@ def test_letters_that_arrived_count_though_another_of_the_same_report_failed() -
     house.letters.errors[b'bad2'] = [RouteError('no permission')]
     house.give(b'bad1', b'bad2', b'bad3')
     house.steps()
-    house.direction._dead_letters._again_at_s = 0.0
+    house.pipeline._dead_letters._again_at_s = 0.0
     house.steps()
     assert sorted(letter.value or b'' for letter in house.letters.records) == [
         b'bad1', b'bad2', b'bad3',
@@ -202,9 +202,9 @@ def test_who_is_asked_by_the_format_and_is_away_costs_nothing() -> None:
     assert not caught.value.final
     assert house.sink.published == [b'cdr:a', b'cdr:b']
     assert house.positions() == {0: 3, 1: 0}
-    house.direction._give_back(list(house.direction._window.entries))
+    house.pipeline._give_back(list(house.pipeline._window.entries))
     house.check_balance()
-    snapshot = house.direction.counters.snapshot(0)
+    snapshot = house.pipeline.counters.snapshot(0)
     assert (snapshot.taken, snapshot.confirmed, snapshot.dead_lettered) == (6, 2, 1)
     assert snapshot.returned == 3
 
@@ -213,7 +213,7 @@ def test_what_is_read_after_such_a_failure_is_never_published_undecoded() -> Non
     house = House()
     house.give(b'away')
     house.give(b'b', partition=1)
-    house.direction._poll(0.0)
+    house.pipeline._poll(0.0)
     house.source.lose(frozenset({0}))
     house.give(b'c', partition=1, first=1)
     with pytest.raises(RouteError):
@@ -225,9 +225,9 @@ def test_a_route_runs_again_once_the_one_it_asks_is_back() -> None:
     house = House()
     house.give(b'a', b'away')
     with pytest.raises(RouteError):
-        house.direction.run(Stop())
+        house.pipeline.run(Stop())
     assert house.source.committed == {0: 1}
-    with house.direction._opened():
+    with house.pipeline._opened():
         house.give(b'back', first=1)
         house.steps()
         assert house.positions() == {0: 2}

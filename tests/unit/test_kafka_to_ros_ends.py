@@ -1,4 +1,4 @@
-"""How the direction Kafka -> ROS hands over, drains and fails, driven step by step."""
+"""How the pipeline Kafka -> ROS hands over, drains and fails, driven step by step."""
 
 import time
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ def test_guarantee_1_a_hand_over_ends_also_where_the_readers_cannot_be_asked(
     monkeypatch.setattr(house.sink, 'readers', fail)
     getattr(house.source, how)(frozenset({0}))
     house.check_balance()
-    assert house.direction.counters.snapshot(0).returned == 2
+    assert house.pipeline.counters.snapshot(0).returned == 2
     assert house.positions() == {}
     with pytest.raises(RouteError, match='publisher of /orders: no'):
         house.steps()
@@ -51,7 +51,7 @@ def test_what_was_confirmed_of_a_partition_that_is_lost_is_told_before_it_goes()
     house.give(b'd', partition=1)
     house.steps()
     house.sink.acknowledge(2)
-    house.direction.lost(frozenset({0}))
+    house.pipeline.lost(frozenset({0}))
     assert house.source.positions == {0: 2, 1: 0}
     house.check_balance()
 
@@ -90,7 +90,7 @@ def test_revoked_partitions_are_committed_and_the_rest_is_given_back(
     house.source.revoke(frozenset({1}))
     assert house.source.committed == {0: 2, 1: 1}
     assert house.positions() == {0: 2}
-    assert house.direction.counters.snapshot(0).returned == 1
+    assert house.pipeline.counters.snapshot(0).returned == 1
     house.check_balance()
     house.sink.acknowledging = True
     house.give(b'c', partition=0, first=2)
@@ -105,7 +105,7 @@ def test_lost_partitions_are_not_committed() -> None:
     house.steps()
     house.source.lose(frozenset({0}))
     assert house.positions() == {}
-    assert house.direction.counters.snapshot(0).returned == 1
+    assert house.pipeline.counters.snapshot(0).returned == 1
 
 
 def test_a_drain_confirms_what_is_in_flight_and_gives_back_what_was_not_published() -> None:
@@ -117,9 +117,9 @@ def test_a_drain_confirms_what_is_in_flight_and_gives_back_what_was_not_publishe
     house.sink.acknowledging = True
     stop = Stop()
     stop.ask()
-    house.direction.run(stop)
+    house.pipeline.run(stop)
     assert house.source.committed == {0: 2}
-    snapshot = house.direction.snapshot
+    snapshot = house.pipeline.snapshot
     assert snapshot.balanced
     assert (snapshot.confirmed, snapshot.returned, snapshot.in_flight) == (2, 1, 0)
 
@@ -135,7 +135,7 @@ def test_a_drain_skips_nothing_that_it_has_given_back_behind_an_end_that_was_rea
     house.sink.acknowledging = True
     stop = Stop()
     stop.ask()
-    house.direction.run(stop)
+    house.pipeline.run(stop)
     assert house.sink.published == [b'cdr:a']
     assert house.source.committed.get(0) == 1
     assert house.source.committed.get(1, 0) == 0
@@ -164,7 +164,7 @@ def test_a_long_drain_stays_in_the_group_and_commits_as_it_goes(
     monkeypatch.setattr(house.source, 'commit_now', commit_now)
     stop = Stop()
     stop.ask()
-    house.direction.run(stop)
+    house.pipeline.run(stop)
     assert before_the_end[0] == {0: 1}
     assert len(holds) > 2
     assert holds[-1] - holds[0] > 0.3
@@ -185,7 +185,7 @@ def test_guarantee_7_a_drain_waits_for_what_is_in_flight_also_where_kafka_fails_
     monkeypatch.setattr(house.source, 'stay', stay)
     stop = Stop()
     stop.ask()
-    house.direction.run(stop)
+    house.pipeline.run(stop)
     assert house.confirmed() == 2
     assert house.source.committed == {0: 2}
     assert 'topic orders: shut out' in caplog.messages
@@ -209,12 +209,12 @@ def test_what_still_comes_in_a_drain_is_given_back_unseen(
     monkeypatch.setattr(house.source, 'stay', stay)
     stop = Stop()
     stop.ask()
-    house.direction.run(stop)
+    house.pipeline.run(stop)
     assert late == []
     assert house.sink.published == [b'cdr:a']
     assert house.letters.records == []
     assert house.source.committed == {0: 1, 1: 0}
-    snapshot = house.direction.snapshot
+    snapshot = house.pipeline.snapshot
     assert snapshot.balanced
     assert (snapshot.taken, snapshot.confirmed, snapshot.returned) == (4, 1, 3)
 
@@ -224,11 +224,11 @@ def test_after_a_failure_the_same_records_come_again_and_the_count_still_balance
     house.sink.acknowledging = False
     house.give(b'a', b'b')
     house.steps()
-    with pytest.raises(RouteError), house.direction._opened():
+    with pytest.raises(RouteError), house.pipeline._opened():
         raise RouteError('no permission')
     house.check_balance()
     house.sink.acknowledging = True
-    house.source.open(house.direction)
+    house.source.open(house.pipeline)
     house.give(b'a', b'b')
     house.steps()
     assert house.positions() == {0: 2}
@@ -250,9 +250,9 @@ def test_a_drain_commits_nothing_behind_a_record_that_was_not_published(between:
     house.steps()
     stop = Stop()
     stop.ask()
-    house.direction.run(stop)
+    house.pipeline.run(stop)
     assert house.source.committed.get(0, 0) == 0
-    assert house.direction.snapshot.balanced
+    assert house.pipeline.snapshot.balanced
 
 
 def test_what_was_taken_of_a_topic_that_is_gone_still_goes_out_and_moves_no_position() -> None:
@@ -285,8 +285,8 @@ def test_what_was_taken_of_a_topic_that_is_gone_is_given_up_at_a_stop(
     stop = Stop()
     stop.ask()
     house.sink.acknowledge(1)
-    house.direction.run(stop)
-    snapshot = house.direction.snapshot
+    house.pipeline.run(stop)
+    snapshot = house.pipeline.snapshot
     assert (snapshot.confirmed, snapshot.given_up, snapshot.returned) == (1, 2, 0)
     assert snapshot.balanced
     assert '2 records of a topic that is gone: given up' in caplog.text
@@ -299,9 +299,9 @@ def test_what_has_ended_of_a_topic_that_is_gone_is_not_given_up() -> None:
     house.give(b'a', b'bad', b'b')
     house.steps()
     house.source.make_anew(frozenset({0}))
-    with pytest.raises(RouteError), house.direction._opened():
+    with pytest.raises(RouteError), house.pipeline._opened():
         raise RouteError('no permission')
-    snapshot = house.direction.counters.snapshot(0)
+    snapshot = house.pipeline.counters.snapshot(0)
     assert (snapshot.dead_lettered, snapshot.given_up) == (1, 2)
     assert snapshot.balanced
 
@@ -318,7 +318,7 @@ def test_what_is_dropped_of_a_topic_that_is_gone_moves_no_position_and_holds_bac
     house.steps()
     assert house.sink.published == [b'cdr:4', b'cdr:5']
     assert house.positions() == {0: 6}
-    assert house.direction.counters.snapshot(0).balanced
+    assert house.pipeline.counters.snapshot(0).balanced
 
 
 def test_a_hand_over_does_not_wait_for_what_is_of_a_topic_that_is_gone() -> None:
@@ -328,7 +328,7 @@ def test_a_hand_over_does_not_wait_for_what_is_of_a_topic_that_is_gone() -> None
     house.steps()
     house.source.make_anew(frozenset({0}))
     began_s = time.monotonic()
-    house.direction.revoked(frozenset({0}))
+    house.pipeline.revoked(frozenset({0}))
     assert time.monotonic() - began_s < kafka_to_ros.REVOKE_S / 2
     house.sink.acknowledging = True
     house.steps()

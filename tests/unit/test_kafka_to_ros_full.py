@@ -1,4 +1,4 @@
-"""What the direction Kafka -> ROS holds and drops where readers are slow, driven step by step."""
+"""What the pipeline Kafka -> ROS holds and drops where readers are slow, driven step by step."""
 
 import re
 import time
@@ -49,12 +49,12 @@ def test_a_route_that_is_held_says_by_whom_and_since_when(
     house.sink.acknowledging, house.sink.room, house.sink.holders = False, 1, holders
     house.give(b'a', b'b')
     house.steps(2)
-    blocked = house.direction._blocked
+    blocked = house.pipeline._blocked
     blocked._since_s = blocked._moved_s = time.monotonic() - 3600
     before = datetime.now().astimezone() - timedelta(seconds=3600)
-    house.direction._telling._at_s = 0.0
+    house.pipeline._telling._at_s = 0.0
     house.steps(1)
-    reason = house.direction.snapshot.reason
+    reason = house.pipeline.snapshot.reason
     said = re.fullmatch(
         r'the history is full: a subscriber does not take \((.*)since (\d\d:\d\d:\d\d)\)', reason
     )
@@ -73,16 +73,16 @@ def test_who_does_not_take_is_not_blamed_for_the_time_of_one_that_has_gone(
     house.sink.acknowledging, house.sink.room, house.sink.holders = False, 1, ['/gone']
     house.give(b'a', b'b')
     house.steps(2)
-    blocked = house.direction._blocked
+    blocked = house.pipeline._blocked
     blocked._since_s = blocked._moved_s = time.monotonic() - 3600
     house.sink.lose_reader()
     house.sink.holders = ['/picker']
     house.steps(3)
-    house.direction._telling._at_s = 0.0
+    house.pipeline._telling._at_s = 0.0
     came = datetime.now().astimezone()
     house.steps(1)
-    since = re.search(r'/picker, since (\d\d:\d\d:\d\d)', house.direction.snapshot.reason)
-    assert since, house.direction.snapshot.reason
+    since = re.search(r'/picker, since (\d\d:\d\d:\d\d)', house.pipeline.snapshot.reason)
+    assert since, house.pipeline.snapshot.reason
     assert since[1] in {f'{came - timedelta(seconds=ago_s):%H:%M:%S}' for ago_s in range(30)}
 
 
@@ -105,14 +105,14 @@ def test_drop_oldest_keeps_the_newest_and_counts_the_rest() -> None:
     house.sink.room = 10
     house.steps()
     assert house.sink.published == [b'cdr:d', b'cdr:e']
-    assert house.direction.counters.snapshot(0).dropped == 3
+    assert house.pipeline.counters.snapshot(0).dropped == 3
     assert house.positions() == {0: 5}
 
 
 def test_what_drop_oldest_drops_behind_an_unconfirmed_head_takes_no_memory() -> None:
     house = House(when_full='drop_oldest', max_in_flight=10, max_in_flight_bytes=50_000)
     house.sink.acknowledging, house.sink.room = False, 10
-    window = house.direction._window
+    window = house.pipeline._window
     for first in range(0, 5000, 50):
         house.give(*[b'%05d' % n + b'x' * 995 for n in range(first, first + 50)], first=first)
         house.steps(1)
@@ -123,7 +123,7 @@ def test_what_drop_oldest_drops_behind_an_unconfirmed_head_takes_no_memory() -> 
     house.steps()
     assert house.sink.published[-1].startswith(b'cdr:04999')
     assert len(house.sink.published) == 20
-    assert house.direction.counters.snapshot(0).dropped == 4980
+    assert house.pipeline.counters.snapshot(0).dropped == 4980
     assert house.positions() == {0: 5000}
 
 
@@ -135,7 +135,7 @@ def test_drop_oldest_reads_nothing_while_it_could_drop_only_what_it_reads() -> N
     house.give(b'newer', first=1)
     house.steps()
     assert len(house.source.waiting) == 1
-    assert house.direction.counters.snapshot(0).dropped == 0
+    assert house.pipeline.counters.snapshot(0).dropped == 0
     house.sink.acknowledging = True
     house.steps()
     assert house.sink.published[-1] == b'cdr:newer'
@@ -149,7 +149,7 @@ def test_drop_oldest_drops_nothing_for_a_record_that_ends_the_route() -> None:
     house.give(b'c', b'd', first=3)
     house.steps()
     assert len(house.source.waiting) == 2
-    assert house.direction.counters.snapshot(0).dropped == 0
+    assert house.pipeline.counters.snapshot(0).dropped == 0
     house.sink.acknowledging = True
     with pytest.raises(RouteError, match='@2'):
         house.steps()
@@ -172,8 +172,8 @@ def test_what_is_in_flight_to_ros_is_bounded_by_bytes_and_a_batch() -> None:
     house.sink.acknowledging = False
     house.give(*[b'a'] * 5000)
     house.steps(20)
-    house.direction._take_snapshot(None)
-    assert house.direction.snapshot.in_flight == 1000 + BATCH
+    house.pipeline._take_snapshot(None)
+    assert house.pipeline.snapshot.in_flight == 1000 + BATCH
 
 
 def test_where_the_oldest_are_dropped_as_many_wait_as_are_not_acknowledged() -> None:
@@ -182,18 +182,18 @@ def test_where_the_oldest_are_dropped_as_many_wait_as_are_not_acknowledged() -> 
     house.sink.acknowledging = False
     house.give(*[b'a'] * 5000)
     house.steps(20)
-    house.direction._take_snapshot(None)
-    assert house.direction.snapshot.in_flight == 1200
-    assert house.direction._window.size_bytes == 1200 * 401
+    house.pipeline._take_snapshot(None)
+    assert house.pipeline.snapshot.in_flight == 1200
+    assert house.pipeline._window.size_bytes == 1200 * 401
     assert house.positions() == {0: 0}
     house.sink.acknowledge(599)
-    house.direction._confirm()
+    house.pipeline._confirm()
     assert house.positions() == {0: 599}
     house.sink.acknowledging = True
     house.steps(3)
     assert house.positions() == {0: 5000}
     assert len(house.sink.published) == 1200
-    assert house.direction.counters.snapshot(0).dropped == 3800
+    assert house.pipeline.counters.snapshot(0).dropped == 3800
 
 
 def test_what_is_dropped_takes_no_room_from_the_newest() -> None:
@@ -248,7 +248,7 @@ def test_what_is_dropped_in_between_moves_no_position_past_what_has_not_ended(
         house = House(when_full='drop_oldest', max_in_flight=1, skip_own=True)
         house.sink.room = 1
         house.sink.acknowledging = house.letters.answering = False
-        window, given = house.direction._window, Counter[int]()
+        window, given = house.pipeline._window, Counter[int]()
         for event in events:
             partition = random.choice([0, 0, 1])
             value = b'bad' if event == 'bad' else b'x'
@@ -272,9 +272,9 @@ def test_what_is_dropped_in_between_moves_no_position_past_what_has_not_ended(
 def test_a_message_that_is_larger_than_its_value_counts_with_its_own_size() -> None:
     house = House(max_in_flight_bytes=100_000)
     house.sink.acknowledging = False
-    house.direction._decode = lambda value: (value or b'') * 50_000
+    house.pipeline._decode = lambda value: (value or b'') * 50_000
     for first in range(4):
         house.give(b'x', first=first)
         house.steps(1)
     assert len(house.source.waiting) == 1
-    assert house.direction._window.size_bytes == 3 * 50_000
+    assert house.pipeline._window.size_bytes == 3 * 50_000

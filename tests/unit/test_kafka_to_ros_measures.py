@@ -1,4 +1,4 @@
-"""What the direction Kafka -> ROS tells of itself, driven step by step."""
+"""What the pipeline Kafka -> ROS tells of itself, driven step by step."""
 
 import time
 
@@ -24,8 +24,8 @@ def test_the_measures_of_a_snapshot_fit_its_counters() -> None:
     house.give(b'timeless', first=4)
     house.source.rebalances, house.sink.mismatched = 2, 1
     house.steps()
-    house.direction._show('')
-    snapshot = house.direction.snapshot
+    house.pipeline._show('')
+    snapshot = house.pipeline.snapshot
     measures = snapshot.measures
     assert snapshot.confirmed == sum(measures.in_bridge.counts) == 4
     assert sum(measures.published.counts) == 4
@@ -47,14 +47,14 @@ def test_the_delay_ends_with_the_publication_however_late_it_is_seen_to_have_com
     house.sink.acknowledging = False
     house.give(b'abc', b'de', time_ms=int(time.time() * 1000))
     house.steps()
-    house.direction._show('')
-    first = house.direction.snapshot.measures
+    house.pipeline._show('')
+    first = house.pipeline.snapshot.measures
     assert sum(first.delay.counts) == sum(first.end_to_end.counts) == 2
     assert sum(first.in_bridge.counts) == 0
     house.sink.acknowledge(2)
     house.steps(1)
-    house.direction._show('')
-    last = house.direction.snapshot.measures
+    house.pipeline._show('')
+    last = house.pipeline.snapshot.measures
     assert (last.delay, last.end_to_end) == (first.delay, first.end_to_end)
     assert sum(last.in_bridge.counts) == 2
 
@@ -66,12 +66,12 @@ def test_bytes_that_are_in_flight_are_taken_and_those_given_back_stay_so() -> No
     house.steps()
     house.sink.acknowledge(1)
     house.steps(1)
-    house.direction._show('')
-    measures = house.direction.snapshot.measures
+    house.pipeline._show('')
+    measures = house.pipeline.snapshot.measures
     assert (measures.bytes_taken, measures.bytes_confirmed, measures.queued) == (5, 3, 1)
     house.source.lose(frozenset({0}))
-    house.direction._show('')
-    assert house.direction.snapshot.measures.bytes_taken == 5
+    house.pipeline._show('')
+    assert house.pipeline.snapshot.measures.bytes_taken == 5
 
 
 def test_the_time_in_which_a_subscriber_holds_the_route_back_is_measured() -> None:
@@ -79,21 +79,21 @@ def test_the_time_in_which_a_subscriber_holds_the_route_back_is_measured() -> No
     house.sink.room, house.sink.acknowledging = 1, False
     house.give(b'a', b'b')
     house.steps(20)
-    house.direction._show('')
-    waited_s = house.direction.snapshot.measures.waited_s
+    house.pipeline._show('')
+    waited_s = house.pipeline.snapshot.measures.waited_s
     assert waited_s > 0.01
     house.sink.acknowledging = True
     house.steps()
-    house.direction._show('')
-    assert house.direction.snapshot.measures.waited_s < waited_s + 0.05
+    house.pipeline._show('')
+    assert house.pipeline.snapshot.measures.waited_s < waited_s + 0.05
 
 
 def test_max_rate_is_no_back_pressure() -> None:
     house = House(max_rate=100)
     house.give(b'a', b'b', b'c')
     house.steps()
-    house.direction._show('')
-    assert house.direction.snapshot.measures.waited_s == 0
+    house.pipeline._show('')
+    assert house.pipeline.snapshot.measures.waited_s == 0
 
 
 def test_a_dead_letter_topic_that_cannot_be_written_is_an_error() -> None:
@@ -101,10 +101,10 @@ def test_a_dead_letter_topic_that_cannot_be_written_is_an_error() -> None:
     house.letters.errors[b'bad'] = [RouteError('may not be written')]
     house.give(b'bad')
     house.steps()
-    house.direction._show('')
-    [_, trouble] = house.direction.snapshot.measures.troubles
+    house.pipeline._show('')
+    [_, trouble] = house.pipeline.snapshot.measures.troubles
     assert 'may not be written' in trouble.text
-    assert house.direction.snapshot.measures.errors == {'DecodeError': 1, 'RouteError': 1}
+    assert house.pipeline.snapshot.measures.errors == {'DecodeError': 1, 'RouteError': 1}
 
 
 def test_a_route_begins_until_kafka_has_answered_and_is_up_while_it_does() -> None:
@@ -117,8 +117,8 @@ def test_a_route_begins_until_kafka_has_answered_and_is_up_while_it_does() -> No
         (True, True, 'not let into the group'),
     ):
         house.source.reached, house.source.answers, house.source.away = reached, answers, away
-        house.direction._show(away)
-        snapshot = house.direction.snapshot
+        house.pipeline._show(away)
+        snapshot = house.pipeline.snapshot
         seen.append((snapshot.state, snapshot.reason, snapshot.measures.kafka_up))
     assert seen == [
         (State.STARTING, 'no broker', False),
@@ -131,7 +131,7 @@ def test_a_route_begins_until_kafka_has_answered_and_is_up_while_it_does() -> No
 def test_kafka_that_is_away_is_told_among_the_errors() -> None:
     house = House()
     house.source.away = 'Kafka is away: no answer'
-    house.direction._show('')
-    house.direction._show('')
-    [trouble] = house.direction.snapshot.measures.troubles
+    house.pipeline._show('')
+    house.pipeline._show('')
+    [trouble] = house.pipeline.snapshot.measures.troubles
     assert trouble[1:] == ('TransportError', 'Kafka is away: no answer', 1)

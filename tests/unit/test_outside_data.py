@@ -66,7 +66,7 @@ class SmallTopic(MemoryRecordSink[Any]):
 
 
 class House:
-    """A direction Kafka -> ROS with its ends in memory."""
+    """A pipeline Kafka -> ROS with its ends in memory."""
 
     def __init__(self) -> None:
         self.source = MemoryRecordSource()
@@ -83,17 +83,17 @@ class House:
         )
         letters: DeadLetters[Any] = DeadLetters('dead', self.letters, lambda: None, LOG)
         decode = FORMATS['text'].make_decode(STRING, SCOPE)
-        self.direction = KafkaToRos(
+        self.pipeline = KafkaToRos(
             route, 'me', self.source, self.sink, check_nothing, decode, letters, LOG
         )
-        self.source.open(self.direction)
+        self.source.open(self.pipeline)
 
     def play(self, *records: MemoryRecord) -> dict[int, int]:
         """Run them; returns the positions in the end."""
         self.source.waiting.extend(records)
         for _ in range(8):
-            self.direction._step()
-        self.direction._settle()
+            self.pipeline._step()
+        self.pipeline._settle()
         return self.source.positions
 
 
@@ -162,7 +162,7 @@ def test_a_record_that_waits_keeps_neither_key_nor_headers_in_memory() -> None:
     house.play(record)
     del record
     gc.collect()
-    assert len(house.direction._window.pending) == 1
+    assert len(house.pipeline._window.pending) == 1
     assert seen() is None
 
 

@@ -1,4 +1,4 @@
-"""The direction ROS -> Kafka, driven step by step with ends in memory."""
+"""The pipeline ROS -> Kafka, driven step by step with ends in memory."""
 
 import time
 from typing import Any
@@ -72,9 +72,9 @@ def test_where_the_oldest_are_dropped_as_many_wait_as_are_with_the_producer() ->
     house.sink.answering = False
     house.give(*[b'a'] * 5000)
     house.steps(20)
-    house.direction._room()
-    house.direction._take_snapshot()
-    assert house.direction.snapshot.in_flight == 1200
+    house.pipeline._room()
+    house.pipeline._take_snapshot()
+    assert house.pipeline.snapshot.in_flight == 1200
 
 
 def test_the_window_is_bounded_in_bytes() -> None:
@@ -134,10 +134,10 @@ def test_what_a_failed_run_held_goes_first_in_the_next_one() -> None:
     for value in (b'b', b'c'):
         house.sink.errors[value] = [RouteError('no permission')]
     house.give(b'a', b'b', b'c')
-    with pytest.raises(RouteError, match='no permission'), house.direction._opened():
+    with pytest.raises(RouteError, match='no permission'), house.pipeline._opened():
         house.steps()
     house.check_balance()
-    with house.direction._opened():
+    with house.pipeline._opened():
         house.give(b'd', first=4)
         house.steps()
     assert house.values() == [b'a', b'b', b'c', b'd']
@@ -161,10 +161,10 @@ def test_guarantee_6_in_flight_is_never_told_above_twice_the_window_where_the_ol
     told = []
     for batch in range(5):
         house.give(*[b'x'] * 500, first=1 + 500 * batch)
-        house.direction._step()
-        house.direction._telling._at_s = 0.0
-        house.direction._rest() if paused else house.direction._step()
-        told.append(house.direction.snapshot.in_flight)
+        house.pipeline._step()
+        house.pipeline._telling._at_s = 0.0
+        house.pipeline._rest() if paused else house.pipeline._step()
+        told.append(house.pipeline.snapshot.in_flight)
     assert max(told) <= 20
 
 
@@ -191,8 +191,8 @@ def test_the_measures_of_a_snapshot_fit_its_counters() -> None:
         house.source.waiting.append(Message(cdr, b'gid', number, published_ns))
     house.source.waiting.append(Message(b'no time', b'gid', 5, 0))
     house.steps()
-    house.direction._show('')
-    snapshot = house.direction.snapshot
+    house.pipeline._show('')
+    snapshot = house.pipeline.snapshot
     measures = snapshot.measures
     assert snapshot.confirmed == 3
     assert sum(measures.in_bridge.counts) == sum(measures.round_trip.counts) == 3
@@ -209,9 +209,9 @@ def test_a_route_with_nothing_to_send_tells_whether_kafka_was_and_is_there() -> 
     for reached, away in ((False, ''), (False, 'no broker'), (True, ''), (True, 'no broker')):
         house.sink.reached, house.sink.away = reached, away
         house.sink.answers = False if away else reached or None
-        house.direction._telling._at_s = 0.0
+        house.pipeline._telling._at_s = 0.0
         house.steps(1)
-        snapshot = house.direction.snapshot
+        snapshot = house.pipeline.snapshot
         seen.append((snapshot.state, snapshot.reason, snapshot.measures.kafka_up))
     assert seen == [
         (State.STARTING, '', None),
@@ -225,12 +225,12 @@ def test_what_is_delivered_while_the_route_ends_is_measured_too() -> None:
     house = House()
     house.give(b'a', b'b')
     house.sink.delivered_at_close = 2
-    house.direction._take(10, 0.0)
-    house.direction._producing.produce_pending()
-    house.direction._close_sinks()
-    house.direction._show('')
-    assert house.direction.snapshot.confirmed == 2
-    assert sum(house.direction.snapshot.measures.round_trip.counts) == 2
+    house.pipeline._take(10, 0.0)
+    house.pipeline._producing.produce_pending()
+    house.pipeline._close_sinks()
+    house.pipeline._show('')
+    assert house.pipeline.snapshot.confirmed == 2
+    assert sum(house.pipeline.snapshot.measures.round_trip.counts) == 2
 
 
 def test_the_time_in_which_kafka_holds_the_route_back_is_measured(
@@ -244,8 +244,8 @@ def test_the_time_in_which_kafka_holds_the_route_back_is_measured(
     monkeypatch.setattr(house.sink, 'poll', no_report)
     house.give(b'a', b'b')
     house.steps()
-    house.direction._show('')
-    assert house.direction.snapshot.measures.waited_s > 0.01
+    house.pipeline._show('')
+    assert house.pipeline.snapshot.measures.waited_s > 0.01
 
 
 # Pause
@@ -263,12 +263,12 @@ def test_a_paused_route_takes_nothing_and_confirms_what_is_in_flight() -> None:
     assert house.values() == [b'a']
     assert len(house.source.waiting) == 1
     assert house.source.looked > 0
-    assert house.direction.snapshot.state == 'paused'
-    assert house.direction.snapshot.measures.waited_s == 0
+    assert house.pipeline.snapshot.state == 'paused'
+    assert house.pipeline.snapshot.measures.waited_s == 0
     house.pause.asked = False
     house.steps()
     assert house.values() == [b'a', b'b']
-    assert house.direction.snapshot.state == 'running'
+    assert house.pipeline.snapshot.state == 'running'
 
 
 def test_a_stop_takes_what_a_paused_route_has_left(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -276,6 +276,6 @@ def test_a_stop_takes_what_a_paused_route_has_left(monkeypatch: pytest.MonkeyPat
     house.give(b'a', b'b')
     stop = Stop()
     monkeypatch.setattr(house.source, 'look', stop.ask)
-    house.direction.run(stop, Pause(asked=True))
+    house.pipeline.run(stop, Pause(asked=True))
     assert house.values() == [b'a', b'b']
-    assert house.direction.snapshot.confirmed == 2
+    assert house.pipeline.snapshot.confirmed == 2

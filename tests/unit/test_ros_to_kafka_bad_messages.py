@@ -1,4 +1,4 @@
-"""Messages that the direction ROS -> Kafka cannot deliver, driven step by step."""
+"""Messages that the pipeline ROS -> Kafka cannot deliver, driven step by step."""
 
 import traceback
 from contextlib import suppress
@@ -146,10 +146,10 @@ def test_a_dead_letter_topic_that_refuses_stops_the_taking() -> None:
     house.steps()
     house.give(b'b', first=2)
     house.steps()
-    house.direction._show('')
-    assert house.direction.snapshot.state == State.FAILED
+    house.pipeline._show('')
+    assert house.pipeline.snapshot.state == State.FAILED
     assert house.values() == []
-    house.direction._dead_letters._again_at_s = 0.0
+    house.pipeline._dead_letters._again_at_s = 0.0
     house.steps()
     assert house.values() == [b'b']
     assert [letter.value for letter in house.letters.records] == [b'bad']
@@ -158,9 +158,9 @@ def test_a_dead_letter_topic_that_refuses_stops_the_taking() -> None:
 def test_a_message_of_another_version_of_its_type_is_a_dead_letter_that_keeps_its_bytes() -> None:
     ours, theirs = ('RIHS01_' + digit * 64 for digit in '12')
     house = House()
-    house.direction._check_headers = make_publisher_check('std_msgs/msg/String', ours)
+    house.pipeline._check_headers = make_publisher_check('std_msgs/msg/String', ours)
     hashes = {1: ours, 2: theirs, 3: ''}
-    house.direction._make_headers = lambda message: [
+    house.pipeline._make_headers = lambda message: [
         ('ros.type_hash', hashes[message.seq].encode())
     ]
     house.give(b'a', b'b', b'c')
@@ -185,13 +185,13 @@ def test_a_registry_that_is_away_at_the_start_is_asked_again_and_nothing_is_take
             raise error
         return encode
 
-    house.direction._encode, house.direction._make_encode = None, make_encode
+    house.pipeline._encode, house.pipeline._make_encode = None, make_encode
     house.give(b'a')
     stop = Stop()
     stop.ask()
     with pytest.raises(RouteError, match='away'):
-        house.direction.run(stop)
+        house.pipeline.run(stop)
     assert len(house.source.waiting) == 1
     house.sink.close()
-    house.direction.run(stop)
+    house.pipeline.run(stop)
     assert [record.value for record in house.sink.records] == [encode(b'a')]

@@ -1,4 +1,4 @@
-"""How the direction ROS -> Kafka drains and hands over, driven step by step."""
+"""How the pipeline ROS -> Kafka drains and hands over, driven step by step."""
 
 from typing import Any
 
@@ -18,9 +18,9 @@ def test_a_drain_takes_until_the_source_is_empty_and_waits_for_the_reports() -> 
     house.give(b'a', b'b', b'c', b'd', b'e')
     stop = Stop()
     stop.ask()
-    house.direction.run(stop)
+    house.pipeline.run(stop)
     assert house.values() == [b'a', b'b', b'c', b'd', b'e']
-    assert house.direction.snapshot.in_flight == 0
+    assert house.pipeline.snapshot.in_flight == 0
 
 
 def test_a_drain_that_runs_out_of_time_says_how_many_it_gave_up() -> None:
@@ -31,9 +31,9 @@ def test_a_drain_that_runs_out_of_time_says_how_many_it_gave_up() -> None:
     stop = Stop()
     stop.ask()
     with pytest.raises(RouteError, match='gave up 2 messages'):
-        house.direction.run(stop)
-    assert house.direction.snapshot.balanced
-    assert house.direction.snapshot.in_flight == 2
+        house.pipeline.run(stop)
+    assert house.pipeline.snapshot.balanced
+    assert house.pipeline.snapshot.in_flight == 2
 
 
 class HandOver(Stop):
@@ -61,9 +61,9 @@ def test_guarantee_1_a_hand_over_waits_for_kafka_as_long_as_the_bridge_lives(
         return poll(timeout_s)
 
     monkeypatch.setattr(house.sink, 'poll', answer_late)
-    house.direction.run(stop)
+    house.pipeline.run(stop)
     assert house.values() == [b'a', b'b', b'c', b'd', b'e']
-    assert house.direction.snapshot.in_flight == 0
+    assert house.pipeline.snapshot.in_flight == 0
 
 
 def test_guarantee_1_a_hand_over_ends_also_where_the_publishers_never_do(
@@ -85,11 +85,11 @@ def test_guarantee_1_a_hand_over_ends_also_where_the_publishers_never_do(
         return [Message(b'a', b'gid', taken + n, 0) for n in range(limit)]
 
     monkeypatch.setattr(house.source, 'take', take)
-    house.direction.run(stop)
+    house.pipeline.run(stop)
     assert taken > 100
     assert house.source.closed
     assert len(house.values()) == taken
-    assert house.direction.snapshot.in_flight == 0
+    assert house.pipeline.snapshot.in_flight == 0
 
 
 def test_a_hand_over_that_waits_for_kafka_ends_in_time_once_the_bridge_stops(
@@ -111,7 +111,7 @@ def test_a_hand_over_that_waits_for_kafka_ends_in_time_once_the_bridge_stops(
 
     monkeypatch.setattr(house.sink, 'poll', look)
     with pytest.raises(RouteError, match='gave up 2 messages'):
-        house.direction.run(stop)
+        house.pipeline.run(stop)
     assert polls > 20
 
 
@@ -126,8 +126,8 @@ def test_a_drain_that_owes_nothing_to_kafka_is_well_also_where_kafka_lets_nobody
     monkeypatch.setattr(house.sink, 'poll', refuse)
     stop = Stop()
     stop.ask()
-    house.direction.run(stop)
+    house.pipeline.run(stop)
     house.give(b'a')
     with pytest.raises(RouteError, match='not let in'):
-        house.direction.run(stop)
-    assert house.direction.snapshot.in_flight == 1
+        house.pipeline.run(stop)
+    assert house.pipeline.snapshot.in_flight == 1

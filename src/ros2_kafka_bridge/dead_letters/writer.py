@@ -95,7 +95,7 @@ class DeadLetters(Generic[Token]):
     """The way to one dead-letter topic; opened when the first letter is written.
 
     A topic that cannot be written is tried again with backoff, and `problem` says why: the
-    direction stops reading meanwhile, and nothing is lost or repeated for it.
+    pipeline stops reading meanwhile, and nothing is lost or repeated for it.
 
     Args:
         topic: The dead-letter topic.

@@ -1,4 +1,4 @@
-"""What a direction tells of itself: once a second, and at once when it pauses or goes on."""
+"""What a pipeline tells of itself: once a second, and at once when it pauses or goes on."""
 
 import time
 from typing import Any
@@ -13,7 +13,7 @@ SNAPSHOT_S = 1.0
 
 
 class Telling:
-    """When a direction has to tell what it does, and what that is.
+    """When a pipeline has to tell what it does, and what that is.
 
     Args:
         counters: Where its state is noted.
@@ -33,7 +33,7 @@ class Telling:
         return time.monotonic() >= self._at_s or self._paused != pause.asked
 
     def tell(self, obstacle: str, kafka: KafkaEnd, pause: Pause, *, begun: bool = False) -> None:
-        """Note what the direction does.
+        """Note what the pipeline does.
 
         Args:
             obstacle: What it waits for; empty where it runs.

@@ -1,7 +1,7 @@
 """What the bridge is tested with, shipped so that its users test the same way.
 
 - `local_kafka.LocalKafka`: one real Apache Kafka node (needs Java 17 or newer, and Maven once).
-- `memory`: the four ends of a direction in memory, to see what it does with them.
+- `memory`: the four ends of a pipeline in memory, to see what it does with them.
 - `embedded_broker.EmbeddedBroker`: librdkafka's mock cluster, inside this process, at once.
 - `orders`: the random warehouse orders of the demo and of the benchmarks.
 

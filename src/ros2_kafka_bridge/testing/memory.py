@@ -1,4 +1,4 @@
-"""The four ends of the bridge in memory: a test drives a direction step by step with them.
+"""The four ends of the bridge in memory: a test drives a pipeline step by step with them.
 
 What they take and give is handed on here, so that who uses them imports nothing that is private.
 """

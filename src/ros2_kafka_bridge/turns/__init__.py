@@ -2,5 +2,5 @@
 
 How it fares is its life, what it has counted over all its terms its totals.
 
-No direction imports it: a term is a stop to them as any other.
+No pipeline imports it: a term is a stop to them as any other.
 """

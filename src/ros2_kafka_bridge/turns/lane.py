@@ -24,7 +24,7 @@ from ros2_kafka_bridge.turns.life import (
 )
 from ros2_kafka_bridge.turns.overlap import MOST_S
 from ros2_kafka_bridge.turns.totals import Totals
-from ros2_kafka_bridge.wiring import Direction
+from ros2_kafka_bridge.wiring import Pipeline
 
 if TYPE_CHECKING:
     import threading
@@ -95,13 +95,13 @@ class Lane:
             self.log.info('%s by an operator: %s', 'paused' if asked else 'resumed', words)
 
     @property
-    def direction(self) -> Direction | None:
+    def pipeline(self) -> Pipeline | None:
         """What runs the route now, or is to be run again."""
-        return self._work.direction
+        return self._work.pipeline
 
-    def use(self, direction: Direction | None) -> None:
+    def use(self, pipeline: Pipeline | None) -> None:
         """Note what runs the route from now on."""
-        self._work = self._work.used(direction)
+        self._work = self._work.used(pipeline)
 
     def begin_term(self) -> None:
         """Forget what was waited for, and what kept this bridge from its turn."""
@@ -177,7 +177,7 @@ class Lane:
         return True
 
     def _say_given_away(self, tried_s: float, holder: str | None) -> None:
-        held = 0 if self.direction is None else self.direction.snapshot.in_flight
+        held = 0 if self.pipeline is None else self.pipeline.snapshot.in_flight
         given_up = f', {count(held, "message")} given up' if held else ''
         why = f'has failed for {tried_s:.0f} s'
         if holder is not None:
@@ -269,9 +269,9 @@ class Lane:
         if (shown := life.shown) is not None:
             state, reason, final = shown
             return total.at_rest._replace(state=state, reason=reason, final=final)
-        if self.stop.asked or work.direction is None:
+        if self.stop.asked or work.pipeline is None:
             total = total._replace(beat_s=0.0)
-        if total.state is State.STARTING and work.direction is None:
+        if total.state is State.STARTING and work.pipeline is None:
             if self.paused:
                 return total._replace(state=State.PAUSED, reason=self.pause.reason)
             return total._replace(reason=self._awaited)

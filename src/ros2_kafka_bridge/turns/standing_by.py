@@ -37,9 +37,9 @@ def _deliver_backlog(lane: Lane, lock: GroupLock, wiring: Wiring) -> None:
         lane.leave_backlog(None)
         return
     try:
-        if (direction := wiring.make_for_backlog(lane.route, lane.log)) is not None:
-            lane.use(direction)
-            direction.deliver_backlog(Standby(lane.stop, lock))
+        if (pipeline := wiring.make_for_backlog(lane.route, lane.log)) is not None:
+            lane.use(pipeline)
+            pipeline.deliver_backlog(Standby(lane.stop, lock))
     except BridgeError as error:
         lane.leave_backlog(None if isinstance(error, SpoolInUseError) else error)
     else:

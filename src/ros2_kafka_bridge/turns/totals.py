@@ -5,7 +5,7 @@ from typing import NamedTuple, Self
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.route.counters import Counters, Measures, Snapshot, State
 from ros2_kafka_bridge.route.measuring import Troubles
-from ros2_kafka_bridge.wiring import Direction
+from ros2_kafka_bridge.wiring import Pipeline
 
 
 class Totals(NamedTuple):
@@ -13,11 +13,11 @@ class Totals(NamedTuple):
 
     Args:
         before: The former terms together, with the failures of all.
-        direction: What runs the route now, or is to be run again.
+        pipeline: What runs the route now, or is to be run again.
     """
 
     before: Snapshot
-    direction: Direction | None = None
+    pipeline: Pipeline | None = None
 
     @classmethod
     def of(cls, route: str, *, has_spool: bool = False) -> Self:
@@ -29,13 +29,13 @@ class Totals(NamedTuple):
     @property
     def now(self) -> Snapshot:
         """All together."""
-        if self.direction is None:
+        if self.pipeline is None:
             return self.before
-        return _sum(self.before, self.direction.snapshot)
+        return _sum(self.before, self.pipeline.snapshot)
 
-    def used(self, direction: Direction | None) -> Self:
+    def used(self, pipeline: Pipeline | None) -> Self:
         """What runs the route from now on is this."""
-        return self.__class__(_without_spooled(self.before), direction)
+        return self.__class__(_without_spooled(self.before), pipeline)
 
     def given_up(self) -> Self:
         """What has run the route is no more, and what it still held is held by nobody."""

@@ -1,4 +1,4 @@
-"""What the tests of spools share, and those of a direction with one."""
+"""What the tests of spools share, and those of a pipeline with one."""
 
 import shutil
 from collections.abc import Iterator

@@ -83,7 +83,7 @@ class World:
         house, waiting = self._house, list(self._house.source.waiting)
         if end == 'crash':
             self._repeats = True
-            window = house.direction._window.entries.values()
+            window = house.pipeline._window.entries.values()
             held = {int(entry.record.value or 0) for entry in window}
             on_disk = {int(r.record.value or 0) for r in house.spool.read(0, 10**6, 1 << 40)}
             was_full = 'append' in house.spool.__dict__

@@ -175,7 +175,7 @@ def test_what_was_in_flight_at_a_crash_and_is_in_kafka_is_not_sent_again(
     for number in (1, 2, 3):
         again.tail.found.append(record_by(GID, number, made_ns(number)))
     if latched:
-        again.direction._in_kafka.look_at_end()  # for the history of a publisher
+        again.pipeline._in_kafka.look_at_end()  # for the history of a publisher
     again.until_all_confirmed()
     assert again.numbers() == sent, 'the first one shows that Kafka answers'
     assert (again.count('skipped'), again.count('taken')) == (5 - len(sent), 5)
@@ -199,7 +199,7 @@ def test_what_an_earlier_life_has_left_is_measured_when_it_is_sent(house: Make) 
     go_away(h)
     h.give(*range(1, 101))
     h.steps()
-    measures = h.direction.snapshot.measures
+    measures = h.pipeline.snapshot.measures
     assert measures.bytes_taken == 192
     assert (measures.spool_bytes or 0) > 192
     h.crash()
@@ -207,8 +207,8 @@ def test_what_an_earlier_life_has_left_is_measured_when_it_is_sent(house: Make) 
     again.until_all_confirmed()
     again.give(*range(101, 111))
     again.until_all_confirmed()
-    again.direction._show('')
-    measures = again.direction.snapshot.measures
+    again.pipeline._show('')
+    measures = again.pipeline.snapshot.measures
     assert measures.bytes_taken == measures.bytes_confirmed == 192 + 30
     assert sum(measures.in_bridge.counts) == sum(measures.round_trip.counts) == 110
 
@@ -220,13 +220,13 @@ def test_what_lies_on_disk_is_not_known_until_the_file_was_opened(house: Make) -
     h.give(*range(1, 21))
     h.steps()
     h.crash()
-    route = h.direction._route
+    route = h.pipeline._route
     backlog = Backlog(h.spool, route.spool, LOG)
     assert Counters('orders').snapshot(0).balanced
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(h.direction._spooling, '_backlog', backlog)
-        h.direction._take_snapshot()
-        now = h.direction.snapshot
+        patched.setattr(h.pipeline._spooling, '_backlog', backlog)
+        h.pipeline._take_snapshot()
+        now = h.pipeline.snapshot
         assert (now.spooled, now.measures.spool_bytes) == (None, None)
     backlog.open()
     assert backlog.on_disk == (20, h.spool.size_bytes)

@@ -25,7 +25,7 @@ def test_a_route_with_a_spool_does_its_work_before_kafka_has_ever_answered(house
     go_away(h)
     h.sink.reached = h.sink.answers = False
     h.steps(1)
-    snapshot = h.direction.snapshot
+    snapshot = h.pipeline.snapshot
     assert (snapshot.state, snapshot.reason) == (State.WAITING, 'Kafka is away')
     assert snapshot.measures.kafka_up is False
 
@@ -169,8 +169,8 @@ def test_what_cannot_be_deleted_at_the_end_is_counted_as_taken_again(
     h.sink.answering = False
     h.give(*range(1, 6))
     h.steps()
-    held = h.direction._window.entries
-    h.direction._end(held[3], Outcome.CONFIRMED)
+    held = h.pipeline._window.entries
+    h.pipeline._end(held[3], Outcome.CONFIRMED)
 
     def refuse(*_: object, **__: object) -> int:
         raise TransportError('the disk is full')

@@ -111,8 +111,8 @@ def test_how_long_a_message_was_in_the_bridge_does_not_change_with_the_clock(
     clocks.wait(10)
     come_back(h)
     h.until_all_confirmed()
-    h.direction._take_snapshot()
-    assert 30 <= h.direction.snapshot.measures.in_bridge.sum_s < 40
+    h.pipeline._take_snapshot()
+    assert 30 <= h.pipeline.snapshot.measures.in_bridge.sum_s < 40
 
 
 def test_without_an_age_limit_an_outage_of_days_costs_nothing_and_the_last_needs_no_other(

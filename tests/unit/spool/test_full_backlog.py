@@ -23,7 +23,7 @@ def test_guarantee_1_a_hand_over_with_a_full_spool_waits_until_it_has_room(
     go_away(h)
     h.give(*range(1, 1000))
     h.steps(20)
-    assert h.direction._spooling.full
+    assert h.pipeline._spooling.full
     assert h.source.waiting, 'which nobody else has'
     back_at_s, poll = time.monotonic() + 0.6, h.sink.poll
 
@@ -46,7 +46,7 @@ def test_a_full_spool_holds_the_publishers_back(house: Make) -> None:
     h.give(*range(1, 1000))
     h.steps(20)
     assert h.source.waiting
-    assert 'the spool is full (max_bytes: 1000)' in str(h.direction._spooling.full)
+    assert 'the spool is full (max_bytes: 1000)' in str(h.pipeline._spooling.full)
     come_back(h)
     for _ in range(200):
         h.steps(10)
@@ -110,7 +110,7 @@ def test_a_disk_that_takes_nothing_loses_nothing(
     h.give(*range(3, 1003))
     h.steps()
     assert h.count('taken') < 1002, 'it cannot all be in memory'
-    assert h.direction._spooling._backlog.problem == 'the disk is full'
+    assert h.pipeline._spooling._backlog.problem == 'the disk is full'
     make_room(h)
     h.steps(10)
     assert not h.source.waiting
@@ -232,7 +232,7 @@ def test_a_dead_letter_that_cannot_be_written_holds_up_nothing_that_a_full_disk_
     fill_while_away(h, 1, 2, 3)
     come_back(h)
     h.steps(10)
-    assert h.direction._dead_letters.problem
+    assert h.pipeline._dead_letters.problem
     assert h.numbers() == [0, 1, 2, 3]
 
 

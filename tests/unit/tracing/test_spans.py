@@ -1,4 +1,4 @@
-"""Spans of records and messages, from what a direction tells to what a collector gets."""
+"""Spans of records and messages, from what a pipeline tells to what a collector gets."""
 
 import logging
 import re

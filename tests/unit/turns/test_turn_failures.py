@@ -4,7 +4,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, NoReturn, cast
 
 import pytest
-from turning import House, MemoryDirection, MemoryLock, fail, until_asked
+from turning import House, MemoryLock, MemoryPipeline, fail, until_asked
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route.counters import Measures, State
@@ -31,9 +31,9 @@ def test_a_route_that_fails_keeps_its_turn_while_it_is_tried_again() -> None:
             fail(stop)
         house.lane.stop.ask()
 
-    house.directions = [MemoryDirection(1, fail_twice)]
+    house.pipelines = [MemoryPipeline(1, fail_twice)]
     house.run()
-    assert tries == [1, 1, 1], 'it is the same direction, with its ROS endpoint open'
+    assert tries == [1, 1, 1], 'it is the same pipeline, with its ROS endpoint open'
     assert lock.said == ['closed']
 
 
@@ -50,7 +50,7 @@ def test_a_route_that_fails_for_long_goes_to_a_bridge_that_stands_by(
             assert house.snapshot.reason == 'no permission'
             house.lane.stop.ask()
 
-    house.directions = [MemoryDirection(3, fail, left=1)]
+    house.pipelines = [MemoryPipeline(3, fail, left=1)]
     monkeypatch.setattr(MemoryLock, 'check', look)
     house.run()
     assert lock.said == ['closed', 'closed']
@@ -79,7 +79,7 @@ def test_a_route_that_gets_on_between_its_failures_is_not_given_away(
             fail(stop)
         house.lane.stop.ask()
 
-    house.directions = [MemoryDirection(1, get_on_and_fail)]  # one confirmed each time
+    house.pipelines = [MemoryPipeline(1, get_on_and_fail)]  # one confirmed each time
     house.run()
     assert lock.said == ['closed']
 
@@ -117,15 +117,15 @@ def test_a_route_that_is_tried_again_is_one_that_has_failed_until_it_tells_more(
         seen.append((now.state, now.reason, now.measures.kafka_up))
 
     def fail_twice(stop: Stop) -> None:
-        direction.snapshot = direction.snapshot._replace(measures=Measures(kafka_up=False))
+        pipeline.snapshot = pipeline.snapshot._replace(measures=Measures(kafka_up=False))
         look()
         if len(seen) < 3:
             fail(stop)
         house.lane.stop.ask()
         look()
 
-    direction = MemoryDirection(0, fail_twice)
-    house.directions = [direction]
+    pipeline = MemoryPipeline(0, fail_twice)
+    house.pipelines = [pipeline]
     house.run()
     failed = (State.FAILED, 'no permission; tried again now', None)
     assert seen == [(State.STOPPED, '', None), failed, failed, (State.STOPPED, '', None)]
@@ -147,7 +147,7 @@ def test_what_failed_in_an_earlier_term_is_not_shown_as_tried_again() -> None:
         seen.append(house.snapshot.state)
         house.lane.stop.ask()
 
-    house.directions = [MemoryDirection(1, fail_once_then_wait), MemoryDirection(1, look)]
+    house.pipelines = [MemoryPipeline(1, fail_once_then_wait), MemoryPipeline(1, look)]
     house.run()
     assert seen == [State.STARTING]
 
@@ -166,7 +166,7 @@ def test_a_route_that_fails_stays_where_no_other_bridge_stands_by(
             fail(stop)
         house.lane.stop.ask()
 
-    house.directions = [MemoryDirection(1, fail_often)]
+    house.pipelines = [MemoryPipeline(1, fail_often)]
     house.run()
     assert lock.said == ['closed']
 
@@ -178,7 +178,7 @@ def test_a_drain_that_gives_up_after_the_turn_is_over_does_not_end_the_route() -
         until_asked(stop)
         raise RouteError('gave up 2 messages', final=True)
 
-    house.directions = [MemoryDirection(9, give_up, left=2), MemoryDirection(1, house.stop)]
+    house.pipelines = [MemoryPipeline(9, give_up, left=2), MemoryPipeline(1, house.stop)]
     house.run()
     assert not house.lane.final
     assert house.told == 0
@@ -189,7 +189,7 @@ def test_a_route_that_has_failed_for_good_leaves_it_to_another() -> None:
     def end(_: Stop) -> None:
         raise RouteError('stopped, as on_error says', final=True)
 
-    house = House(MemoryLock('ours'), MemoryDirection(1, end))
+    house = House(MemoryLock('ours'), MemoryPipeline(1, end))
     house.run()
     assert house.lane.final
     assert house.told == 1
@@ -206,7 +206,7 @@ def test_a_drain_that_gives_up_at_a_stop_ends_the_route_and_is_no_failure_for_go
         until_asked(stop)
         raise RouteError('gave up 2 messages', final=True)
 
-    house.directions = [MemoryDirection(9, give_up, left=2)]
+    house.pipelines = [MemoryPipeline(9, give_up, left=2)]
     house.run()
     assert house.lane.final
     assert not house.lane.for_good
@@ -219,7 +219,7 @@ def test_a_lock_that_cannot_be_had_is_a_failure_that_is_tried_again() -> None:
     lock = MemoryLock('ours')
     lock.problems = [RouteError('the topic is not there')]
     house = House(lock)
-    house.directions = [MemoryDirection(1, house.stop)]
+    house.pipelines = [MemoryPipeline(1, house.stop)]
     house.run()
     assert lock.said == ['closed', 'closed']
     assert house.snapshot.confirmed == 1

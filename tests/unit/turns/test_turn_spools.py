@@ -1,7 +1,7 @@
 """Two bridges of one machine that take turns, and the spool that both use."""
 
 import pytest
-from turning import IN_USE, House, MemoryDirection, MemoryLock, fail
+from turning import IN_USE, House, MemoryLock, MemoryPipeline, fail
 
 pytestmark = pytest.mark.usefixtures('quick')
 
@@ -13,7 +13,7 @@ def test_a_bridge_that_stands_by_leaves_the_spool_to_the_process_that_uses_it(
     monkeypatch.setattr('ros2_kafka_bridge.turns.lane._BACKLOG_S', 0.0)
     lock = MemoryLock('theirs theirs theirs theirs ours')
     house = House(lock)
-    house.directions.append(MemoryDirection(2, house.stop))
+    house.pipelines.append(MemoryPipeline(2, house.stop))
     house.in_use = IN_USE
     looked = 0
 
@@ -25,7 +25,7 @@ def test_a_bridge_that_stands_by_leaves_the_spool_to_the_process_that_uses_it(
             assert house.snapshot.reason == 'stands by: another bridge runs this route'
             house.in_use = house.for_backlog = None
 
-    house.for_backlog = MemoryDirection(0, fail)
+    house.for_backlog = MemoryPipeline(0, fail)
     monkeypatch.setattr(MemoryLock, 'check', look)
     house.run()
     assert looked == 5
@@ -38,8 +38,8 @@ def test_a_bridge_that_cannot_deliver_its_backlog_stands_by_and_says_why(
 ) -> None:
     lock = MemoryLock('theirs theirs theirs theirs ours')
     house = House(lock)
-    house.directions.append(MemoryDirection(2, house.stop))
-    house.for_backlog = MemoryDirection(0, fail)
+    house.pipelines.append(MemoryPipeline(2, house.stop))
+    house.for_backlog = MemoryPipeline(0, fail)
     reasons: set[str] = set()
 
     def look(_: MemoryLock) -> None:
@@ -60,7 +60,7 @@ def test_guarantee_8_a_turn_waits_until_the_bridge_before_has_put_the_spool_away
 ) -> None:
     lock = MemoryLock('ours')
     house = House(lock)
-    house.directions.append(MemoryDirection(2, house.stop))
+    house.pipelines.append(MemoryPipeline(2, house.stop))
     house.claims_until_free = 4
     house.run()
     assert house.claims == [1, 1, 1, 1], 'the ROS endpoint is open: the other one sees it'
@@ -78,7 +78,7 @@ def test_guarantee_8_a_turn_without_the_spool_goes_back_to_a_bridge_that_stands_
     monkeypatch.setattr('ros2_kafka_bridge.turns.lane._SPOOL_S', 0.0)
     monkeypatch.setattr('ros2_kafka_bridge.turns.lane.MOST_S', 0.0)
     lock = MemoryLock('ours')
-    house = House(lock, MemoryDirection(0, fail))
+    house = House(lock, MemoryPipeline(0, fail))
     house.in_use = IN_USE
     waits: list[int] = []
 
@@ -107,7 +107,7 @@ def test_a_turn_without_the_spool_is_kept_where_no_other_bridge_stands_by(
     monkeypatch.setattr('ros2_kafka_bridge.turns.lane.MOST_S', 0.0)
     lock = MemoryLock('ours')
     house = House(lock)
-    house.directions.append(MemoryDirection(2, house.stop))
+    house.pipelines.append(MemoryPipeline(2, house.stop))
     house.claims_until_free = 6
     house.run()
     assert set(house.claims) == {1}

@@ -4,7 +4,7 @@ import logging
 from typing import TYPE_CHECKING, Any, cast
 
 import pytest
-from turning import House, MemoryDirection, MemoryLock, Told, until_asked
+from turning import House, MemoryLock, MemoryPipeline, Told, until_asked
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route.counters import Counters, Outcome, State
@@ -19,9 +19,9 @@ pytestmark = pytest.mark.usefixtures('quick')
 def test_a_bridge_that_stands_by_delivers_what_it_has_on_disk_from_before() -> None:
     lock = MemoryLock('theirs theirs theirs theirs ours')
     house = House(lock)
-    house.directions.append(MemoryDirection(2, house.stop))
+    house.pipelines.append(MemoryPipeline(2, house.stop))
     delivered: list[bool] = []
-    house.for_backlog = MemoryDirection(3, lambda _: delivered.append(lock.held))
+    house.for_backlog = MemoryPipeline(3, lambda _: delivered.append(lock.held))
     house.run()
     assert delivered == [False], 'once, and before its turn'
     assert house.lane.snapshot().confirmed == 5
@@ -47,8 +47,8 @@ def test_a_backlog_that_ends_for_good_while_another_bridge_runs_the_route_is_tri
         terms.append(house.lane.final)
         house.lane.stop.ask()
 
-    house.for_backlog = MemoryDirection(3, refuse, left=1)
-    house.directions = [MemoryDirection(2, hand_over), MemoryDirection(2, end)]
+    house.for_backlog = MemoryPipeline(3, refuse, left=1)
+    house.pipelines = [MemoryPipeline(2, hand_over), MemoryPipeline(2, end)]
     house.run()
     assert 'failed: stopped, as on_error says; tried again in' in caplog.text
     assert terms == [False, False]
@@ -70,7 +70,7 @@ def test_a_bridge_stands_by_until_it_is_its_turn_and_counts_across_its_terms() -
         seen.append((house.snapshot.state, house.snapshot.taken, house.open))
         house.lane.stop.ask()
 
-    house.directions = [MemoryDirection(5, look), MemoryDirection(7, look_and_stop)]
+    house.pipelines = [MemoryPipeline(5, look), MemoryPipeline(7, look_and_stop)]
     house.run()
     assert seen == [(State.STOPPED, 5, 1), (State.STOPPED, 12, 1)]
     assert (house.snapshot.taken, house.snapshot.confirmed) == (12, 12)

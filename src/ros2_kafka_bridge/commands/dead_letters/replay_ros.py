@@ -27,7 +27,7 @@ from ros2_kafka_bridge.wiring import Wiring, histories_of
 
 _PATIENCE_S: Final = 30.0
 
-MakeDirection = Callable[[KafkaToRosRoute, RecordSource], KafkaToRos]
+MakePipeline = Callable[[KafkaToRosRoute, RecordSource], KafkaToRos]
 """Route, where its records come from -> what carries them."""
 
 
@@ -70,12 +70,12 @@ def _make(
     wiring: Wiring, stop: Stop, stack: ExitStack, route: KafkaToRosRoute, source: RecordSource
 ) -> KafkaToRos:
     try:
-        direction = wiring.to_ros(route, source, route_log(route.name), stop, stack)
+        pipeline = wiring.to_ros(route, source, route_log(route.name), stop, stack)
     except RouteError as error:
         raise RouteError(f'{error}; without --to ros letters go to their topic') from error
-    if direction is None:
+    if pipeline is None:
         raise TransportError(f'stopped before {route.sink.ros} was open')
-    return direction
+    return pipeline
 
 
 class LetterChannel:
@@ -87,10 +87,10 @@ class LetterChannel:
         stop: Ends the waiting.
     """
 
-    def __init__(self, route: KafkaToRosRoute, make: MakeDirection, stop: Stop) -> None:
+    def __init__(self, route: KafkaToRosRoute, make: MakePipeline, stop: Stop) -> None:
         self._route = _for_letters(route)
         self._letters = LetterSource()
-        self._direction = make(self._route, self._letters)
+        self._pipeline = make(self._route, self._letters)
         self._stop = stop
         self._published = 0  # of the letters given last, and not confirmed
 
@@ -113,13 +113,13 @@ class LetterChannel:
             RouteError: ROS refuses them; the same.
         """
         topic, needed = self._route.sink.ros, self._route.min_subscribers
-        before = self._direction.snapshot.published
+        before = self._pipeline.snapshot.published
         self._letters.hold(letters)
         with waiting(f'Waiting for the subscribers of {topic}'):
-            patience = _Patience(self._stop, self._letters, self._direction)
-            self._direction.run(patience)
-        measures = self._direction.snapshot.measures
-        self._published = self._direction.snapshot.published - before
+            patience = _Patience(self._stop, self._letters, self._pipeline)
+            self._pipeline.run(patience)
+        measures = self._pipeline.snapshot.measures
+        self._published = self._pipeline.snapshot.published - before
         if self._published:
             raise TransportError(
                 f'{topic} has no reliable subscriber: nothing tells what the others have received'
@@ -152,17 +152,17 @@ def _for_letters(route: KafkaToRosRoute) -> KafkaToRosRoute:
 class _Patience(Part):
     """Ends a run once all letters have ended, and at once where nothing has moved for long."""
 
-    def __init__(self, stop: Stop, letters: 'LetterSource', direction: KafkaToRos) -> None:
+    def __init__(self, stop: Stop, letters: 'LetterSource', pipeline: KafkaToRos) -> None:
         super().__init__(stop)
         self._letters = letters
-        self._direction = direction
+        self._pipeline = pipeline
         self.reason = ''  # for which it waited last
         self._seen: tuple[int, int, int | None] = (0, 0, 0)
         self._until_s = time.monotonic() + _PATIENCE_S
 
     def look(self) -> bool:
         """Look at what has moved; tells whether to drain."""
-        now_s, told = time.monotonic(), self._direction.snapshot
+        now_s, told = time.monotonic(), self._pipeline.snapshot
         self.reason = told.reason or self.reason
         seen = told.carried, told.repeated, told.measures.queued
         if seen != self._seen:
