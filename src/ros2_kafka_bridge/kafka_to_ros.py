@@ -43,7 +43,7 @@ from ros2_kafka_bridge.route.pieces import in_pieces
 from ros2_kafka_bridge.route.place import SENT
 from ros2_kafka_bridge.route.publishing import Publishing
 from ros2_kafka_bridge.route.record_window import RecordEntry, RecordWindow
-from ros2_kafka_bridge.route.refused import letter_of_record, refused_record
+from ros2_kafka_bridge.route.rejections import letter_of_record, rejection_of_record
 from ros2_kafka_bridge.route.status import held
 from ros2_kafka_bridge.route.telling import Telling
 from ros2_kafka_bridge.route.type_hash import CheckHeaders
@@ -196,15 +196,15 @@ class KafkaToRos:
     def _refuse(
         self, entry: RecordEntry, record: Record, headers: HeaderList | None, error: RecordError
     ) -> None:
-        refused = refused_record(self._route, entry, headers, error)
-        policy = refused.policy(self._route.on_error)
-        refused.tell_bug(self._occasional)
-        self._meter.troubles.note(error, refused.where)
+        rejection = rejection_of_record(self._route, entry, headers, error)
+        policy = rejection.policy(self._route.on_error)
+        rejection.tell_bug(self._occasional)
+        self._meter.troubles.note(error, rejection.where)
         self._traces.refused(entry, error)
         if policy == 'stop':
-            self._window.end_at(entry, refused.failure())
+            self._window.end_at(entry, rejection.failure())
             return
-        refused.tell(policy, self._occasional)
+        rejection.tell(policy, self._occasional)
         if policy == 'drop':
             entry.outcome = Outcome.DROPPED
             return

@@ -29,12 +29,12 @@ from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.route.message_window import MessageEntry, MessageWindow
 from ros2_kafka_bridge.route.place import ASIDE, PENDING, SENT
 from ros2_kafka_bridge.route.producing import Producing
-from ros2_kafka_bridge.route.refused import Refused, letter_of_message, refused_message
+from ros2_kafka_bridge.route.rejections import Rejection, letter_of_message, rejection_of_message
 from ros2_kafka_bridge.route.status import given_up
 from ros2_kafka_bridge.route.telling import Telling
 from ros2_kafka_bridge.route.type_hash import CheckHeaders
+from ros2_kafka_bridge.spool.already_sent import InKafka
 from ros2_kafka_bridge.spool.backlog import Backlog
-from ros2_kafka_bridge.spool.doubt import InKafka
 from ros2_kafka_bridge.spool.spooling import Spooling
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Stop
@@ -249,18 +249,18 @@ class RosToKafka:
     def _refuse(
         self, entry: MessageEntry, error: RecordError, queue: Callable[[MessageEntry], None]
     ) -> None:
-        refused = refused_message(self._route, entry.record.headers, error)
-        refused.tell_bug(self._occasional)
-        self._meter.troubles.note(error, refused.where)
-        policy = refused.policy(self._route.on_error)
+        rejection = rejection_of_message(self._route, entry.record.headers, error)
+        rejection.tell_bug(self._occasional)
+        self._meter.troubles.note(error, rejection.where)
+        policy = rejection.policy(self._route.on_error)
         if policy == 'stop':
-            self._window.end_at(entry, refused)
+            self._window.end_at(entry, rejection)
             return
         identity = Identity(entry.gid, entry.seq, entry.made_ns)
         if policy == 'dead_letter' and self._in_kafka.holds_letter(identity):
             self._end(entry, Outcome.SKIPPED, error)
             return
-        refused.tell(policy, self._occasional)
+        rejection.tell(policy, self._occasional)
         if policy == 'drop':
             self._end(entry, Outcome.DROPPED, error)
             return
@@ -285,12 +285,12 @@ class RosToKafka:
         if failure is not None and not self._spooling.holds_before(self._window.ends_at):
             self._fail(failure)
 
-    def _fail(self, refused: Refused) -> None:
+    def _fail(self, rejection: Rejection) -> None:
         """End the route for good: all before what was refused has ended."""
         self._close_sinks()
         self._spooling.leave()
         behind = len(self._window.entries.keys() - {self._window.ends_at})
-        raise refused.failure(f', {behind} messages behind it are given up' if behind else '')
+        raise rejection.failure(f', {behind} messages behind it are given up' if behind else '')
 
     def _end(
         self, entry: MessageEntry, outcome: Outcome, error: RecordError | None = None

@@ -42,7 +42,7 @@ from ros2_kafka_bridge.route.identity import Author, make_identify
 from ros2_kafka_bridge.route.labels import make_headers, make_key
 from ros2_kafka_bridge.route.message_window import MessageEntry
 from ros2_kafka_bridge.route.produced import Produced
-from ros2_kafka_bridge.route.refused import message_of_letter
+from ros2_kafka_bridge.route.rejections import message_of_letter
 from ros2_kafka_bridge.route.type_hash import check_nothing
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.spool.lock import is_in_use, lock_of

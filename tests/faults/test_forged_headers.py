@@ -134,7 +134,7 @@ def test_guarantee_6b_what_a_job_has_copied_from_the_topic_of_another_route_is_n
                     wait_for(bench, topic, count + run, bridge)
                 assert bridge.end() == 0
             new = count + 1 if run == 1 else 1
-            assert totals(bridge, 'other')['confirmed'] == new, 'in doubt it repeats'
+            assert totals(bridge, 'other')['confirmed'] == new, 'rather twice than never'
             assert totals(bridge, 'one')['confirmed'] == 1, 'and only there'
     assert len(true_ones(bench, second)) == count + 2
 

@@ -115,8 +115,8 @@ def read_recording(file: Path) -> Recording:
     due = _due(arrivals, missed)
     waited = np.append(False, due[1:] <= ends[:-1])
     service, notes = _service(starts, ends, waited[1:])
-    wake, doubts = _wake(file, (starts - due)[~waited])
-    notes += doubts
+    wake, warnings = _wake(file, (starts - due)[~waited])
+    notes += warnings
     order = np.argsort(arrivals, kind='stable')
     filled = _filled(arrivals[order], missed[order])
     if lost := int(missed.sum()):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ros2_kafka_bridge.endpoints import Message, Outgoing
 from ros2_kafka_bridge.route.place import ASIDE, PENDING, REFUSED, SENT
-from ros2_kafka_bridge.route.refused import Refused
+from ros2_kafka_bridge.route.rejections import Rejection
 
 _ENTRY_BYTES = 400  # of bookkeeping for each entry, so that small messages count too
 
@@ -64,7 +64,7 @@ class MessageWindow:
         self.max_entries = max_entries
         self.max_bytes = max_bytes
         self._drops = drops
-        self.failure: Refused | None = None  # what ends the route
+        self.failure: Rejection | None = None  # what ends the route
         self.ends_at = sys.maxsize  # number of that entry
         self._number = 0  # of the newest
 
@@ -128,7 +128,7 @@ class MessageWindow:
 
     # The end of a route
 
-    def end_at(self, entry: MessageEntry, failure: Refused) -> None:
+    def end_at(self, entry: MessageEntry, failure: Rejection) -> None:
         """Let the route end at an entry, once all before it have ended."""
         entry.place = REFUSED
         if entry.number < self.ends_at:

@@ -17,8 +17,8 @@ from ros2_kafka_bridge.logs.text import count as counted
 from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.message_window import MessageEntry, MessageWindow
 from ros2_kafka_bridge.route.place import ASIDE, PENDING, REFUSED
+from ros2_kafka_bridge.spool.already_sent import AlreadySent, InKafka
 from ros2_kafka_bridge.spool.backlog import BATCH, Backlog, OnDisk
-from ros2_kafka_bridge.spool.doubt import Doubt, InKafka
 from ros2_kafka_bridge.spool.rows import Row, identity_of
 
 _PATIENCE_S: Final = 1.0  # with a full window, before new messages go to disk
@@ -51,7 +51,7 @@ class Spooling:
         self._window = window
         self._put_in_line = put_in_line
         self._backlog = backlog
-        self._doubt = Doubt(in_kafka, counters, log)
+        self._already_sent = AlreadySent(in_kafka, counters, log)
         self._counters = counters
         self._log = log
         self._occasional = summed(log)
@@ -116,7 +116,7 @@ class Spooling:
         found, lost = self._backlog.open()
         self._counters.taken += found
         self._lose(lost)
-        self._doubt.begin(self._backlog.numbers(), found=found)
+        self._already_sent.begin(self._backlog.numbers(), found=found)
         return self._backlog.last
 
     def close(self) -> None:
@@ -307,17 +307,17 @@ class Spooling:
         if not self.waiting:
             return
         room, room_bytes = self._room_in_line()
-        room = min(room, self._doubt.room(BATCH))
+        room = min(room, self._already_sent.room(BATCH))
         rows, lost = self._backlog.load(room, room_bytes, self._window.ends_at)
         self._lose(lost)
         if rows:
-            self._doubt.note_loaded()
+            self._already_sent.note_loaded()
         for row in rows:
             is_earlier = row.number <= self._backlog.last_of_earlier
             if is_earlier and row.number > self._loaded_last:
                 self._loaded_last = row.number
                 self.loaded_bytes += len(row.record.value or b'')
-            if is_earlier and self._doubt.settles(row):
+            if is_earlier and self._already_sent.settles(row):
                 self._counters.end(Outcome.SKIPPED)
                 continue
             entry = _entry_of(row, self._backlog.age_s(row))

@@ -12,7 +12,7 @@ from ros2_kafka_bridge.errors import About, DecodeError
 from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.logs.summed import Summed
 from ros2_kafka_bridge.route.counters import Counters, Outcome, State
-from ros2_kafka_bridge.route.refused import about_labelled
+from ros2_kafka_bridge.route.rejections import about_labelled
 from ros2_kafka_bridge.route.status import StatusLog
 
 TRACE = '4bf92f3577b34da6a3ce929d0e0e4736'

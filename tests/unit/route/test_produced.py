@@ -17,7 +17,7 @@ from ros2_kafka_bridge.errors import EncodeError, RouteError, TransportError
 from ros2_kafka_bridge.route import produced as under_test
 from ros2_kafka_bridge.route.identity import Author, Identity
 from ros2_kafka_bridge.route.produced import Produced
-from ros2_kafka_bridge.route.refused import letter_of_message, message_of_letter
+from ros2_kafka_bridge.route.rejections import letter_of_message, message_of_letter
 from ros2_kafka_bridge.testing.memory import MemoryRecord
 
 LOG = logging.LoggerAdapter(logging.getLogger('test.produced'), {})

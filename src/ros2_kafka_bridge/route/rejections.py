@@ -21,7 +21,7 @@ from ros2_kafka_bridge.route.record_window import RecordEntry
 from ros2_kafka_bridge.route.trace_context import trace_id_of
 
 
-class Refused(NamedTuple):
+class Rejection(NamedTuple):
     """A record or message that was refused.
 
     Args:
@@ -65,9 +65,9 @@ class Refused(NamedTuple):
         return RouteError(text, final=True, about=self.about)
 
 
-def refused_record(
+def rejection_of_record(
     route: KafkaToRosRoute, entry: RecordEntry, headers: HeaderList | None, error: RecordError
-) -> Refused:
+) -> Rejection:
     """A record that was refused.
 
     Args:
@@ -80,10 +80,12 @@ def refused_record(
     about = about_labelled(headers, error)._replace(
         topic=topic, partition=entry.partition, offset=entry.offset
     )
-    return Refused(error, f'{topic}[{entry.partition}]@{entry.offset}', about)
+    return Rejection(error, f'{topic}[{entry.partition}]@{entry.offset}', about)
 
 
-def refused_message(route: RosToKafkaRoute, headers: HeaderList, error: RecordError) -> Refused:
+def rejection_of_message(
+    route: RosToKafkaRoute, headers: HeaderList, error: RecordError
+) -> Rejection:
     """A message that was refused.
 
     Args:
@@ -93,7 +95,7 @@ def refused_message(route: RosToKafkaRoute, headers: HeaderList, error: RecordEr
     """
     ros_topic, topic = route.source.ros, route.sink.kafka
     about = about_labelled(headers, error)._replace(topic=topic, ros_topic=ros_topic)
-    return Refused(error, f'{ros_topic} -> {topic}', about)
+    return Rejection(error, f'{ros_topic} -> {topic}', about)
 
 
 def letter_of_record(
@@ -103,7 +105,7 @@ def letter_of_record(
     headers: HeaderList | None,
     error: RecordError,
 ) -> Outgoing:
-    """The dead letter of a record; the arguments are those of `refused_record`."""
+    """The dead letter of a record; the arguments are those of `rejection_of_record`."""
     origin = from_kafka(route.name, route.source.kafka, entry.partition, entry.offset)
     letter = Outgoing('', record.key(), record.value(), headers or [])
     unread = '' if headers is not None else 'a name is not UTF-8'

@@ -6,14 +6,14 @@ import pytest
 
 from ros2_kafka_bridge.errors import About, DecodeError
 from ros2_kafka_bridge.logs.summed import Summed
-from ros2_kafka_bridge.route.refused import Refused
+from ros2_kafka_bridge.route.rejections import Rejection
 
 
 def test_a_name_in_a_schema_of_others_makes_no_endless_line(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     error = DecodeError(f'schema 1 does not fit: the schema has record {"n" * 500_000}')
-    refused = Refused(error, 'orders[0]@7', About())
+    refused = Rejection(error, 'orders[0]@7', About())
     refused.tell('dead_letter', Summed(logging.LoggerAdapter(logging.getLogger('test'), {})))
     [said] = caplog.messages
     assert said.startswith('dead_letter: orders[0]@7: schema 1 does not fit')

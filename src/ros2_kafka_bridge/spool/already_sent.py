@@ -55,7 +55,7 @@ class _Stage(Enum):
     NONE = 'those that are there are known, or there are none'
 
 
-class Doubt:
+class AlreadySent:
     """What is not known of the rows that an earlier life has left.
 
     Args:
