@@ -65,10 +65,11 @@ class House:
         self,
         seen: frozenset[int] = frozenset(),
         refused: frozenset[int] = frozenset(),
+        sink: 'MemoryRecordSink[MessageEntry] | None' = None,
         **settings: Any,
     ) -> None:
         self.source = MemoryMessageSource()
-        self.sink: MemoryRecordSink[MessageEntry] = MemoryRecordSink()
+        self.sink: MemoryRecordSink[MessageEntry] = sink or MemoryRecordSink()
         self.letters: MemoryRecordSink[Any] = MemoryRecordSink()
         route = validated(
             RosToKafkaRoute,

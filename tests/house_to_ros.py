@@ -54,9 +54,9 @@ def decode(value: bytes | None) -> bytes:
 class House:
     """A pipeline with its ends."""
 
-    def __init__(self, **settings: Any) -> None:
+    def __init__(self, sink: MemoryMessageSink | None = None, **settings: Any) -> None:
         self.source = MemoryRecordSource()
-        self.sink = MemoryMessageSink()
+        self.sink = sink or MemoryMessageSink()
         self.letters: MemoryRecordSink[Any] = MemoryRecordSink()
         route = validated(
             KafkaToRosRoute,
