@@ -8,12 +8,8 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 
-from ros2_kafka_bridge.config.settings import (
-    Config,
-    KafkaToRosRoute,
-    RosToKafkaRoute,
-    warnings,
-)
+from ros2_kafka_bridge.config.direction import Direction
+from ros2_kafka_bridge.config.settings import Config, warnings
 from ros2_kafka_bridge.errors import BridgeError, SpoolInUseError
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.logs.lines import RouteLog, route_log
@@ -70,10 +66,14 @@ class Bridge:
         # Routes from ROS stop after those to ROS: what one of these has published last, and its
         # reader here has acknowledged, is still taken.
         self._stop_takers = Stop()
+        stops = {
+            Direction.KAFKA_TO_ROS: self.stop,
+            Direction.ROS_TO_KAFKA: self._stop_takers,
+        }
         self._lanes = [
             Lane(
                 route,
-                Part(self.stop if isinstance(route, KafkaToRosRoute) else self._stop_takers),
+                Part(stops[route.direction]),
                 group_lock_of(route, self.config, route_log(route.name)),
                 Pause(asked=route.name in paused),
             )
@@ -216,7 +216,7 @@ class Bridge:
     def _keep_running(self, lane: Lane, wiring: Wiring, tell: Tell) -> None:
         """Run one route until a stop; in a thread of its own."""
         try:
-            if lane.lock is None or not isinstance(lane.route, RosToKafkaRoute):
+            if lane.lock is None:
                 self._run_on(lane, wiring, tell, lane.stop)
             else:
                 successor = wiring.successor(lane.route)
@@ -336,10 +336,9 @@ class Bridge:
         """Drain the routes to ROS, then those from ROS; what does not end in time is left."""
         if not self._worker and any(lane.runs for lane in self._lanes):
             self._log.info('stopping: draining; once more stops at once')
-        to_ros = [lane for lane in self._lanes if isinstance(lane.route, KafkaToRosRoute)]
-        self._join(to_ros)
+        self._join(Direction.KAFKA_TO_ROS)
         self._stop_takers.ask()
-        self._join([lane for lane in self._lanes if lane not in to_ros])
+        self._join(Direction.ROS_TO_KAFKA)
         for log in self._logs():
             log.close()
         late = [lane for lane in self._lanes if lane.runs]
@@ -349,8 +348,9 @@ class Bridge:
             logging.shutdown()
             os._exit(1)
 
-    def _join(self, lanes: list[Lane]) -> None:
-        """Wait for routes of one direction: what another has used up takes nothing from them."""
+    def _join(self, direction: Direction) -> None:
+        """Wait for the routes of one direction: what another has used up takes nothing from it."""
+        lanes = [lane for lane in self._lanes if lane.route.direction is direction]
         longest_s = max((lane.route.drain_s for lane in lanes), default=0.0)
         overlap_s = OVERLAP_S if any(lane.lock is not None for lane in lanes) else 0.0
         deadline_s = time.monotonic() + longest_s + overlap_s + _CLOSING_S
@@ -365,7 +365,7 @@ class Bridge:
 def _say_end(lane: Lane, *, late: bool) -> None:
     now = lane.snapshot()
     if late:
-        held = left(now, to_ros=isinstance(lane.route, KafkaToRosRoute))
+        held = left(now, lane.route.direction)
         lane.log.error('did not end in time: it is left with %s', held)
     else:
         lane.log.info('stopped: %s', totals(now))

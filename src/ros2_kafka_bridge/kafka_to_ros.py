@@ -267,7 +267,7 @@ class KafkaToRos:
             self._log.warning(
                 'a subscriber of %s has gone: %d messages that it may not have received are '
                 'published again',
-                self._route.sink.ros, again,
+                self._route.ros_topic, again,
             )  # fmt: skip
         for entry in self._dead_letters.poll():
             entry.outcome = Outcome.DEAD_LETTERED

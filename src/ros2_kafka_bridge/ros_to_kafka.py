@@ -88,6 +88,7 @@ class RosToKafka:
         self.counters = Counters(route.name)
         self.snapshot = self.counters.snapshot(0, spooled=backlog.on_disk.messages)
         self._route = route
+        self._topic = route.kafka_topic
         self._source = source
         self._in_kafka = in_kafka
         self._sink = sink
@@ -223,14 +224,13 @@ class RosToKafka:
             self.counters.end(Outcome.SKIPPED)
             return
         headers = self._make_headers(message)
-        topic = self._route.sink.kafka
         assert self._encode is not None, 'the route runs'
         try:
             self._check_headers(headers)
             value = self._encode(message.cdr)
-            record = Outgoing(topic, self._make_key(message), value, headers)
+            record = Outgoing(self._topic, self._make_key(message), value, headers)
         except RecordError as error:
-            record = Outgoing(topic, None, message.cdr, headers)
+            record = Outgoing(self._topic, None, message.cdr, headers)
             self._refuse(self._window.add(record, message, taken_s), error, queue)
         else:
             queue(self._window.add(record, message, taken_s))

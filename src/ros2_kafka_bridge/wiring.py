@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.dead_letters.writer import DeadLetters, OutgoingLetter
@@ -37,13 +38,17 @@ from ros2_kafka_bridge.ros.successor import RosSuccessor
 from ros2_kafka_bridge.ros.types import MessageType
 from ros2_kafka_bridge.ros.used_type import RosEnd, RouteTypes
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
-from ros2_kafka_bridge.route.format import asks_registry, check_of, decode_of, encode_of
+from ros2_kafka_bridge.route.format import asks_registry, decode_of, encode_of
 from ros2_kafka_bridge.route.identity import Author, make_identify
 from ros2_kafka_bridge.route.labels import make_headers, make_key
 from ros2_kafka_bridge.route.message_window import MessageEntry
 from ros2_kafka_bridge.route.produced import Produced
 from ros2_kafka_bridge.route.rejections import message_of_letter
-from ros2_kafka_bridge.route.type_hash import check_nothing
+from ros2_kafka_bridge.route.type_hash import (
+    check_message_of,
+    check_nothing,
+    check_record_of,
+)
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.spool.lock import is_in_use, lock_of
 from ros2_kafka_bridge.spool.store import Spool, file_of
@@ -62,21 +67,16 @@ Say = Callable[[str], None]
 
 def histories_of(routes: Iterable[AnyRoute], probed: str, lease_s: float | None) -> Histories:
     """List the ROS endpoints of the routes, with the lengths of their histories."""
-    writers = {probed: SAMPLES}
-    readers = {probed: SAMPLES}
+    lengths = {direction: {probed: SAMPLES} for direction in Direction}
     for route in routes:
-        if isinstance(route, RosToKafkaRoute):
-            samples = readers.get(route.source.ros, 0)
-            readers[route.source.ros] = max(samples, route.source.max_samples)
-        else:
-            room = writers.get(route.sink.ros, 0)
-            writers[route.sink.ros] = max(room, route.max_in_flight)
-    return Histories(writers, readers, lease_s)
+        known, topic = lengths[route.direction], route.ros_topic
+        known[topic] = max(known.get(topic, 0), route.ros_history)
+    return Histories(lengths[Direction.KAFKA_TO_ROS], lengths[Direction.ROS_TO_KAFKA], lease_s)
 
 
 def group_lock_of(route: AnyRoute, config: Config, log: Log) -> GroupLock | None:
     """Make the right to run a route alone; None where any bridge may run it beside others."""
-    if not isinstance(route, RosToKafkaRoute) or not route.exclusive:
+    if not route.exclusive:
         return None
     return GroupLock(config.kafka, config.name, route.name, log, config.membership)
 
@@ -126,9 +126,9 @@ class Wiring:
             stack.push(made.pop_all())
         return pipeline
 
-    def successor(self, route: RosToKafkaRoute) -> RosSuccessor:
+    def successor(self, route: AnyRoute) -> RosSuccessor:
         """Make what knows whether another bridge of this name reads the ROS topic of a route."""
-        topic, own = route.source.ros, self._abilities.own
+        topic, own = route.ros_topic, self._abilities.own
         return RosSuccessor(self._node, topic, self._config.name, own)
 
     def claim_spool(self, pipeline: Pipeline) -> None:
@@ -143,18 +143,14 @@ class Wiring:
 
     def is_spool_in_use(self, route: AnyRoute) -> bool:
         """Whether a process has the spool of a route; not asked while this one has."""
-        if isinstance(route, KafkaToRosRoute) or route.spool is None:
-            return False
-        return is_in_use(lock_of(self._spool_of(route)))
+        return route.spool is not None and is_in_use(lock_of(self._spool_of(route)))
 
     def make_for_backlog(self, route: AnyRoute, log: Log) -> RosToKafka | None:
         """Make what delivers the spool of a route that another bridge runs; None without one.
 
         It takes nothing from ROS, where the other one reads.
         """
-        if isinstance(route, KafkaToRosRoute) or route.spool is None:
-            return None
-        if not self._spool_of(route).exists():
+        if route.spool is None or not self._spool_of(route).exists():
             return None
         return RosToKafka(
             route,
@@ -168,7 +164,7 @@ class Wiring:
             self._dead_letters(route, log),
             self._backlog(route, log),
             log,
-            self._tracing.messages(route, route.source.type or ''),
+            self._tracing.messages(route, route.type_name or ''),
         )
 
     def _kafka_to_ros(
@@ -176,7 +172,7 @@ class Wiring:
     ) -> KafkaToRos | None:
         source = KafkaSource(
             self._consumer_properties(route.group(self._config.name)),
-            route.source.kafka,
+            route.kafka_topic,
             route.source.start,
             self._topic_ids,
             log,
@@ -187,7 +183,7 @@ class Wiring:
             log.info(
                 'a subscriber of %s that is KEEP_LAST can overwrite its own queue unseen: '
                 'max_rate is the cure',
-                route.sink.ros,
+                route.ros_topic,
             )
         return pipeline
 
@@ -213,10 +209,10 @@ class Wiring:
         asks = asks_readers(route, self._config)
         if asks and not self._confirmation.require(stop):
             return None
-        topic = route.sink.ros
+        topic = route.ros_topic
         room, bounded = self._histories.writers[topic], self._abilities.bounded
         sink = RosSink(
-            self._node, topic, message_type, route.sink.qos, room, log, asks=asks, bounded=bounded
+            self._node, topic, message_type, route.qos, room, log, asks=asks, bounded=bounded
         )
         decode = decode_of(route, self._config, message_type.layout)
         stack.enter_context(_open(sink))
@@ -225,7 +221,7 @@ class Wiring:
             self._config.name,
             source,
             sink,
-            check_of(route, message_type.layout),
+            check_record_of(route, message_type.layout),
             decode,
             self._dead_letters(route, log),
             log,
@@ -241,7 +237,7 @@ class Wiring:
         try:
             return self._of_type(message_type, route, log, stack)
         except ConfigError as error:
-            if route.source.type is not None:
+            if route.type_name is not None:
                 raise
             # What others publish may be mended there, and is no mistake of the configuration.
             raise RouteError(str(error)) from error
@@ -252,9 +248,9 @@ class Wiring:
         produced = self._produced(route, log)
         source = RosSource(
             self._node,
-            route.source.ros,
+            route.ros_topic,
             message_type,
-            route.source.qos,
+            route.qos,
             log,
             has_gid=self._abilities.gid and self._abilities.seq,
             on_offer=produced.look,
@@ -266,11 +262,11 @@ class Wiring:
             try:
                 return encode or encode_of(route, self._config, message_type.layout)
             except ConfigError as error:
-                if route.source.type is not None:
+                if route.type_name is not None:
                     raise
                 raise RouteError(str(error)) from error  # as where the type is learned
 
-        make_value_key = make_key(route.sink.key, route.source.ros, message_type.layout)
+        make_value_key = make_key(route.key, route.ros_topic, message_type.layout)
         headers = self._tracing.headers(
             make_headers(self._author(route), message_type.name, source.type_hash)
         )
@@ -285,7 +281,7 @@ class Wiring:
             make_encode,
             make_value_key,
             headers,
-            check_of(route, message_type.layout),
+            check_message_of(route, message_type.layout),
             self._dead_letters(route, log),
             self._backlog(route, log),
             log,
@@ -298,7 +294,7 @@ class Wiring:
         properties = self._consumer_properties(tail_group(self._config.name, route.name))
         identify = make_identify(self._author(route))
         return Produced(
-            KafkaTail(properties, route.sink.kafka),
+            KafkaTail(properties, route.kafka_topic),
             KafkaTail(properties, route.dead_letter_topic),
             identify,
             partial(message_of_letter, route, identify),
@@ -306,11 +302,11 @@ class Wiring:
         )
 
     def _author(self, route: RosToKafkaRoute) -> Author:
-        return Author(route.source.ros, self._config.name, route.name)
+        return Author(route.ros_topic, self._config.name, route.name)
 
     def _kafka_sink(self, route: RosToKafkaRoute, log: Log) -> KafkaSink[MessageEntry]:
         properties = self._producer_properties(route)
-        return KafkaSink(properties, route.sink.kafka, log, fits_topic=True)
+        return KafkaSink(properties, route.kafka_topic, log, fits_topic=True)
 
     def _spool_of(self, route: RosToKafkaRoute) -> Path:
         assert route.spool is not None

@@ -16,13 +16,14 @@ import pytest
 from harness import eventually
 from patience import patient
 
+from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.process.child import start_child
 from ros2_kafka_bridge.process.crew import Crew
 from ros2_kafka_bridge.process.hangup import Signals
 from ros2_kafka_bridge.process.local_worker import LocalWorker
 from ros2_kafka_bridge.process.operations import OperationResult, Operations
-from ros2_kafka_bridge.process.plan import Plan, RoutePlan, Share, plan_of, write_plan
+from ros2_kafka_bridge.process.plan import Plan, Rank, RoutePlan, Share, plan_of, write_plan
 from ros2_kafka_bridge.process.standalone import Standalone
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
 from ros2_kafka_bridge.protocol.monitor import Do, Lifecycle
@@ -41,8 +42,8 @@ routes:
   - {name: a, from: {ros: /a}, to: {kafka: a}, drain_s: 0.1}
   - {name: b, from: {ros: /b}, to: {kafka: b}, drain_s: 0.1}
 """
-LONG = RoutePlan('orders', to_ros=True, drain_s=600.0)
-ONE = Plan('x', {}, (RoutePlan('orders', to_ros=True, drain_s=0.1),))
+LONG = RoutePlan('orders', Direction.KAFKA_TO_ROS, drain_s=600.0)
+ONE = Plan('x', {}, (RoutePlan('orders', Direction.KAFKA_TO_ROS, drain_s=0.1),))
 LOADED = '{"type":"loaded"}'
 BEGUN = '{"type":"begun"}'
 
@@ -143,7 +144,7 @@ if not been.exists():
     time.sleep(600)
 {OBEYS}"""
     monkeypatch.setattr('sys.executable', program(tmp_path / 'program', life))
-    house.crew.hire([Share(('orders',), to_ros=True)], house.plan)
+    house.crew.hire([Share(('orders',), Rank.TO_ROS)], house.plan)
     (worker,) = house.crew.workers
     house.turns_until((tmp_path / 'program.been').exists)
     assert not worker.hangs
@@ -165,7 +166,7 @@ def test_a_stop_ends_at_once_who_waits_to_begin_and_keeps_the_counters_of_who_ru
     house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('sys.executable', program(tmp_path / 'program', 'time.sleep(600)\n'))
-    share = Share(('orders',), to_ros=True)
+    share = Share(('orders',), Rank.TO_ROS)
     runs = WorkerProcess(1, share, -1)
     runs.hear(to_line([Counters('orders', taken=7).snapshot(7)]))
     runs.over = True
@@ -185,7 +186,7 @@ def test_a_stop_in_a_deactivation_does_not_forget_that_something_has_failed_befo
     house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('sys.executable', program(tmp_path / 'program', 'time.sleep(600)\n'))
-    house.crew.hire([Share(('orders',), to_ros=True)], house.plan)
+    house.crew.hire([Share(('orders',), Rank.TO_ROS)], house.plan)
     house.turn()
     house.crew.status = 1
     house.ask(Do.DEACTIVATE)

@@ -29,7 +29,7 @@ from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.walk import make_end
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.message_types.layout import Field, Layout, Primitive, String
-from ros2_kafka_bridge.process.plan import Share
+from ros2_kafka_bridge.process.plan import Rank, Share
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
 from ros2_kafka_bridge.route import settling
 from ros2_kafka_bridge.route.labels import KEY_LIMIT_BYTES, make_key
@@ -238,7 +238,7 @@ def test_a_file_of_times_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     'line', [b'{', b'[]', b'{"snapshots": [{}]}', b'{"snapshots": 1}', b'\xff']
 )
 def test_a_worker_that_talks_nonsense_does_not_end_its_supervisor(line: bytes) -> None:
-    worker = WorkerProcess(1, Share(('orders',), to_ros=True), -1)
+    worker = WorkerProcess(1, Share(('orders',), Rank.TO_ROS), -1)
     before = dict(worker.snapshots)
     worker.hear(line + b'\n')
     assert worker.snapshots == before
@@ -248,7 +248,7 @@ def test_a_worker_that_ends_no_line_does_not_fill_its_supervisor(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.process.worker_process._LINE_LIMIT_BYTES', 100)
-    worker = WorkerProcess(1, Share(('orders',), to_ros=True), -1)
+    worker = WorkerProcess(1, Share(('orders',), Rank.TO_ROS), -1)
     for _ in range(100):
         worker.hear(b'x' * 60)
         assert len(worker._heard) <= 100

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from ros2_kafka_bridge.config.direction import Direction
+
 ROOT = Path(__file__).parents[2]
 HOUSE = ROOT / 'src' / 'ros2_kafka_bridge'
 FRONT = sorted(path.stem for path in HOUSE.glob('*.py') if path.stem != '__init__')
@@ -93,6 +95,66 @@ def test_no_two_public_types_share_a_name() -> None:
             if name[0].isupper():
                 meanings.setdefault(name, set()).add(meaning)
     assert not {name: said for name, said in meanings.items() if len(said) > 1}
+
+
+WAY = re.compile(
+    r'\b(KafkaToRos(Route)?|RosToKafka(Route)?|[dD]irections?|to_ros|to_kafka|'
+    r"'kafka_to_ros'|'ros_to_kafka')(?!\()\b"
+)
+OPTION = re.compile(r'\b(options|form|order)\.to_ros\b')  # where letters are replayed to
+
+
+def asks_which_way(node: ast.AST) -> bool:
+    """Whether a piece of code goes one way or the other by the class or direction of a route."""
+    match node:
+        case ast.Call(func=ast.Name(id='isinstance' | 'issubclass' | 'hasattr' | 'type')):
+            asked = ast.unparse(node)
+        case ast.Compare():
+            asked = ast.unparse(node)
+        case ast.Match(subject=subject, cases=cases):
+            asked = ' '.join(map(ast.unparse, [subject, *(case.pattern for case in cases)]))
+        case _:
+            return False
+    return bool(WAY.search(OPTION.sub('', asked)))
+
+
+def test_few_places_ask_a_route_which_way_it_goes() -> None:
+    """What differs is data: another kind of route is a row in a table, and found there."""
+    asks = [
+        f'{file.relative_to(HOUSE)}:{node.lineno}'
+        for file in HOUSE.rglob('*.py')
+        if file.parent.name != 'config'
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.expr | ast.stmt) and asks_which_way(node)
+    ]
+    page = [
+        f'{file.relative_to(HOUSE)}: {found}'
+        for file in HOUSE.rglob('*.js')
+        for found in re.findall(r'\bdirection\b', file.read_text())
+    ]
+    assert len(asks + page) <= 10, asks + page
+    assert any('wiring.py' in place for place in asks), 'the one that has to'
+
+
+def test_a_table_by_direction_has_a_row_for_each() -> None:
+    tables = [
+        (file, node)
+        for file in HOUSE.rglob('*.py')
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.Dict)
+        if any(key is not None and 'Direction.' in ast.unparse(key) for key in node.keys)
+    ]
+    assert len(tables) > 5
+    for file, table in tables:
+        assert len(table.keys) == len(Direction), f'{file}:{table.lineno}'
+
+
+def test_the_topics_type_and_key_of_a_route_are_read_in_one_way() -> None:
+    """No end of a route is reached into for what all routes have, wherever it stands."""
+    reached = re.compile(r'\b(source|sink)\.(kafka|ros|type|qos|key|dead_letter)\b')
+    for file in HOUSE.rglob('*.py'):
+        if file.parent.name != 'config':
+            assert not reached.search(file.read_text()), file
 
 
 def methods() -> set[str]:

@@ -1,13 +1,16 @@
-"""The settings of a route, and of which direction one is."""
+"""The settings of a route, and what every route tells of itself, whichever way it goes."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from ros2_kafka_bridge.config import checks
 from ros2_kafka_bridge.config.base import Before, Settings, look, setting, settings
+from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.endpoints import (
     FromKafka,
     FromRos,
+    QoS,
     SpoolSettings,
     ToKafka,
     ToRos,
@@ -37,8 +40,10 @@ BLOCKS = {'json': ('json',), 'schema': ('avro', 'protobuf')}
 
 
 @settings
-class Route(Settings):
-    """What the routes of both directions share."""
+class Route(Settings, ABC):
+    """What all routes tell in one way, whichever way they go."""
+
+    direction: ClassVar[Direction]
 
     name: Name = setting(description='Name of the route, unique in the file.')
     format: Literal['text', 'cdr', 'json', 'avro', 'protobuf'] = setting(
@@ -95,10 +100,45 @@ class Route(Settings):
         if check and isinstance(name, str) and (problem := check(name)):
             yield Mistake(('format',), problem)
 
+    @property
+    @abstractmethod
+    def _ends(self) -> tuple[FromKafka | ToKafka, FromRos | ToRos]:
+        """Its end in Kafka, and its end in ROS."""
+
+    @property
+    def kafka_topic(self) -> str:
+        """Its topic in Kafka."""
+        return self._ends[0].kafka
+
+    @property
+    def ros_topic(self) -> str:
+        """Its topic in ROS, by its absolute name."""
+        return self._ends[1].ros
+
+    @property
+    def type_name(self) -> str | None:
+        """Its message type; None where that is the one which is published."""
+        return self._ends[1].type
+
+    @property
+    def qos(self) -> QoS:
+        """What is said of the quality of service of its end in ROS."""
+        return self._ends[1].qos
+
+    @property
+    def dead_letter_topic(self) -> str:
+        """The Kafka topic for what can never be delivered."""
+        return self._ends[0].dead_letter or self.kafka_topic + checks.DEAD_LETTER_SUFFIX
+
 
 @settings
 class KafkaToRosRoute(Route):
     """A route from Kafka to ROS."""
+
+    direction: ClassVar[Literal[Direction.KAFKA_TO_ROS]] = Direction.KAFKA_TO_ROS
+    key: ClassVar[None] = None
+    spool: ClassVar[None] = None
+    exclusive: ClassVar[Literal[False]] = False
 
     source: FromKafka = setting(spelled='from', description='Kafka topic to read.')
     sink: ToRos = setting(spelled='to', description='ROS topic to publish to.')
@@ -143,14 +183,31 @@ class KafkaToRosRoute(Route):
         return self.source.group or reading_group(bridge, self.name)
 
     @property
-    def dead_letter_topic(self) -> str:
-        """The Kafka topic for what can never be delivered."""
-        return self.source.dead_letter or self.source.kafka + checks.DEAD_LETTER_SUFFIX
+    def _ends(self) -> tuple[FromKafka, ToRos]:
+        return self.source, self.sink
+
+    @property
+    def topics(self) -> tuple[str, str]:
+        """The topic that it reads, and the one that it writes."""
+        return self.kafka_topic, self.ros_topic
+
+    @property
+    def type_name(self) -> str:
+        """Its message type."""
+        return self.sink.type
+
+    @property
+    def ros_history(self) -> int:
+        """How many messages DDS keeps for it: what is not acknowledged."""
+        return self.max_in_flight
 
 
 @settings
 class RosToKafkaRoute(Route):
     """A route from ROS to Kafka."""
+
+    direction: ClassVar[Literal[Direction.ROS_TO_KAFKA]] = Direction.ROS_TO_KAFKA
+    max_age_s: ClassVar[None] = None
 
     source: FromRos = setting(spelled='from', description='ROS topic to take from.')
     sink: ToKafka = setting(spelled='to', description='Kafka topic to write.')
@@ -185,10 +242,27 @@ class RosToKafkaRoute(Route):
             if told := '; '.join(dict.fromkeys(filter(None, problems))):
                 yield Mistake(('to', 'key'), told)
 
+    def group(self, bridge: str) -> None:
+        """No consumer group: it reads nothing of Kafka."""
+
     @property
-    def dead_letter_topic(self) -> str:
-        """The Kafka topic for what can never be delivered."""
-        return self.sink.dead_letter or self.sink.kafka + checks.DEAD_LETTER_SUFFIX
+    def _ends(self) -> tuple[ToKafka, FromRos]:
+        return self.sink, self.source
+
+    @property
+    def topics(self) -> tuple[str, str]:
+        """The topic that it reads, and the one that it writes."""
+        return self.ros_topic, self.kafka_topic
+
+    @property
+    def key(self) -> str | None:
+        """Of what the key of its records is made; None is the ROS topic."""
+        return self.sink.key
+
+    @property
+    def ros_history(self) -> int:
+        """How many messages DDS keeps for it, while it does not take them."""
+        return self.source.max_samples
 
 
 _ENDPOINTS: dict[tuple[str, str], type[Settings]] = {
@@ -283,22 +357,3 @@ def _misplaced_in_end(side: str, kind: str, name: str) -> Iterator[Mistake]:
 
 
 AnyRoute = Annotated[KafkaToRosRoute | RosToKafkaRoute, Before(_by_direction)]
-
-
-def direction_of(route: AnyRoute) -> str:
-    """`kafka_to_ros` or `ros_to_kafka`."""
-    return 'kafka_to_ros' if isinstance(route, KafkaToRosRoute) else 'ros_to_kafka'
-
-
-def ends_of(route: AnyRoute) -> tuple[str, str]:
-    """The topic that a route reads, and the one that it writes."""
-    if isinstance(route, KafkaToRosRoute):
-        return route.source.kafka, route.sink.ros
-    return route.source.ros, route.sink.kafka
-
-
-def type_of(route: AnyRoute) -> str:
-    """The message type; empty where the graph tells it."""
-    if isinstance(route, KafkaToRosRoute):
-        return route.sink.type
-    return route.source.type or ''

@@ -120,6 +120,16 @@ class Config(Settings):
         description='At least one route, each with from and to.'
     )
 
+    @property
+    def to_ros(self) -> list[KafkaToRosRoute]:
+        """The routes from Kafka to ROS, in the order of the file."""
+        return [route for route in self.routes if isinstance(route, KafkaToRosRoute)]
+
+    @property
+    def to_kafka(self) -> list[RosToKafkaRoute]:
+        """The routes from ROS to Kafka, in the order of the file."""
+        return [route for route in self.routes if isinstance(route, RosToKafkaRoute)]
+
     @classmethod
     def prepared(cls, data: Any) -> Any:
         """Each route with the defaults that fit it."""
@@ -337,8 +347,7 @@ def warnings(config: Config) -> list[str]:
     found = [f'kafka.{text}' for text in _property_warnings(config.kafka)]
     if config.schema_registry is not None and config.schema_registry.ssl_ca is False:
         found.append('schema_registry.ssl.ca.location: false: nobody checks who the registry is')
-    to_ros = any(isinstance(route, KafkaToRosRoute) for route in config.routes)
-    if to_ros and config.ros.confirmation == 'none':
+    if config.to_ros and config.ros.confirmation == 'none':
         found.append(
             'ros.confirmation: none: guarantee 1 falls: offsets follow the publication, and what '
             'is lost on its way to a reader, or in the writer at a stop, stays lost'

@@ -230,10 +230,10 @@ def _fields(config: Config, letter: Letter) -> str:
 def _read(config: Config, route: AnyRoute, letter: Letter) -> str:
     assert letter.value is not None, 'the caller has looked'
     if isinstance(route, KafkaToRosRoute):
-        layout = _layout(config, route.sink.type, NOT_SHOWN)
+        layout = _layout(config, route.type_name, NOT_SHOWN)
         cdr = decode_of(route, config, layout)(letter.value)
     elif letter.about and letter.about.reason.startswith('EncodeError:'):
-        name = dict(letter.headers).get('ros.type') or route.source.type or ''
+        name = dict(letter.headers).get('ros.type') or route.type_name or ''
         text = name if isinstance(name, str) else name.decode(errors='replace')
         wanted = definition_of(letter)
         layout = _layout(config, text, wanted)

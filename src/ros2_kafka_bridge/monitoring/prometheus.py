@@ -16,8 +16,8 @@ from prometheus_client.registry import Collector
 from prometheus_client.utils import floatToGoString
 
 from ros2_kafka_bridge import __version__
-from ros2_kafka_bridge.config.routes import AnyRoute, direction_of, ends_of, type_of
-from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.config.direction import Direction
+from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.monitoring.state import Watch
 from ros2_kafka_bridge.protocol.monitor import Lifecycle, Report, RouteReport, Worker
 from ros2_kafka_bridge.route.counters import BOUNDS_S, Distribution, Measures, Outcome, State
@@ -149,16 +149,17 @@ def _lifecycle(seen: Seen) -> Iterator[Sample]:
 def _about_routes(seen: Seen) -> Iterator[Sample]:
     for told in seen.listed:
         if (route := seen.routes.get(told.snapshot.route)) is not None:
-            source, sink = ends_of(route)
-            yield (route.name, direction_of(route), source, sink, type_of(route), route.format), 1
+            kind = route.type_name or ''
+            yield (route.name, route.direction, *route.topics, kind, route.format), 1
 
 
 def _of_direction(
-    kind: type[AnyRoute], read: Callable[[Measures], SampleValue]
+    direction: Direction, read: Callable[[Measures], SampleValue]
 ) -> Callable[[Seen], Iterator[Sample]]:
     def samples(seen: Seen) -> Iterator[Sample]:
         for told in seen.told:
-            if isinstance(seen.routes.get(told.snapshot.route), kind):
+            route = seen.routes.get(told.snapshot.route)
+            if route is not None and route.direction is direction:
                 yield (told.snapshot.route,), read(told.snapshot.measures)
 
     return samples
@@ -167,7 +168,7 @@ def _of_direction(
 def _spool_limits(seen: Seen) -> Iterator[Sample]:
     for told in seen.listed:
         route = seen.routes.get(told.snapshot.route)
-        if isinstance(route, RosToKafkaRoute) and route.spool is not None:
+        if route is not None and route.spool is not None:
             yield (route.name,), route.spool.max_bytes
 
 
@@ -255,12 +256,12 @@ METRICS: Final = (
     MetricDefinition(
         'publish_seconds', 'histogram', 'From the take of a record to its publication '
         '(Kafka to ROS).', _ROUTE,
-        _of_direction(KafkaToRosRoute, lambda measures: measures.published),
+        _of_direction(Direction.KAFKA_TO_ROS, lambda measures: measures.published),
     ),
     MetricDefinition(
         'produce_seconds', 'histogram', 'From handing a record to the producer to its delivery '
         'report (ROS to Kafka).', _ROUTE,
-        _of_direction(RosToKafkaRoute, lambda measures: measures.round_trip),
+        _of_direction(Direction.ROS_TO_KAFKA, lambda measures: measures.round_trip),
     ),
     MetricDefinition(
         'broker_round_trip_seconds', 'gauge', 'Round trip to the slowest broker in the last '
@@ -287,7 +288,7 @@ METRICS: Final = (
     ),
     MetricDefinition(
         'rebalances', 'counter', 'How often partitions came or went (Kafka to ROS).', _ROUTE,
-        _of_direction(KafkaToRosRoute, lambda measures: measures.rebalances),
+        _of_direction(Direction.KAFKA_TO_ROS, lambda measures: measures.rebalances),
     ),
     MetricDefinition(
         'kafka_up', 'gauge', 'Whether Kafka answers the route; no sample while that is not '

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from typing import Any, Final, Self
 
-from ros2_kafka_bridge.config.routes import AnyRoute, ends_of
+from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
@@ -110,7 +110,7 @@ class Sides:
 
     def _look_at_kafka(self, overview: Overview) -> None:
         routes = self._watch.routes
-        joined = {end for route in routes for end in ends_of(route) if not end.startswith('/')}
+        joined = {route.kafka_topic for route in routes}
         by_topic = _letters_of(routes)
         state = overview.look({*joined, *by_topic})
         seen = {topic.name: topic for topic in state.topics}

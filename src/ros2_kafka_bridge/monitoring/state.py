@@ -10,7 +10,7 @@ from typing import Final
 import msgspec
 
 from ros2_kafka_bridge.config.routes import AnyRoute
-from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, restored
+from ros2_kafka_bridge.config.settings import Config, restored
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.monitoring.history import History
 from ros2_kafka_bridge.protocol.monitor import Answer, Configured, Do, Report, Request, ToMonitor
@@ -131,7 +131,7 @@ class Watch:
     def _readers(self) -> frozenset[str]:
         if not self.is_configured:
             return frozenset()
-        return frozenset(r.name for r in self.routes if isinstance(r, KafkaToRosRoute))
+        return frozenset(route.name for route in self.config.to_ros)
 
     @property
     def _known(self) -> tuple[Configured, Config]:
@@ -143,9 +143,8 @@ class Watch:
 
 def _drains_s(config: Config) -> float:
     """The longest drain of the routes to ROS, and behind it that of those from ROS."""
-    to_ros = [r.drain_s for r in config.routes if isinstance(r, KafkaToRosRoute)]
-    from_ros = [r.drain_s for r in config.routes if not isinstance(r, KafkaToRosRoute)]
-    return max(to_ros, default=0.0) + max(from_ros, default=0.0)
+    routes = config.to_ros, config.to_kafka
+    return sum(max((route.drain_s for route in some), default=0.0) for some in routes)
 
 
 def _no_answer(number: int) -> Answer:

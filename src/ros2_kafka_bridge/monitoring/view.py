@@ -4,8 +4,7 @@ import time
 from typing import Any
 
 from ros2_kafka_bridge import __version__
-from ros2_kafka_bridge.config.routes import AnyRoute, direction_of, ends_of, type_of
-from ros2_kafka_bridge.config.settings import KafkaToRosRoute
+from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.monitoring.health import liveness, readiness
 from ros2_kafka_bridge.monitoring.history import RouteStatistics
 from ros2_kafka_bridge.monitoring.prometheus import memory_bytes
@@ -64,17 +63,17 @@ def bridge(watch: Watch) -> Json:
 
 def about(route: AnyRoute, bridge: str) -> Json:
     """What the configuration of the bridge of that name says of a route."""
-    source, sink = ends_of(route)
+    source, sink = route.topics
     return {
         'name': route.name,
-        'direction': direction_of(route),
+        'direction': route.direction,
         'source': source,
         'sink': sink,
-        'type': type_of(route),
+        'type': route.type_name or '',
         'format': route.format,
         'dead_letter_topic': route.dead_letter_topic,
-        'group': route.group(bridge) if isinstance(route, KafkaToRosRoute) else None,
-        'spool': not isinstance(route, KafkaToRosRoute) and route.spool is not None,
+        'group': route.group(bridge),
+        'spool': route.spool is not None,
         'max_in_flight': route.max_in_flight,
         'drain_s': route.drain_s,
         'on_error': route.on_error,
@@ -86,12 +85,12 @@ def routes(watch: Watch) -> list[Json]:
     """All routes, as their workers told them last."""
     report = watch.report()
     paused = frozenset(report.paused if report else ())
-    to_ros = {it.name for it in watch.routes if isinstance(it, KafkaToRosRoute)}
+    directions = {route.name: route.direction for route in watch.routes}
     return [
         {
             **_route(told, watch.history.recent(told.snapshot.route)),
             'paused': told.snapshot.route in paused,
-            'advice': advice(told.snapshot, to_ros=told.snapshot.route in to_ros),
+            'advice': advice(told.snapshot, directions.get(told.snapshot.route)),
         }
         for told in (report.routes if report else ())
     ]

@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Generator, Iterable, Iterator,
 from contextlib import ExitStack
 from typing import Final
 
+from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.process.local_worker import LocalWorker
 from ros2_kafka_bridge.process.plan import Rank, RoutePlan, Share
@@ -215,20 +216,21 @@ class Crew:
         for rank in Rank:
             deadline_s = time.monotonic() + _limit_s(rank, routes)
             yield from self._drain(rank, deadline_s, at_once)
-        to_ros = {route.name for route in routes if route.to_ros}
+        directions = {route.name: route.direction for route in routes}
         for worker in self.workers:
             if worker.runs:
-                self._kill(worker, to_ros)
+                self._kill(worker, directions)
         self.last |= {snapshot.route: snapshot for snapshot in self.snapshots()}
 
-    def _kill(self, worker: AnyWorker, to_ros: Collection[str]) -> None:
+    def _kill(self, worker: AnyWorker, directions: dict[str, Direction]) -> None:
         worker.kill()
         self.status = max(self.status, FAILED)
         self._log.error('%s did not end in time and was killed', worker)
         if worker.is_first:  # which says it itself
             return
         for name, snapshot in worker.snapshots.items():
-            held = left(snapshot, to_ros=name in to_ros)
+            # Of a route that a reload takes out just now, the worse is said.
+            held = left(snapshot, directions.get(name, Direction.ROS_TO_KAFKA))
             logs.route_log(name).error('its worker was killed: it is left with %s', held)
 
     def _end_waiting(self) -> None:
@@ -286,10 +288,11 @@ class Crew:
 
 def _limit_s(rank: Rank, routes: Iterable[RoutePlan]) -> float:
     """How long workers of a rank may take to drain and end."""
-    longest_s = {True: 0.0, False: 0.0}
+    longest_s = dict.fromkeys(Direction, 0.0)
     for route in routes:
-        longest_s[route.to_ros] = max(longest_s[route.to_ros], route.drain_s)
-    to_ros_s, from_ros_s = longest_s[True] + _ENDING_S, longest_s[False] + CLOSING_S
+        longest_s[route.direction] = max(longest_s[route.direction], route.drain_s)
+    to_ros_s = longest_s[Direction.KAFKA_TO_ROS] + _ENDING_S
+    from_ros_s = longest_s[Direction.ROS_TO_KAFKA] + CLOSING_S
     match rank:
         case Rank.TO_ROS:
             return to_ros_s

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import msgspec
 
+from ros2_kafka_bridge.config.direction import Direction
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -29,27 +31,18 @@ class Share(NamedTuple):
 
     Args:
         routes: Their names.
-        to_ros: Whether they lead to ROS, else from there.
-        both: Whether they lead both ways: such a worker drains in the right order by itself.
+        rank: When it drains; one whose routes go both ways drains in the right order by itself.
     """
 
     routes: tuple[str, ...]
-    to_ros: bool
-    both: bool = False
-
-    @property
-    def rank(self) -> Rank:
-        """When the worker drains."""
-        if self.both:
-            return Rank.BOTH
-        return Rank.TO_ROS if self.to_ros else Rank.FROM_ROS
+    rank: Rank
 
 
 class RoutePlan(msgspec.Struct, frozen=True):
     """A route, as its supervisor sees it."""
 
     name: str
-    to_ros: bool
+    direction: Direction
     drain_s: float
 
 
@@ -107,9 +100,11 @@ class Plan(msgspec.Struct, frozen=True):
 
     def directions(self, names: set[str]) -> tuple[list[str], list[str]]:
         """Those names that lead to ROS, and those that come from there."""
-        chosen = [route for route in self.routes if route.name in names]
-        to_ros = [route.name for route in chosen if route.to_ros]
-        return to_ros, [route.name for route in chosen if not route.to_ros]
+        found: dict[Direction, list[str]] = {direction: [] for direction in Direction}
+        for route in self.routes:
+            if route.name in names:
+                found[route.direction].append(route.name)
+        return found[Direction.KAFKA_TO_ROS], found[Direction.ROS_TO_KAFKA]
 
 
 def plan_of(config: 'Config', file: 'Path', chosen: frozenset[str] | None = None) -> Plan:
@@ -120,15 +115,14 @@ def plan_of(config: 'Config', file: 'Path', chosen: frozenset[str] | None = None
         file: Its file.
         chosen: Names of the routes to run; None runs all.
     """
-    from ros2_kafka_bridge.config.settings import KafkaToRosRoute  # noqa: PLC0415 (heavy)
-    from ros2_kafka_bridge.config.validation import plain  # noqa: PLC0415
+    from ros2_kafka_bridge.config.validation import plain  # noqa: PLC0415 (heavy)
 
     routes = [route for route in config.routes if chosen is None or route.name in chosen]
     monitoring = config.monitoring
     return Plan(
         str(file),
         plain(config),
-        tuple(RoutePlan(r.name, isinstance(r, KafkaToRosRoute), r.drain_s) for r in routes),
+        tuple(RoutePlan(r.name, r.direction, r.drain_s) for r in routes),
         () if chosen is None else tuple(route.name for route in routes),
         config.workers,
         None if monitoring is None else MonitoringPlan(monitoring.listen, monitoring.start),
@@ -178,13 +172,13 @@ def share_out(to_ros: Sequence[str], from_ros: Sequence[str], workers: int) -> l
     total = len(to_ros) + len(from_ros)
     workers = min(workers, total)
     if workers == 1:
-        both = bool(to_ros and from_ros)
-        return [Share((*to_ros, *from_ros), to_ros=bool(to_ros), both=both)]
+        rank = Rank.BOTH if to_ros and from_ros else Rank.TO_ROS if to_ros else Rank.FROM_ROS
+        return [Share((*to_ros, *from_ros), rank)]
     first = round(workers * len(to_ros) / total) if total else 0
     if to_ros and from_ros:
         first = min(max(first, 1), workers - 1)
     last = workers - first
     return [
-        *(Share(tuple(to_ros[number::first]), to_ros=True) for number in range(first)),
-        *(Share(tuple(from_ros[number::last]), to_ros=False) for number in range(last)),
+        *(Share(tuple(to_ros[number::first]), Rank.TO_ROS) for number in range(first)),
+        *(Share(tuple(from_ros[number::last]), Rank.FROM_ROS) for number in range(last)),
     ]

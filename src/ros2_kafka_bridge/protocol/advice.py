@@ -2,6 +2,7 @@
 
 from typing import Final
 
+from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.route.counters import Snapshot, State
 
 _AGAIN: Final = 'It is tried again by itself; mend what the reason names.'
@@ -13,17 +14,19 @@ _ADVICE: Final = {
     State.STOPPED: 'It ends with the bridge, which stops or is not active, or was taken out of '
     'the configuration.',
 }
-_TO_ROS: Final = {
-    State.WAITING: 'It goes on by itself once that has ended. What comes meanwhile waits in '
-    'Kafka, as long as that keeps it.',
-    State.PAUSED: 'Resume it when the reason for the pause is gone; what comes meanwhile waits in '
-    'Kafka, as long as that keeps it.',
-}
-_FROM_ROS: Final = {
-    State.WAITING: 'It goes on by itself once that has ended. What it cannot take meanwhile, '
-    'publishers lose that are not reliable and KEEP_ALL.',
-    State.PAUSED: 'Resume it when the reason for the pause is gone; publishers that are not '
-    'reliable and KEEP_ALL lose what they send meanwhile.',
+_HELD_BACK: Final = {
+    Direction.KAFKA_TO_ROS: {
+        State.WAITING: 'It goes on by itself once that has ended. What comes meanwhile waits in '
+        'Kafka, as long as that keeps it.',
+        State.PAUSED: 'Resume it when the reason for the pause is gone; what comes meanwhile '
+        'waits in Kafka, as long as that keeps it.',
+    },
+    Direction.ROS_TO_KAFKA: {
+        State.WAITING: 'It goes on by itself once that has ended. What it cannot take meanwhile, '
+        'publishers lose that are not reliable and KEEP_ALL.',
+        State.PAUSED: 'Resume it when the reason for the pause is gone; publishers that are not '
+        'reliable and KEEP_ALL lose what they send meanwhile.',
+    },
 }
 
 ERROR_ADVICE: Final = {
@@ -38,10 +41,16 @@ ERROR_ADVICE: Final = {
 """What to do about an error whose text does not say it, by its class."""
 
 
-def advice(snapshot: Snapshot, *, to_ros: bool) -> str:
-    """What to do about the state of a route; empty where it is well."""
+def advice(snapshot: Snapshot, direction: Direction | None) -> str:
+    """What to do about the state of a route; empty where it is well.
+
+    Args:
+        snapshot: Of the route.
+        direction: Of the route; None where the configuration has it no more: then what costs
+            most is said.
+    """
     if snapshot.state is State.FAILED:
         return _FINAL if snapshot.final else _AGAIN
     if snapshot.state is State.STARTING and snapshot.reason:
         return _AWAITED
-    return (_ADVICE | (_TO_ROS if to_ros else _FROM_ROS))[snapshot.state]
+    return (_ADVICE | _HELD_BACK[direction or Direction.ROS_TO_KAFKA])[snapshot.state]

@@ -21,7 +21,7 @@ _STEP_S: Final = 0.05
 
 def asks_readers(route: KafkaToRosRoute, config: Config) -> bool:
     """Whether the offsets of a route follow what its readers acknowledge."""
-    return config.ros.confirmation == 'acknowledged' and waits(route.sink.qos)
+    return config.ros.confirmation == 'acknowledged' and waits(route.qos)
 
 
 class Confirmation:

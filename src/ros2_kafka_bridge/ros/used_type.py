@@ -7,8 +7,9 @@ from collections.abc import Callable, Collection
 from functools import partial
 from typing import Final, NamedTuple, Self
 
+from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.endpoints import RosSettings
-from ros2_kafka_bridge.config.routes import AnyRoute, KafkaToRosRoute
+from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.message_types import INSTALLED
 from ros2_kafka_bridge.message_types.description import DescribedTypes
@@ -126,9 +127,8 @@ class RosEnd(NamedTuple):
     @classmethod
     def of(cls, route: AnyRoute) -> Self:
         """That of a route."""
-        if isinstance(route, KafkaToRosRoute):
-            return cls(route.sink.ros, route.sink.type, publishes=True)
-        return cls(route.source.ros, route.source.type)
+        publishes = route.direction is Direction.KAFKA_TO_ROS
+        return cls(route.ros_topic, route.type_name, publishes)
 
 
 class RouteTypes:

@@ -3,35 +3,25 @@
 from collections.abc import Callable
 
 from ros2_kafka_bridge.config.formats import JsonSettings, SchemaSettings
-from ros2_kafka_bridge.config.routes import BLOCKS
-from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.config.routes import BLOCKS, AnyRoute
+from ros2_kafka_bridge.config.settings import Config, RosToKafkaRoute
 from ros2_kafka_bridge.errors import DecodeError, EncodeError
 from ros2_kafka_bridge.formats import FORMATS, Decode, Encode, guarded
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.message_types import document
 from ros2_kafka_bridge.message_types.layout import Layout
-from ros2_kafka_bridge.route.type_hash import (
-    CheckHeaders,
-    check_nothing,
-    make_hash_check,
-    make_publisher_check,
-)
 
 _EVEN = frozenset({'text', 'cdr'})
 """Formats whose values are about as large as their messages."""
 
-_UNNAMED = frozenset({'cdr'})
-"""Formats whose values do not tell what they hold: bytes of another type may look right."""
-
 _LIMIT = 'max_message_bytes of the route'
 
 
-def scope_of(route: KafkaToRosRoute | RosToKafkaRoute, config: Config) -> Scope:
+def scope_of(route: AnyRoute, config: Config) -> Scope:
     """What a format knows of a route."""
-    topic = route.sink.kafka if isinstance(route, RosToKafkaRoute) else route.source.kafka
     registry = config.schema_registry
     return Scope(
-        topic,
+        route.kafka_topic,
         route.json_settings or JsonSettings(),
         route.schema_settings or SchemaSettings(),
         {} if registry is None else registry.properties(),
@@ -39,7 +29,7 @@ def scope_of(route: KafkaToRosRoute | RosToKafkaRoute, config: Config) -> Scope:
     )
 
 
-def decode_of(route: KafkaToRosRoute | RosToKafkaRoute, config: Config, layout: Layout) -> Decode:
+def decode_of(route: AnyRoute, config: Config, layout: Layout) -> Decode:
     """Make the decode function of a route: no value and no message larger than it allows.
 
     Raises:
@@ -65,32 +55,21 @@ def encode_of(route: RosToKafkaRoute, config: Config, layout: Layout) -> Encode:
     return guarded(encode, route.max_message_bytes, EncodeError)
 
 
-def reads_fields(route: KafkaToRosRoute | RosToKafkaRoute) -> bool:
+def reads_fields(route: AnyRoute) -> bool:
     """Whether a route would misread the messages of another definition of its type."""
     return route.format not in _EVEN
 
 
-def with_docs(route: KafkaToRosRoute | RosToKafkaRoute, config: Config, layout: Layout) -> Layout:
+def with_docs(route: AnyRoute, config: Config, layout: Layout) -> Layout:
     """Add the docs to the layout of a route that registers them with its schema."""
     in_schema = route.format in BLOCKS['schema']
     return document(layout, config.ros.message_path) if in_schema else layout
 
 
-def asks_registry(route: KafkaToRosRoute | RosToKafkaRoute) -> bool:
+def asks_registry(route: AnyRoute) -> bool:
     """Whether the format of a route looks its schema up in a Schema Registry."""
     schema = route.schema_settings or SchemaSettings()
     return route.format in BLOCKS['schema'] and schema.registry
-
-
-def check_of(route: KafkaToRosRoute | RosToKafkaRoute, layout: Layout) -> CheckHeaders:
-    """Make the function that refuses records and messages of another version of the type."""
-    name, type_hash = layout.type_name, layout.type_hash
-    if isinstance(route, RosToKafkaRoute):
-        # cdr reads no field into another: bytes and hash go on together.
-        return make_publisher_check(name, type_hash) if reads_fields(route) else check_nothing
-    if not route.check_type_hash:
-        return check_nothing
-    return make_hash_check(name, type_hash, any_type=route.format not in _UNNAMED)
 
 
 def _not_grown(

@@ -196,7 +196,7 @@ def guard_loops(
     Returns:
         What tells whether to skip a record, and what refuses one.
     """
-    ros_topic = route.sink.ros
+    ros_topic = route.ros_topic
     goes_round = make_loop_check(bridge, ros_topic)
     if route.skip_own:
         return goes_round, check

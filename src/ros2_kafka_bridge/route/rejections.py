@@ -76,7 +76,7 @@ def rejection_of_record(
         headers: Of it, None where they cannot be read.
         error: Why.
     """
-    topic = route.source.kafka
+    topic = route.kafka_topic
     about = about_labelled(headers, error)._replace(
         topic=topic, partition=entry.partition, offset=entry.offset
     )
@@ -93,7 +93,7 @@ def rejection_of_message(
         headers: Of the record that it was to become.
         error: Why.
     """
-    ros_topic, topic = route.source.ros, route.sink.kafka
+    ros_topic, topic = route.ros_topic, route.kafka_topic
     about = about_labelled(headers, error)._replace(topic=topic, ros_topic=ros_topic)
     return Rejection(error, f'{ros_topic} -> {topic}', about)
 
@@ -106,7 +106,7 @@ def letter_of_record(
     error: RecordError,
 ) -> Outgoing:
     """The dead letter of a record; the arguments are those of `rejection_of_record`."""
-    origin = from_kafka(route.name, route.source.kafka, entry.partition, entry.offset)
+    origin = from_kafka(route.name, route.kafka_topic, entry.partition, entry.offset)
     letter = Outgoing('', record.key(), record.value(), headers or [])
     unread = '' if headers is not None else 'a name is not UTF-8'
     return explain(letter, error, origin, unread)
@@ -120,7 +120,7 @@ def letter_of_message(route: RosToKafkaRoute, record: Outgoing, error: RecordErr
         record: That it was to become.
         error: Why it was refused.
     """
-    origin = from_ros(route.name, route.source.ros, route.sink.kafka)
+    origin = from_ros(route.name, route.ros_topic, route.kafka_topic)
     letter = explain(record, error, origin)
     return without_value(letter) if isinstance(error, RecordTooLargeError) else letter
 
@@ -139,7 +139,7 @@ def message_of_letter(
     found = parse(route.dead_letter_topic, record)
     if not isinstance(found, Letter) or (about := found.about) is None:
         return None
-    way = (route.name, route.source.ros, route.sink.kafka)
+    way = (route.name, route.ros_topic, route.kafka_topic)
     if (about.route, about.ros_topic, about.topic) != way:
         return None
     return identify(found.headers)

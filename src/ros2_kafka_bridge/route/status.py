@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
+from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.logs.lines import route_log
 from ros2_kafka_bridge.logs.text import clock_time, count
 from ros2_kafka_bridge.route.counters import Counters, Snapshot
@@ -58,18 +59,25 @@ def _carried(now: Snapshot) -> str:
     return f'{now.confirmed} confirmed{published}'
 
 
-def left(snapshot: Snapshot, *, to_ros: bool) -> str:
+_LEFT: Final = {
+    Direction.KAFKA_TO_ROS: ('record', 'read again next time'),
+    Direction.ROS_TO_KAFKA: (
+        'message',
+        'lost unless in the spool, or the publisher is TRANSIENT_LOCAL',
+    ),
+}
+"""What a route holds, and what becomes of it."""
+
+
+def left(snapshot: Snapshot, direction: Direction) -> str:
     """One line that says what a route still held that did not end in time, and what it costs."""
     if not snapshot.made_s:
         return 'what is not known: it has told nothing'
     old_s = time.monotonic() - snapshot.made_s
-    if not snapshot.in_flight:
-        what = 'nothing in flight'
-    elif to_ros:
-        what = f'{count(snapshot.in_flight, "record")} in flight, read again next time'
-    else:
-        held = count(snapshot.in_flight, 'message')
-        what = f'{held} in flight, lost unless in the spool, or the publisher is TRANSIENT_LOCAL'
+    noun, fate = _LEFT[direction]
+    what = 'nothing in flight'
+    if snapshot.in_flight:
+        what = f'{count(snapshot.in_flight, noun)} in flight, {fate}'
     old = f', as it told {old_s:.0f} s ago' if old_s > _OLD_S else ''
     return f'{what}{old} ({totals(snapshot)})'
 

@@ -2,8 +2,11 @@
 
 from collections.abc import Callable
 
+from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.endpoints import HeaderList
 from ros2_kafka_bridge.errors import DecodeError, EncodeError, RecordError
+from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.route.format import reads_fields
 
 CheckHeaders = Callable[[HeaderList], None]
 """Headers of a record -> nothing, or a RecordError where the record is of another type."""
@@ -11,6 +14,9 @@ CheckHeaders = Callable[[HeaderList], None]
 _TYPE, _HASH = 'ros.type', 'ros.type_hash'
 _TOLD = b'RIHS'  # as every hash begins
 _MOST_SHOWN = 300
+
+_UNNAMED = frozenset({'cdr'})
+"""Formats whose values do not tell what they hold: bytes of another type may look right."""
 
 
 def check_nothing(_headers: HeaderList) -> None:
@@ -104,3 +110,18 @@ def _shown(value: bytes) -> str:
 
 def _bytes(value: str | bytes | None) -> bytes:
     return value.encode() if isinstance(value, str) else value or b''
+
+
+def check_record_of(route: KafkaToRosRoute, layout: Layout) -> CheckHeaders:
+    """Make the function that refuses records of another version of the type."""
+    if not route.check_type_hash:
+        return check_nothing
+    name, type_hash = layout.type_name, layout.type_hash
+    return make_hash_check(name, type_hash, any_type=route.format not in _UNNAMED)
+
+
+def check_message_of(route: RosToKafkaRoute, layout: Layout) -> CheckHeaders:
+    """Make the function that refuses messages of another version of the type."""
+    if not reads_fields(route):  # cdr reads no field into another: bytes and hash go on together
+        return check_nothing
+    return make_publisher_check(layout.type_name, layout.type_hash)

@@ -45,9 +45,9 @@ class Tracing(NamedTuple):
         """What follows the records of a route."""
         if self.sample is None or self.end is None:
             return NO_RECORD_TRACES
-        topic = route.source.kafka
+        topic = route.kafka_topic
         same: Attributes = {
-            **self._same(route.name, topic, route.sink.ros, route.sink.type),
+            **self._same(route.name, topic, route.ros_topic, route.type_name),
             'messaging.operation.name': 'process',
             'messaging.operation.type': 'process',
             'messaging.consumer.group.name': route.group(self.bridge),
@@ -58,9 +58,9 @@ class Tracing(NamedTuple):
         """What follows the messages of a route."""
         if self.sample is None or self.end is None:
             return NO_MESSAGE_TRACES
-        topic = route.sink.kafka
+        topic = route.kafka_topic
         same: Attributes = {
-            **self._same(route.name, topic, route.source.ros, message_type),
+            **self._same(route.name, topic, route.ros_topic, message_type),
             'messaging.operation.name': 'publish',
             'messaging.operation.type': 'send',
         }

@@ -5,7 +5,6 @@ import time
 from typing import TYPE_CHECKING, Final
 
 from ros2_kafka_bridge.config.routes import AnyRoute
-from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.errors import BridgeError, SpoolInUseError
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.logs.lines import route_log, summed
@@ -64,8 +63,7 @@ class Lane:
         # Each is a value that is put in place at once: others read it while the route runs.
         self._life = Life()
         self._awaited = ''
-        has_spool = isinstance(route, RosToKafkaRoute) and route.spool is not None
-        self._work = Totals.of(route.name, has_spool=has_spool)
+        self._work = Totals.of(route.name, has_spool=route.spool is not None)
 
     @property
     def runs(self) -> bool:

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from sentences import fits
 
-from ros2_kafka_bridge.commands.check.report import window_finding
+from ros2_kafka_bridge.commands.check.report import window_to_kafka, window_to_ros
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.config.validation import validated
 
@@ -37,11 +37,11 @@ SAID = {
 def test_check_says_what_bounds_that_which_is_in_flight(route: str) -> None:
     given: dict[str, Any] = {'name': 'a', 'format': 'text'}
     given |= DROPS if 'drops' in route else {}
-    finding = window_finding(
-        validated(KafkaToRosRoute, given | TO_ROS)
-        if route.startswith('to ROS')
-        else validated(RosToKafkaRoute, given | TO_KAFKA | (SPOOL if 'spool' in route else {}))
-    )
+    if route.startswith('to ROS'):
+        finding = window_to_ros(validated(KafkaToRosRoute, given | TO_ROS))
+    else:
+        given |= TO_KAFKA | (SPOOL if 'spool' in route else {})
+        finding = window_to_kafka(validated(RosToKafkaRoute, given))
     level, _, words = ' '.join(SAID[route].split()).partition(': ')
     assert finding.level == level
     assert fits(finding.text, f'...{words}')

@@ -287,7 +287,7 @@ def test_an_event_is_one_line_and_comes_back_as_it_was(event: wire.Event) -> Non
 
 
 def test_a_worker_says_in_between_what_has_happened() -> None:
-    worker = WorkerProcess(1, Share(('a', 'b'), to_ros=True), -1)
+    worker = WorkerProcess(1, Share(('a', 'b'), Rank.TO_ROS), -1)
     snapshots = to_line([Counters('a', taken=3).snapshot(3), Counters('b').snapshot(0)])
     worker.hear(wire.to_line(Loaded()) + snapshots + wire.to_line(Begun()))
     assert worker.loaded
@@ -301,9 +301,9 @@ def test_a_worker_says_in_between_what_has_happened() -> None:
 
 def test_the_one_worker_of_a_bridge_has_both_ways_and_further_ones_have_not() -> None:
     (both,) = share_out(['a'], ['b'], 1)
-    assert both == Share(('a', 'b'), to_ros=True, both=True)
+    assert both == Share(('a', 'b'), Rank.BOTH)
     assert both.rank is Rank.BOTH
-    assert share_out(['a'], [], 1) == [Share(('a',), to_ros=True)]
+    assert share_out(['a'], [], 1) == [Share(('a',), Rank.TO_ROS)]
     assert [share.rank for share in share_out(['a'], ['b'], 2)] == [Rank.TO_ROS, Rank.FROM_ROS]
     assert share_out([], [], 3) == []
 

@@ -4,6 +4,7 @@ import selectors
 
 import pytest
 
+from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.process.crew import Crew
 from ros2_kafka_bridge.process.plan import Plan, RoutePlan
 from ros2_kafka_bridge.process.reports import report_of
@@ -23,7 +24,7 @@ from ros2_kafka_bridge.threads.stop import Stop
 def test_a_route_that_no_worker_has_is_stopped_and_says_why(
     lifecycle: Lifecycle, reason: str
 ) -> None:
-    plan = Plan('shop.yaml', {}, (RoutePlan('orders', to_ros=True, drain_s=8),))
+    plan = Plan('shop.yaml', {}, (RoutePlan('orders', Direction.KAFKA_TO_ROS, drain_s=8),))
     with selectors.DefaultSelector() as selector:
         crew = Crew([], selector, Stop())
         told = report_of(plan, crew, lifecycle, 0.0, None, stopping=False)
@@ -35,7 +36,7 @@ def test_a_route_that_no_worker_has_is_stopped_and_says_why(
 
 
 def test_what_a_route_told_last_before_its_bridge_was_deactivated_is_not_told_as_now() -> None:
-    plan = Plan('shop.yaml', {}, (RoutePlan('orders', to_ros=True, drain_s=8),))
+    plan = Plan('shop.yaml', {}, (RoutePlan('orders', Direction.KAFKA_TO_ROS, drain_s=8),))
     measures = Measures(kafka_up=True, matched=3, queued=7)
     with selectors.DefaultSelector() as selector:
         crew = Crew([], selector, Stop())

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import pytest
 
-from ros2_kafka_bridge.process.plan import Share
+from ros2_kafka_bridge.process.plan import Rank, Share
 from ros2_kafka_bridge.process.reports import in_words, is_live
 from ros2_kafka_bridge.process.sender import SnapshotSender
 from ros2_kafka_bridge.process.systemd import Systemd
@@ -175,10 +175,10 @@ def test_a_bridge_lives_as_long_as_no_route_is_stuck(
 def test_no_route_is_stuck_while_its_worker_starts_or_is_to_be_started_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    worker = WorkerProcess(1, Share(('orders',), to_ros=True), -1)
+    worker = WorkerProcess(1, Share(('orders',), Rank.TO_ROS), -1)
     worker.hear(to_line([aged(0.1)]))
     now_s = time.monotonic() + 2 * STUCK_S
-    fresh = WorkerProcess(2, Share(('new',), to_ros=True), -1)
+    fresh = WorkerProcess(2, Share(('new',), Rank.TO_ROS), -1)
     monkeypatch.setattr('time.monotonic', lambda: now_s)
     assert is_live(fresh.snapshots.values())
     assert not is_live(worker.snapshots.values())
@@ -190,7 +190,7 @@ def test_a_worker_that_has_begun_and_tells_nothing_is_silent_and_one_that_starts
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """As one that stands still (SIGSTOP) with routes that wait on purpose: they need not beat."""
-    worker = WorkerProcess(1, Share(('orders',), to_ros=True), -1)
+    worker = WorkerProcess(1, Share(('orders',), Rank.TO_ROS), -1)
     worker._process = cast('Any', object())
     worker.hear(to_line([aged(0.0, State.WAITING)]))
     now_s = time.monotonic() + 40
@@ -203,7 +203,7 @@ def test_a_worker_that_has_begun_and_tells_nothing_is_silent_and_one_that_starts
 
 
 def test_what_a_worker_that_has_died_told_last_of_its_ends_is_not_known_any_more() -> None:
-    worker = WorkerProcess(1, Share(('orders',), to_ros=True), -1)
+    worker = WorkerProcess(1, Share(('orders',), Rank.TO_ROS), -1)
     measures = Measures(kafka_up=True, matched=3, queued=7, spool_bytes=5, bytes_taken=9)
     snapshot = Counters('orders', taken=100).snapshot(100, 77, 0, measures)
     worker.hear(to_line([snapshot]))

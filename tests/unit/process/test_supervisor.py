@@ -18,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ros2_kafka_bridge import bridge
+from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.process.crew import CLOSING_S, Crew
@@ -49,8 +50,8 @@ def names(prefix: str, count: int) -> list[str]:
 
 def numbers(shares: list[Share]) -> tuple[list[int], list[int]]:
     """How many routes each worker has, to ROS and from ROS."""
-    to_ros = [len(share.routes) for share in shares if share.to_ros]
-    return to_ros, [len(share.routes) for share in shares if not share.to_ros]
+    to_ros = [len(share.routes) for share in shares if share.rank is Rank.TO_ROS]
+    return to_ros, [len(share.routes) for share in shares if share.rank is Rank.FROM_ROS]
 
 
 @pytest.mark.parametrize(
@@ -86,7 +87,8 @@ def test_every_route_has_one_worker_of_its_direction_and_no_worker_is_idle(
     assert len(shares) == min(workers, len(to_ros) + len(from_ros))
     assert Counter(r for share in shares for r in share.routes) == Counter(to_ros + from_ros)
     assert all(share.routes for share in shares)
-    assert all(set(share.routes) <= {*(to_ros if share.to_ros else from_ros)} for share in shares)
+    of = {Rank.TO_ROS: to_ros, Rank.FROM_ROS: from_ros}
+    assert all(set(share.routes) <= {*of[share.rank]} for share in shares)
     for counts in numbers(shares):
         assert not counts or max(counts) - min(counts) <= 1
 
@@ -102,7 +104,7 @@ def test_one_worker_or_one_route_needs_no_supervisor_unless_the_bridge_is_watche
     assert not plan(one).supervised
     watched = plan(f'monitoring: {{}}\n{one}')
     assert watched.supervised
-    assert watched.shares() == [Share(('a', 'b'), to_ros=True, both=True)]
+    assert watched.shares() == [Share(('a', 'b'), Rank.BOTH)]
 
 
 def test_workers_share_the_routes_that_are_asked_for() -> None:
@@ -114,7 +116,7 @@ def test_workers_share_the_routes_that_are_asked_for() -> None:
     assert plan(text).drain_s == 8
     asked = plan(text, 'c', 'd')
     assert asked.drain_s == 2
-    assert asked.shares() == [Share((name,), to_ros=False) for name in ('c', 'd')]
+    assert asked.shares() == [Share((name,), Rank.FROM_ROS) for name in ('c', 'd')]
 
 
 @pytest.mark.parametrize(
@@ -155,7 +157,7 @@ def test_a_worker_that_failed_unasked_makes_the_end_a_failure_and_one_that_was_k
     )
     program.chmod(0o700)
     monkeypatch.setattr('sys.executable', str(program))
-    one = Plan('x', {}, (RoutePlan('orders', to_ros=True, drain_s=5.0),))
+    one = Plan('x', {}, (RoutePlan('orders', Direction.KAFKA_TO_ROS, drain_s=5.0),))
     with Supervisor(one, [], Systemd()) as supervisor:
         ended: list[int] = []
         thread = threading.Thread(target=lambda: ended.append(supervisor.run()), daemon=True)
@@ -218,7 +220,10 @@ def test_workers_from_ros_have_their_whole_drain_however_long_those_to_ros_take(
 ) -> None:
     stuck = SlowWorker('a', Rank.TO_ROS, math.inf)
     slow = SlowWorker('b', Rank.FROM_ROS, 70.0)
-    routes = [RoutePlan('a', to_ros=True, drain_s=60), RoutePlan('b', to_ros=False, drain_s=60)]
+    routes = [
+        RoutePlan('a', Direction.KAFKA_TO_ROS, drain_s=60),
+        RoutePlan('b', Direction.ROS_TO_KAFKA, drain_s=60),
+    ]
     took_s = drained(monkeypatch, [stuck, slow], routes)
     assert stuck.killed
     assert not slow.killed
@@ -234,7 +239,10 @@ def test_workers_from_ros_have_their_whole_drain_however_long_those_to_ros_take(
 
 def test_a_worker_of_both_directions_has_the_time_of_both(monkeypatch: pytest.MonkeyPatch) -> None:
     both = SlowWorker('a', Rank.BOTH, 60 + bridge._CLOSING_S + 8 + OVERLAP_S + bridge._CLOSING_S)
-    routes = [RoutePlan('a', to_ros=True, drain_s=60), RoutePlan('b', to_ros=False, drain_s=8)]
+    routes = [
+        RoutePlan('a', Direction.KAFKA_TO_ROS, drain_s=60),
+        RoutePlan('b', Direction.ROS_TO_KAFKA, drain_s=8),
+    ]
     drained(monkeypatch, [both], routes)
     assert not both.killed
 
@@ -288,7 +296,7 @@ def test_a_line_of_snapshots_brings_back_every_field() -> None:
 
 
 def test_what_a_worker_has_said_last_is_known_however_its_lines_are_cut() -> None:
-    worker = WorkerProcess(1, Share(('orders',), to_ros=True), -1)
+    worker = WorkerProcess(1, Share(('orders',), Rank.TO_ROS), -1)
     counters = Counters('orders')
     lines = []
     for _ in range(3):
@@ -301,7 +309,7 @@ def test_what_a_worker_has_said_last_is_known_however_its_lines_are_cut() -> Non
 
 
 def test_a_dead_worker_is_due_after_its_wait_and_its_routes_say_so() -> None:
-    worker = WorkerProcess(1, Share(('orders', 'bad'), to_ros=True), -1)
+    worker = WorkerProcess(1, Share(('orders', 'bad'), Rank.TO_ROS), -1)
     assert worker.due
     bad = Counters('bad').snapshot(0)._replace(state=State.FAILED, reason='NUL', final=True)
     worker.hear(to_line([bad]))
@@ -319,7 +327,7 @@ class Life:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_s = 1000.0
-        self.worker = WorkerProcess(1, Share(('orders',), to_ros=True), -1)
+        self.worker = WorkerProcess(1, Share(('orders',), Rank.TO_ROS), -1)
         monkeypatch.setattr('time.monotonic', lambda: self.now_s)
         monkeypatch.setattr(
             'ros2_kafka_bridge.process.worker_process.start_child',

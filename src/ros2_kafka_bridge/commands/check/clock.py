@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from ros2_kafka_bridge.commands.screen import Finding
 from ros2_kafka_bridge.config.routes import AnyRoute
-from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
+from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.route import clock
 
 
@@ -13,7 +13,7 @@ def clock_findings(config: Config) -> Iterator[Finding]:
     problem = clock.problem()
     if not problem:
         return
-    if names := ', '.join(route.name for route in config.routes if _ages(route)):
+    if names := ', '.join(route.name for route in config.routes if route.max_age_s is not None):
         yield Finding('bad', 'clock', f'routes with max_age_s ({names}) wait: {problem}')
         return
     text = (
@@ -25,10 +25,6 @@ def clock_findings(config: Config) -> Iterator[Finding]:
 
 def age_findings(route: AnyRoute) -> Iterator[Finding]:
     """What it does to a route."""
-    if _ages(route) and clock.problem():
+    if route.max_age_s is not None and clock.problem():
         text = 'the route waits until the clock of this machine is set (max_age_s)'
         yield Finding('note', 'clock', text, waits='for the clock of this machine')
-
-
-def _ages(route: AnyRoute) -> bool:
-    return isinstance(route, KafkaToRosRoute) and route.max_age_s is not None

@@ -6,11 +6,12 @@ import json
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, closing
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from ros2_kafka_bridge.commands.screen import Finding
+from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.routes import AnyRoute
-from ros2_kafka_bridge.config.settings import Config, RosToKafkaRoute
+from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.avro.schema import avro_schema, full_name
@@ -33,9 +34,9 @@ def format_findings(route: AnyRoute, config: Config, layout: Layout | None) -> l
     scope = scope_of(route, config)
     fixed = scope._replace(schema=replace(scope.schema, registry=False))
     chosen = FORMATS[route.format]
+    make = {Direction.KAFKA_TO_ROS: chosen.make_decode, Direction.ROS_TO_KAFKA: chosen.make_encode}
     try:
-        make = chosen.make_encode if isinstance(route, RosToKafkaRoute) else chosen.make_decode
-        make(with_docs(route, config, layout), fixed)
+        make[route.direction](with_docs(route, config, layout), fixed)
     except BridgeError as error:
         return [Finding('bad', 'format', str(error))]
     return [Finding('ok', 'format', f'{route.format} carries {layout.type_name}')]
@@ -50,8 +51,7 @@ def registry_findings(route: AnyRoute, config: Config, layout: Layout | None) ->
         whole = with_docs(route, config, layout)
         asking = _Asking(open_registry(scope), scope, whole, route.format)
         with closing(asking.registry.client):
-            to_kafka = isinstance(route, RosToKafkaRoute)
-            yield _written(asking) if to_kafka else _read(asking)
+            yield _LOOKS[route.direction](asking)
     except BridgeError as error:
         yield Finding('bad', 'registry', str(error))
 
@@ -161,3 +161,6 @@ def _registrable(asking: _Asking) -> Finding:
         return Finding('ok', 'registry', text)
     cure = 'change the compatibility of the subject, or use another subject'
     return Finding('bad', 'registry', f'{text}, and this one is not compatible', cure)
+
+
+_LOOKS: Final = {Direction.KAFKA_TO_ROS: _read, Direction.ROS_TO_KAFKA: _written}

@@ -95,7 +95,7 @@ def source_findings(
     route: KafkaToRosRoute, config: Config, kafka: CheckedCluster
 ) -> Iterator[Finding]:
     """What a route from Kafka would read, and from where on."""
-    topic = route.source.kafka
+    topic = route.kafka_topic
     view = kafka.overview.topic(topic)
     yield _topic_finding('source', topic, view, 'READ')
     if not view.exists:
@@ -201,7 +201,7 @@ def _member_findings(group: str, config: Config, kafka: CheckedCluster) -> Itera
 
 def sink_findings(route: RosToKafkaRoute, kafka: CheckedCluster) -> Iterator[Finding]:
     """What a route to Kafka would write to."""
-    topic = route.sink.kafka
+    topic = route.kafka_topic
     view = kafka.overview.topic(topic)
     if view.exists is False:
         yield _missing_sink(topic, kafka.creates_topics)

@@ -100,8 +100,7 @@ def _show_clock(console: Console, config: Config) -> bool:
 def tracing_notes(config: Config, environ: Mapping[str, str]) -> Iterator[str]:
     """What tracing promises to others and does not do."""
     tracing = config.tracing
-    writes = any(isinstance(route, RosToKafkaRoute) for route in config.routes)
-    if writes and tracing is not None and tracing.sample and not tracing.exports(environ):
+    if config.to_kafka and tracing is not None and tracing.sample and not tracing.exports(environ):
         yield (
             'tracing: no span is made (no endpoint, or OTEL_SDK_DISABLED), and yet a share of '
             f'{tracing.sample:g} of the records names one as the parent, which nobody finds: set '
@@ -158,12 +157,12 @@ def summary(found: dict[str, list[Finding]]) -> str:
 
 
 def _way(route: AnyRoute) -> str:
-    if isinstance(route, KafkaToRosRoute):
-        ends = f'Kafka {route.source.kafka} -> ROS {route.sink.ros} ({route.sink.type})'
-    else:
-        kind = route.source.type or 'the type that is published'
-        ends = f'ROS {route.source.ros} ({kind}) -> Kafka {route.sink.kafka}'
-    return f'{route.name}: {ends}, {route.format}'
+    kind = route.type_name or 'the type that is published'
+    ends = {
+        route.kafka_topic: f'Kafka {route.kafka_topic}',
+        route.ros_topic: f'ROS {route.ros_topic} ({kind})',
+    }
+    return f'{route.name}: {" -> ".join(ends[topic] for topic in route.topics)}, {route.format}'
 
 
 def _findings(
@@ -179,40 +178,47 @@ def _route_findings(
     route: AnyRoute, message_type: check_types.FoundType, met: Surroundings
 ) -> list[Finding]:
     """What is found of a route, in the order in which a message meets it."""
-    config, node, kafka, unconfirmed = met
-    layout = message_type.layout
-    asks = not kafka.problem
     if isinstance(route, KafkaToRosRoute):
-        found = [
-            *(check_kafka.source_findings(route, config, kafka) if asks else ()),
-            *message_type.found,
-            *check_format.format_findings(route, config, layout),
-            *check_format.registry_findings(route, config, layout),
-            *check_ros.reader_findings(route, config, node, message_type.type_hash),
-            check_ros.confirmation_finding(route, config, unconfirmed),
-            _pace_finding(route),
-            *check_clock.age_findings(route),
-        ]
+        found = _findings_to_ros(route, message_type, met)
     else:
-        publishers = check_ros.publishers(route, config, node)
-        found = [
-            *check_ros.publisher_findings(
-                route, publishers, message_type.name, message_type.type_hash
-            ),
-            *message_type.found,
-            *check_ros.key_findings(route, layout),
-            *check_ros.size_findings(route, layout, node),
-            *check_ros.channel_findings(layout),
-            *check_format.format_findings(route, config, layout),
-            *check_format.registry_findings(route, config, layout),
-            *(check_kafka.sink_findings(route, kafka) if asks else ()),
-            *(check_kafka.lock_findings(route, config, kafka) if asks else ()),
-        ]
-    return [
-        *found,
-        window_finding(route),
-        *(check_kafka.dead_letter_findings(route, kafka) if asks else ()),
-    ]
+        found = _findings_to_kafka(route, message_type, met)
+    asks = not met.kafka.problem
+    return [*found, *(check_kafka.dead_letter_findings(route, met.kafka) if asks else ())]
+
+
+def _findings_to_ros(
+    route: KafkaToRosRoute, message_type: check_types.FoundType, met: Surroundings
+) -> Iterator[Finding]:
+    config, node, kafka, unconfirmed = met
+    if not kafka.problem:
+        yield from check_kafka.source_findings(route, config, kafka)
+    yield from message_type.found
+    yield from check_format.format_findings(route, config, message_type.layout)
+    yield from check_format.registry_findings(route, config, message_type.layout)
+    yield from check_ros.reader_findings(route, config, node, message_type.type_hash)
+    yield check_ros.confirmation_finding(route, config, unconfirmed)
+    yield _pace_finding(route)
+    yield from check_clock.age_findings(route)
+    yield window_to_ros(route)
+
+
+def _findings_to_kafka(
+    route: RosToKafkaRoute, message_type: check_types.FoundType, met: Surroundings
+) -> Iterator[Finding]:
+    config, node, kafka, _ = met
+    name, layout, type_hash, found = message_type
+    publishers = check_ros.publishers(route, config, node)
+    yield from check_ros.publisher_findings(route, publishers, name, type_hash)
+    yield from found
+    yield from check_ros.key_findings(route, layout)
+    yield from check_ros.size_findings(route, layout, node)
+    yield from check_ros.channel_findings(layout)
+    yield from check_format.format_findings(route, config, layout)
+    yield from check_format.registry_findings(route, config, layout)
+    if not kafka.problem:
+        yield from check_kafka.sink_findings(route, kafka)
+        yield from check_kafka.lock_findings(route, config, kafka)
+    yield window_to_kafka(route)
 
 
 def _pace_finding(route: KafkaToRosRoute) -> Finding:
@@ -226,29 +232,25 @@ def _pace_finding(route: KafkaToRosRoute) -> Finding:
     )
 
 
-def window_finding(route: AnyRoute) -> Finding:
+def window_to_ros(route: KafkaToRosRoute) -> Finding:
     """How much may be in flight, as the counters show it, and what happens then."""
-    drops = route.when_full == 'drop_oldest'
-    if isinstance(route, KafkaToRosRoute):
-        text = _window_to_ros(route, drops=drops)
-    elif route.spool is not None:
-        text = _window_with_spool(route, drops=drops)
-    else:
-        text = _window_to_kafka(route, drops=drops)
-    return Finding('note' if drops else 'ok', 'window', text)
-
-
-def _window_to_ros(route: KafkaToRosRoute, *, drops: bool) -> str:
-    most, size_bytes = route.max_in_flight, route.max_in_flight_bytes
+    most, size_bytes, drops = route.max_in_flight, route.max_in_flight_bytes, _drops(route)
     waiting = f' and {most:,} waiting' if drops else ''
-    return (
+    text = (
         f'at most {size_bytes:,} bytes in flight and a batch of {TO_ROS_BATCH} '
         f'(max_in_flight_bytes), of it {most:,} messages not acknowledged{waiting} '
         f'(max_in_flight), then {_then(drops=drops)}'
     )
+    return Finding('note' if drops else 'ok', 'window', text)
 
 
-def _window_to_kafka(route: RosToKafkaRoute, *, drops: bool) -> str:
+def window_to_kafka(route: RosToKafkaRoute) -> Finding:
+    """The same of a route to Kafka, with the disk behind it."""
+    drops, say = _drops(route), _in_memory if route.spool is None else _with_spool
+    return Finding('note' if drops else 'ok', 'window', say(route, drops=drops))
+
+
+def _in_memory(route: RosToKafkaRoute, *, drops: bool) -> str:
     most, size_bytes = route.max_in_flight, route.max_in_flight_bytes
     messages = f'{most:,} messages in flight'
     if drops:
@@ -261,13 +263,17 @@ def _window_to_kafka(route: RosToKafkaRoute, *, drops: bool) -> str:
     )
 
 
-def _window_with_spool(route: RosToKafkaRoute, *, drops: bool) -> str:
+def _with_spool(route: RosToKafkaRoute, *, drops: bool) -> str:
     dropped = ', and the oldest there are dropped where it is full (when_full)' if drops else ''
     return (
         f'at most {route.max_in_flight:,} messages in flight (max_in_flight), or '
         f'{route.max_in_flight_bytes:,} bytes (max_in_flight_bytes), and a batch of '
         f'{TO_KAFKA_BATCH}, then the rest waits on disk (spool){dropped}'
     )
+
+
+def _drops(route: AnyRoute) -> bool:
+    return route.when_full == 'drop_oldest'
 
 
 def _then(*, drops: bool) -> str:

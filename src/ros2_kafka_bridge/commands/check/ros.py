@@ -55,9 +55,8 @@ def sees_none(node: RosNode) -> bool:
 
 def confirmation_problem(node: RosNode, abilities: Abilities, config: Config) -> str:
     """Why no route to ROS would know what has arrived; empty where it would, or none asks."""
-    to_ros = [route for route in config.routes if isinstance(route, KafkaToRosRoute)]
     try:
-        if any(asks_readers(route, config) for route in to_ros):
+        if any(asks_readers(route, config) for route in config.to_ros):
             Confirmation(node, abilities).require(Stop())
     except BridgeError as error:
         return str(error)
@@ -79,7 +78,7 @@ def reader_findings(
     route: KafkaToRosRoute, config: Config, node: RosNode, type_hash: str | None
 ) -> Iterator[Finding]:
     """Who would get the messages of a route to ROS; `type_hash` is of what it publishes."""
-    topic, fit = route.sink.ros, 0
+    topic, fit = route.ros_topic, 0
     own = own_readers(config.routes, route)
     peers = node.subscribers(topic)
     for peer in [*(others(peers, config.name) if own else peers), *own]:
@@ -108,7 +107,7 @@ def reader_findings(
 def publishers(route: RosToKafkaRoute, config: Config, node: RosNode) -> list[Peer]:
     """Who publishes what a route would take, the routes of its own file among them."""
     own = own_publishers(config.routes, route)
-    peers = node.publishers(route.source.ros)
+    peers = node.publishers(route.ros_topic)
     return [*(others(peers, config.name) if own else peers), *own]
 
 
@@ -119,7 +118,7 @@ def publisher_findings(
     type_hash: str | None = None,
 ) -> Iterator[Finding]:
     """Whom a route from ROS would take from, and which type."""
-    topic = route.source.ros
+    topic = route.ros_topic
     types = sorted({peer.message_type for peer in peers})
     if not peers and partial_view():
         yield _unseen_finding(topic, message_type)
@@ -189,11 +188,11 @@ def key_findings(route: RosToKafkaRoute, layout: Layout | None) -> Iterator[Find
     """Whether the messages have what the key of their records is made of."""
     from ros2_kafka_bridge.route.labels import make_key  # noqa: PLC0415 (with the types of ROS)
 
-    if route.sink.key is None or layout is None:
+    if route.key is None or layout is None:
         return
     try:
-        make_key(route.sink.key, route.source.ros, layout)
+        make_key(route.key, route.ros_topic, layout)
     except ConfigError as error:
         yield Finding('bad', 'key', str(error), 'mend to.key')
     else:
-        yield Finding('ok', 'key', f'{route.sink.key}: {layout.type_name} has it')
+        yield Finding('ok', 'key', f'{route.key}: {layout.type_name} has it')

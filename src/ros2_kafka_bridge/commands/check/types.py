@@ -6,7 +6,7 @@ from typing import NamedTuple
 from ros2_kafka_bridge.commands.check.ros import publishers
 from ros2_kafka_bridge.commands.screen import Finding
 from ros2_kafka_bridge.config.routes import AnyRoute
-from ros2_kafka_bridge.config.settings import Config, RosToKafkaRoute
+from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, RouteError
 from ros2_kafka_bridge.message_types.description import make_layout
 from ros2_kafka_bridge.message_types.layout import Layout
@@ -80,8 +80,8 @@ def _seen_type(
         BridgeError: Somebody in the graph cannot be read.
     """
     end = RosEnd.of(route)
-    name = end.said
-    if isinstance(route, RosToKafkaRoute):
+    name = route.type_name
+    if route.type_name is None:
         name = type_of(route, publishers(route, config, node))
     if name is None:  # nobody publishes, or two types: which is said there
         return FoundType()

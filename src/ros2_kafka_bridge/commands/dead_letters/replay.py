@@ -305,8 +305,8 @@ class _Run:
 
     def _target(self, again: Again) -> str:
         if self._options.to_ros:
-            assert isinstance(again.route, KafkaToRosRoute), 'the restorer says so'
-            return f'ros:{again.route.sink.ros}'
+            assert again.route is not None, 'the restorer says so'
+            return f'ros:{again.route.ros_topic}'
         return again.record.topic
 
     def _batches(self, letters: Iterator[Letter]) -> Iterator[list[Ready]]:
@@ -332,16 +332,17 @@ class _Run:
         if not self._options.to_ros:
             self._write(batch, transactions)
             return
+        routes = {route.name: route for route in self._config.to_ros}
         for name in dict.fromkeys(one.again.route.name for one in batch if one.again.route):
             part = [one for one in batch if one.again.route and one.again.route.name == name]
             if self._is_cut() or transactions.spent:
                 return
-            self._publish(part, transactions)
+            self._publish(routes[name], part, transactions)
 
-    def _publish(self, part: Sequence[Ready], transactions: Transactions) -> None:
+    def _publish(
+        self, route: KafkaToRosRoute, part: Sequence[Ready], transactions: Transactions
+    ) -> None:
         """Publish, and mark what all readers have, also where not all of it comes so far."""
-        route = part[0].again.route
-        assert isinstance(route, KafkaToRosRoute), 'the restorer says so'
         channel = self._channels().open(route)
         try:
             channel.deliver([one.again.record for one in part])

@@ -74,7 +74,7 @@ def _make(
     except RouteError as error:
         raise RouteError(f'{error}; without --to ros letters go to their topic') from error
     if pipeline is None:
-        raise TransportError(f'stopped before {route.sink.ros} was open')
+        raise TransportError(f'stopped before {route.ros_topic} was open')
     return pipeline
 
 
@@ -112,7 +112,7 @@ class LetterChannel:
                 time to wait for that; `delivered` tells as well.
             RouteError: ROS refuses them; the same.
         """
-        topic, needed = self._route.sink.ros, self._route.min_subscribers
+        topic, needed = self._route.ros_topic, self._route.min_subscribers
         before = self._pipeline.snapshot.published
         self._letters.hold(letters)
         with waiting(f'Waiting for the subscribers of {topic}'):
@@ -138,7 +138,7 @@ class LetterChannel:
 
 def _for_letters(route: KafkaToRosRoute) -> KafkaToRosRoute:
     """A route as letters take it: whatever it offers, an acknowledgement is waited for."""
-    qos = replace(route.sink.qos, reliability='reliable', history='keep_all', depth=None)
+    qos = replace(route.qos, reliability='reliable', history='keep_all', depth=None)
     return replace(
         route,
         sink=replace(route.sink, qos=qos),

@@ -21,10 +21,10 @@ from ros2_kafka_bridge.errors import ConfigError, RecordError
 from ros2_kafka_bridge.formats import Decode, Encode
 from ros2_kafka_bridge.kafka.letters import Original
 from ros2_kafka_bridge.message_types.layout import Layout
-from ros2_kafka_bridge.route.format import check_of, decode_of, encode_of
+from ros2_kafka_bridge.route.format import decode_of, encode_of
 from ros2_kafka_bridge.route.identity import make_loop_check
 from ros2_kafka_bridge.route.labels import MakeKey, make_key
-from ros2_kafka_bridge.route.type_hash import CheckHeaders
+from ros2_kafka_bridge.route.type_hash import CheckHeaders, check_message_of, check_record_of
 
 _FORCE: Final = '--force sends it as it is'
 _NOT_THERE: Final = 'whose record is not in its topic now, or may not be read there'
@@ -113,11 +113,7 @@ class Restorer:
     # Kafka -> ROS: the record as it was
 
     def _checked(self, letter: Letter, about: Explanation) -> Again:
-        readers = [
-            route
-            for route in self._config.routes
-            if isinstance(route, KafkaToRosRoute) and route.source.kafka == about.topic
-        ]
+        readers = [it for it in self._config.to_ros if it.kafka_topic == about.topic]
         route = _chosen(readers, about)
         if route is None and not self._force:
             text = f'no route of the file reads {escaped(about.topic)}: nothing can check it'
@@ -142,15 +138,15 @@ class Restorer:
 
     def _decode_of(self, route: KafkaToRosRoute) -> tuple[CheckHeaders, Decode]:
         if route.name not in self._decodes:
-            layout = self._types.on_topic(route.sink.ros, route.sink.type)
+            layout = self._types.on_topic(route.ros_topic, route.type_name)
             decode = decode_of(route, self._config, layout)
-            self._decodes[route.name] = check_of(route, layout), decode
+            self._decodes[route.name] = check_record_of(route, layout), decode
         return self._decodes[route.name]
 
     def _without_loop(self, headers: HeaderList, readers: Sequence[KafkaToRosRoute]) -> HeaderList:
         """Leave the origin out where a route would refuse the record for it once more."""
         name = self._config.name
-        if not any(make_loop_check(name, route.sink.ros)(headers) for route in readers):
+        if not any(make_loop_check(name, route.ros_topic)(headers) for route in readers):
             return headers
         return [header for header in headers if header != ('bridge.origin', name.encode())]
 
@@ -196,18 +192,11 @@ class Restorer:
                 f'its value ({about.value_bytes} bytes) was left out, and it came from ROS: '
                 'nothing holds it any more'
             )
-        route = _chosen(
-            [
-                route
-                for route in self._config.routes
-                if isinstance(route, RosToKafkaRoute)
-                and (route.source.ros, route.sink.kafka) == (about.ros_topic, about.topic)
-            ],
-            about,
-        )
+        ends = about.ros_topic, about.topic
+        route = _chosen([it for it in self._config.to_kafka if it.topics == ends], about)
         if route is None:
-            ends = f'{escaped(about.ros_topic)} to {escaped(about.topic)}'
-            raise RecordError(f'no route of the file goes from {ends}: nothing can encode it')
+            way = f'{escaped(about.ros_topic)} to {escaped(about.topic)}'
+            raise RecordError(f'no route of the file goes from {way}: nothing can encode it')
         try:
             key, value = self._encoded(letter, about, route)
         except (RecordError, ConfigError) as error:
@@ -218,7 +207,7 @@ class Restorer:
         self, letter: Letter, about: Explanation, route: RosToKafkaRoute
     ) -> tuple[bytes | None, bytes | None]:
         """Key and value of a message, encoded now where that was not possible before."""
-        layout = self._types.of_message(route.source.ros, _kind(letter, route), letter)
+        layout = self._types.of_message(route.ros_topic, _kind(letter, route), letter)
         of_type = self._of_type(route, layout)
         of_type.check_headers(letter.headers)
         if not about.reason.startswith('EncodeError:'):  # it was encoded, and refused by Kafka
@@ -232,10 +221,10 @@ class Restorer:
         place = route.name, layout.type_name, layout.type_hash
         if place not in self._of_types:
             self._of_types[place] = _OfType(
-                check_of(route, layout),
+                check_message_of(route, layout),
                 encode_of(route, self._config, layout),
                 decode_of(route, self._config, layout),
-                make_key(route.sink.key, route.source.ros, layout),
+                make_key(route.key, route.ros_topic, layout),
             )
         return self._of_types[place]
 
@@ -302,7 +291,7 @@ def _kind(letter: Letter, route: RosToKafkaRoute) -> str:
     """
     told = dict(letter.headers).get('ros.type') or b''
     kind = told if isinstance(told, str) else told.decode(errors='replace')
-    name = route.source.type or kind
+    name = route.type_name or kind
     if kind and name != kind:
         raise RecordError(f'it is of type {escaped(kind)}, the route carries {name} now')
     return name

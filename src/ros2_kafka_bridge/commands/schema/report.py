@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from ros2_kafka_bridge.config.formats import JsonSettings
 from ros2_kafka_bridge.config.mistakes import near
 from ros2_kafka_bridge.config.routes import AnyRoute
-from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosSettings
+from ros2_kafka_bridge.config.settings import Config, RosSettings
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.message_types import INSTALLED, describe, document
 from ros2_kafka_bridge.message_types.description import DescribedTypes, make_layout
@@ -173,11 +173,10 @@ def _type_of(route: AnyRoute | None, *, from_graph: bool) -> str:
     """The name of the type; empty for the one that is published."""
     if route is None:
         raise ConfigError(['of which message type? Name it, as std_msgs/msg/String'])
-    name = route.sink.type if isinstance(route, KafkaToRosRoute) else route.source.type
-    if name is None and not from_graph:
+    if route.type_name is None and not from_graph:
         text = f'route {route.name} takes the type that is published: name a message type'
         raise ConfigError([f'{text}, or say --from-graph'])
-    return name or ''
+    return route.type_name or ''
 
 
 def _layout(name: str, route: AnyRoute | None, options: SchemaOptions) -> Layout:
@@ -185,9 +184,8 @@ def _layout(name: str, route: AnyRoute | None, options: SchemaOptions) -> Layout
     source = TypeSource.of(ros, over=options.message_path)
     if options.from_graph:
         from ros2_kafka_bridge.commands.schema.graph import type_there  # noqa: PLC0415 (heavy)
-        from ros2_kafka_bridge.ros.matching import ros_end  # noqa: PLC0415
 
-        topic = '' if route is None else ros_end(route)
+        topic = '' if route is None else route.ros_topic
         name, described, said = type_there(ros, source, name, topic)
         _say(said)
     else:

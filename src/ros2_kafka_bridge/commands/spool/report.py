@@ -101,13 +101,12 @@ def _is_configuration(path: Path) -> bool:
 
 def _places_of_configuration(path: Path) -> list[_Place]:
     from ros2_kafka_bridge.config.file import load  # noqa: PLC0415 (heavy, and seldom needed)
-    from ros2_kafka_bridge.config.settings import RosToKafkaRoute  # noqa: PLC0415
 
     config = load(path, os.environ)
     return [
         _Place(file_of(Path(route.spool.path), config.name, route.name), route.name)
         for route in config.routes
-        if isinstance(route, RosToKafkaRoute) and route.spool is not None
+        if route.spool is not None
     ]
 
 

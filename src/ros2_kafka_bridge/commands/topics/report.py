@@ -5,7 +5,7 @@ import json
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from ros2_kafka_bridge.commands.names import is_of_kafka_itself, is_of_ros_itself, stem
 from ros2_kafka_bridge.commands.screen import screen, wait_for_discovery, waiting
@@ -21,6 +21,7 @@ from ros2_kafka_bridge.commands.topics.view import (
     TopicsView,
 )
 from ros2_kafka_bridge.config.checks import DEAD_LETTER_SUFFIX
+from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import (
     Config,
@@ -35,21 +36,17 @@ from ros2_kafka_bridge.logs.lines import keep_clients_quiet
 from ros2_kafka_bridge.ros import rates
 from ros2_kafka_bridge.ros.discovery import NOT_TOLD, hint, partial_view
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
-from ros2_kafka_bridge.ros.matching import (
-    own_publishers,
-    own_readers,
-    publisher_problem,
-    publisher_unknown,
-    reader_problem,
-    reader_unknown,
-    ros_end,
-    type_of,
-)
+from ros2_kafka_bridge.ros.matching import DOES, counterparts
 from ros2_kafka_bridge.ros.node import Peer, RosNode, Topic, domain_in_words, middleware, open_node
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 from ros2_kafka_bridge.ros.types import MessageType
 
 Offsets = Mapping[tuple[str, int], int]
+
+_DOES_IN_KAFKA: Final[Mapping[Direction, Literal['reads', 'writes']]] = {
+    Direction.KAFKA_TO_ROS: 'reads',
+    Direction.ROS_TO_KAFKA: 'writes',
+}
 
 
 class SideSettings(NamedTuple):
@@ -156,7 +153,7 @@ def _missing_in_kafka(
     topics: Iterable[KafkaTopic], routes: Sequence[AnyRoute], problem: str
 ) -> Iterator[KafkaTopic]:
     known = {topic.name for topic in topics}
-    for name in sorted({kafka_end(route) for route in routes} - known):
+    for name in sorted({route.kafka_topic for route in routes} - known):
         text = 'not seen' if problem else 'not there, or this user may not see it'
         yield KafkaTopic(name, 0, text)
 
@@ -177,17 +174,12 @@ def _kafka_row(
         rate=found.get(topic.name),
         kind=kind,
         routes=[
-            RouteRow(route.name, 'reads' if isinstance(route, KafkaToRosRoute) else 'writes')
+            RouteRow(route.name, _DOES_IN_KAFKA[route.direction])
             for route in routes
-            if kafka_end(route) == topic.name
+            if route.kafka_topic == topic.name
         ],
         problem=topic.problem,
     )
-
-
-def kafka_end(route: AnyRoute) -> str:
-    """The Kafka topic of a route."""
-    return route.source.kafka if isinstance(route, KafkaToRosRoute) else route.sink.kafka
 
 
 # ROS
@@ -208,7 +200,7 @@ def _missing_in_ros(
     graph: Iterable[Topic], routes: Sequence[AnyRoute], problem: str
 ) -> list[Topic]:
     known = {topic.name for topic in graph}
-    missing = {ros_end(route) for route in routes} - known
+    missing = {route.ros_topic for route in routes} - known
     return [Topic(name, [], [], [], problem) for name in missing]
 
 
@@ -244,7 +236,7 @@ def _is_no_bridge(peer: Peer) -> bool:
 def _ros_row(
     topic: Topic, routes: Sequence[AnyRoute], types: GraphTypes, found: Mapping[str, float]
 ) -> RosRow:
-    joined = [route for route in routes if ros_end(route) == topic.name]
+    joined = [route for route in routes if route.ros_topic == topic.name]
     return RosRow(
         name=topic.name,
         types=topic.types,
@@ -254,10 +246,7 @@ def _ros_row(
         subscribers=[_peer_row(peer) for peer in topic.subscribers],
         rate=found.get(topic.name),
         kind='of ROS itself' if is_of_ros_itself(topic.name) else '',
-        routes=[
-            RouteRow(route.name, 'publishes' if isinstance(route, KafkaToRosRoute) else 'takes')
-            for route in joined
-        ],
+        routes=[RouteRow(route.name, DOES[route.direction]) for route in joined],
         matches=[match for route in joined for match in _matches(route, topic, routes, types)],
         problem=topic.problem,
     )
@@ -270,24 +259,13 @@ def _peer_row(peer: Peer) -> PeerRow:
 def _matches(
     route: AnyRoute, topic: Topic, routes: Sequence[AnyRoute], types: GraphTypes
 ) -> Iterator[Match]:
-    if isinstance(route, KafkaToRosRoute):
-        readers = [*topic.subscribers, *own_readers(routes, route)]
-        loaded = types.load(topic.name, route.sink.type)
-        type_hash = loaded and loaded.type_hash
-        found = [
-            (peer, reader_problem(route, peer, type_hash), reader_unknown(route, peer, type_hash))
-            for peer in readers
-        ]
-    else:
-        publishers = [*topic.publishers, *own_publishers(routes, route)]
-        message_type = type_of(route, publishers)
-        unknown = publisher_unknown(message_type)
-        found = [
-            (peer, publisher_problem(route, peer, message_type), unknown) for peer in publishers
-        ]
-    for peer, problem, unknown in found:
+    def hash_of(route: KafkaToRosRoute) -> str | None:
+        loaded = types.load(topic.name, route.type_name)
+        return loaded and loaded.type_hash
+
+    for peer, problem, unknown in counterparts(route, topic, routes, hash_of):
         text = f'{problem.text}; {problem.cure}' if problem else ''
-        yield Match(route.name, peer.node, text, '' if problem else unknown)
+        yield Match(route.name, peer.node, text, unknown)
 
 
 # Both
@@ -296,7 +274,7 @@ def _matches(
 def _pairs(
     topics: Sequence[KafkaTopic], graph: Sequence[Topic], routes: Sequence[AnyRoute]
 ) -> Iterator[Pair]:
-    joined = {(kafka_end(route), ros_end(route)) for route in routes}
+    joined = {(route.kafka_topic, route.ros_topic) for route in routes}
     ours = [t.name for t in topics if not is_of_kafka_itself(t.name)]
     by_stem = {
         stem(topic.name): topic

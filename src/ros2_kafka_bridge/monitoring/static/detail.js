@@ -2,7 +2,7 @@
 
 import { $, drawn, h, setAttr, setText, show } from './dom.js';
 import { drawSpark, spark } from './spark.js';
-import { OUTCOMES, TONES, arrow, bytes, clock, count, counted, onItsWay, rate, seconds } from './words.js';
+import { OUTCOMES, TONES, arrow, bytes, clock, count, counted, onItsWay, rate, readsKafka, seconds } from './words.js';
 
 export class Detail {
   constructor(history, pause) {
@@ -60,7 +60,7 @@ export class Detail {
     setText(p.button, route.paused ? 'Resume' : 'Pause');
     show(p.button, mayChange);
     setText(p.hint, mayChange
-      ? (about?.direction === 'kafka_to_ros' ? 'While paused, records wait in Kafka.' : 'While paused, DDS holds reliable publishers back.')
+      ? (readsKafka(about) ? 'While paused, records wait in Kafka.' : 'While paused, DDS holds reliable publishers back.')
       : view.bridge?.may_change ? 'Unlock the page to pause or resume it.' : 'The page is read-only: monitoring.token is not set.');
     const rates = this.history.rates(this.name);
     drawSpark(p.rate, rates, this.history.span);
@@ -69,7 +69,7 @@ export class Detail {
     drawSpark(p.held, held, this.history.span);
     const ends = this.history.ends.map((at) => clock(at).slice(0, -3));
     for (const axis of [p.rateTimes, p.heldTimes]) ends.forEach((it, at) => setText(axis.children[at], it));
-    const lags = about?.direction === 'kafka_to_ros';
+    const lags = readsKafka(about);
     setText(p.heldTitle, lags ? 'Lag in records' : 'In flight and on disk');
     setText(p.heldWord, `now ${count(lags ? route.lag : onItsWay(route))}, most ${count(held.most)}`);
     drawn(p.facts, [route, about], () => this.groups(route, about));
@@ -80,6 +80,7 @@ export class Detail {
   groups(route, about) {
     const both = (pair) => (pair ? `${seconds(pair[0])} / ${seconds(pair[1])}` : '–');
     const ended = Object.entries(OUTCOMES).filter(([key]) => key === 'confirmed' || key === 'dead_lettered' || route.ended[key]);
+    const produces = about && !readsKafka(about);
     const groups = {
       'Since the start of its worker': [
         ['taken', count(route.taken)],
@@ -93,10 +94,10 @@ export class Detail {
         ['bytes published', route.bytes_published || route.ended.published ? bytes(route.bytes_published) : null],
       ],
       'Times, p50 / p99 of the last minute': [
-        [about?.direction === 'ros_to_kafka' ? 'until Kafka has it' : 'until published', both(route.delay_s)],
+        [produces ? 'until Kafka has it' : 'until published', both(route.delay_s)],
         ['end to end', both(route.end_to_end_s)],
-        ['until readers are seen to have it', about?.direction === 'ros_to_kafka' ? null : both(route.in_bridge_s)],
-        ['producer', about?.direction === 'ros_to_kafka' ? both(route.produce_s) : null],
+        ['until readers are seen to have it', produces ? null : both(route.in_bridge_s)],
+        ['producer', produces ? both(route.produce_s) : null],
         ['broker round trip', route.broker_round_trip_s ? both(route.broker_round_trip_s) : null],
         ['held back by the sink', route.waited === null ? '–' : `${Math.round(route.waited * 100)} % of the time`],
       ],
@@ -104,7 +105,7 @@ export class Detail {
         ['sink holds', `${count(route.queued)}${route.queue_limit ? ` of ${count(route.queue_limit)}` : ''}`],
         ['DDS endpoints that match', count(route.matched)],
         ['that do not match', count(route.mismatched)],
-        ['rebalances', about?.direction === 'kafka_to_ros' ? count(route.rebalances) : null],
+        ['rebalances', readsKafka(about) ? count(route.rebalances) : null],
         ['worker', route.worker ? count(route.worker) : null],
         ['numbers are', route.age_s === null ? 'not told yet' : `${seconds(Math.max(0.1, route.age_s))} old`],
       ],

@@ -59,5 +59,6 @@ export function sum(list, read) {
   const known = list.map(read).filter((it) => it !== null);
   return { total: known.length ? known.reduce((total, it) => total + it, 0) : null, rest: list.length - known.length };
 }
-export const reading = (about) => new Set(about.filter((it) => it.direction === 'kafka_to_ros').map((it) => it.name));
+export const readsKafka = (it) => it?.direction === 'kafka_to_ros';
+export const reading = (about) => new Set(about.filter(readsKafka).map((it) => it.name));
 export const arrow = (about) => (about ? `${about.source} → ${about.sink}` : '');

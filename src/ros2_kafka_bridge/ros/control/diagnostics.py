@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from enum import IntEnum
 from typing import Final, NamedTuple
 
-from ros2_kafka_bridge.config.routes import AnyRoute, ends_of, type_of
-from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute
+from ros2_kafka_bridge.config.direction import Direction
+from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.protocol.advice import advice
 from ros2_kafka_bridge.protocol.limits import OLD_S, STUCK_S
@@ -278,6 +278,12 @@ _LEVELS: Final = {
 }
 
 
+_KEEPS_MORE: Final = {
+    Direction.KAFKA_TO_ROS: 'a longer retention',
+    Direction.ROS_TO_KAFKA: 'a publisher with a deeper queue',
+}
+
+
 def _of_state(route: AnyRoute, told: RouteReport) -> Diagnosis:
     now = told.snapshot
     if told.busy_s > STUCK_S:
@@ -287,7 +293,7 @@ def _of_state(route: AnyRoute, told: RouteReport) -> Diagnosis:
         return Diagnosis(
             Level.STALE, f'silent: its thread has told nothing for {told.age_s:.0f} s'
         )
-    todo = advice(now, to_ros=isinstance(route, KafkaToRosRoute))
+    todo = advice(now, route.direction)
     text = '. '.join(part for part in (_how_it_is(now), todo) if part)
     return Diagnosis(_LEVELS[now.state], text)
 
@@ -297,11 +303,11 @@ def _how_it_is(now: Snapshot) -> str:
 
 
 def _of_sink(route: AnyRoute, now: Snapshot) -> Iterator[Diagnosis]:
-    ros = route.sink.ros if isinstance(route, KafkaToRosRoute) else route.source.ros
+    ros = route.ros_topic
     if mismatched := now.measures.mismatched:
         text = f'{count(mismatched, "endpoint")} on {ros} cannot match it, by type or QoS'
         yield Diagnosis(Level.WARN, f'{text}: ros2 topic info --verbose {ros}')
-    limit = route.spool.max_bytes if isinstance(route, RosToKafkaRoute) and route.spool else 0
+    limit = route.spool.max_bytes if route.spool else 0
     held_bytes = now.measures.spool_bytes or 0
     if limit and held_bytes > _SPOOL_FULL * limit:
         share = held_bytes / limit
@@ -320,18 +326,17 @@ def _of_changes(route: AnyRoute, now: Snapshot, change: Change) -> Iterator[Diag
     if change.lost:
         yield Diagnosis(Level.ERROR, f'{change.lost} lost on a damaged disk: replace it')
     if change.lost_upstream:
-        is_of_ros = isinstance(route, RosToKafkaRoute)
-        cure = 'a publisher with a deeper queue' if is_of_ros else 'a longer retention'
+        cure = _KEEPS_MORE[route.direction]
         text = f'{change.lost_upstream} lost before the bridge (see its log): {cure} may help'
         yield Diagnosis(Level.WARN, text)
 
 
 def _of_route(route: AnyRoute) -> tuple[tuple[str, str], ...]:
-    source, sink = ends_of(route)
+    source, sink = route.topics
     return (
         ('source', source),
         ('sink', sink),
-        ('type', type_of(route) or 'that of its publishers'),
+        ('type', route.type_name or 'that of its publishers'),
         ('format', str(route.format)),
     )
 

@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from ros2_kafka_bridge import __version__
-from ros2_kafka_bridge.config.routes import AnyRoute, ends_of, type_of
+from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.protocol.monitor import Answer, Do
 from ros2_kafka_bridge.ros.control.lifecycle import in_one_line
@@ -180,11 +180,11 @@ class Offers:
 
 
 def _shown(route: AnyRoute) -> dict[str, str]:
-    source, sink = ends_of(route)
+    source, sink = route.topics
     return {
         'name': route.name,
         'source': source,
         'sink': sink,
-        'type': type_of(route),
+        'type': route.type_name or '',
         'format': str(route.format),
     }
