@@ -110,6 +110,23 @@ PRIMITIVES: Final = {
 """The primitives of ROS 2 by name, each with its code in the module struct."""
 
 
+def ros_type(kind: Kind) -> str:
+    """A type as a .msg file spells it: `float64[36]`, `string<=10`, `std_msgs/msg/Header[]`."""
+    match kind:
+        case Primitive():
+            return kind.name
+        case String():
+            bound = '' if kind.bound is None else f'<={kind.bound}'
+            return f'{"w" * kind.wide}string{bound}'
+        case Array():
+            return f'{ros_type(kind.item)}[{kind.length}]'
+        case Sequence():
+            bound = '' if kind.bound is None else f'<={kind.bound}'
+            return f'{ros_type(kind.item)}[{bound}]'
+        case Layout():
+            return kind.type_name
+
+
 def width_of(primitive: Primitive) -> int:
     """How many bytes a primitive has; it is aligned to as many."""
     return struct.calcsize('<' + PRIMITIVES[primitive.name])

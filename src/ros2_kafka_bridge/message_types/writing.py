@@ -19,10 +19,9 @@ from ros2_kafka_bridge.message_types.layout import (
     Field,
     Kind,
     Layout,
-    Primitive,
     Scalar,
     Sequence,
-    String,
+    ros_type,
 )
 
 _BETWEEN: Final = '=' * 80
@@ -99,29 +98,13 @@ def _comment(doc: str) -> Iterator[str]:
 
 
 def _line(one: Constant | Field, type_name: str) -> str:
-    head = f'{_kind(one.kind)} {one.name}'
+    head = f'{_short(ros_type(one.kind))} {one.name}'
     try:
         if isinstance(one, Constant):
             return f'{head}={_value(one.value)}'
         return head if one.default is None else f'{head} {_value(one.default)}'
     except ValueError as error:
         raise _refused(type_name, f'{one.name}: {error}') from error
-
-
-def _kind(kind: Kind) -> str:
-    match kind:
-        case Primitive():
-            return kind.name
-        case String():
-            bound = '' if kind.bound is None else f'<={kind.bound}'
-            return f'{"w" * kind.wide}string{bound}'
-        case Array():
-            return f'{_kind(kind.item)}[{kind.length}]'
-        case Sequence():
-            bound = '' if kind.bound is None else f'<={kind.bound}'
-            return f'{_kind(kind.item)}[{bound}]'
-        case Layout():
-            return _short(kind.type_name)
 
 
 def _value(value: Scalar | tuple[Scalar, ...]) -> str:

@@ -23,6 +23,7 @@ from ros2_kafka_bridge.message_types.layout import (
     Primitive,
     Sequence,
     String,
+    ros_type,
 )
 from ros2_kafka_bridge.outside.extras import missing_extra
 
@@ -233,23 +234,6 @@ def _is_narrower(kind: Kind) -> bool:
             return kind.bound is not None or _is_narrower(kind.item)
         case Layout():
             return False
-
-
-def ros_type(kind: Kind) -> str:
-    """A type as a .msg file spells it: `float64[36]`, `string<=10`, `std_msgs/msg/Header[]`."""
-    match kind:
-        case Primitive():
-            return kind.name
-        case String():
-            bound = '' if kind.bound is None else f'<={kind.bound}'
-            return f'{"w" * kind.wide}string{bound}'
-        case Array():
-            return f'{ros_type(kind.item)}[{kind.length}]'
-        case Sequence():
-            bound = '' if kind.bound is None else f'<={kind.bound}'
-            return f'{ros_type(kind.item)}[{bound}]'
-        case Layout():
-            return kind.type_name
 
 
 def _json_name(name: str) -> str:
