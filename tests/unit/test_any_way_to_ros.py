@@ -169,7 +169,8 @@ class World:
         self._stop()
         # What was of a topic that is gone is given up, which is said.
         gone = {value for value in self.owed - self.ended if not value.startswith(b'own')}
-        assert self.house.pipeline.snapshot.given_up <= len(self.owed)
+        given_up = self.house.pipeline.snapshot.given_up
+        assert len(gone) - self.dropped <= given_up <= len(self.owed)
         self.owed -= gone
         sink = Robots(room=4, matched=self.sink.matched, acknowledging=False)
         self._begin(sink, self.house.source.committed)
