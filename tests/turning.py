@@ -114,9 +114,9 @@ class House:
             ],
         }
         self.bridge = Bridge(validated(Config, content))
-        [self.lane] = self.bridge._lanes
-        assert isinstance(self.lane.lock, GroupLock)
-        self.lane.lock = cast('GroupLock', lock)
+        [self.runner] = self.bridge._runners
+        assert isinstance(self.runner.lock, GroupLock)
+        self.runner.lock = cast('GroupLock', lock)
         self.lock = lock
         self.pipelines = list(pipelines)
         self.for_backlog: MemoryPipeline | None = None
@@ -151,7 +151,7 @@ class House:
         self.open -= 1
 
     def run(self) -> None:
-        self.bridge._keep_running(self.lane, cast('Wiring', self), self._tell)
+        self.bridge._keep_running(self.runner, cast('Wiring', self), self._tell)
         assert self.open == 0
         assert not self.bridge._crashed
 
@@ -159,7 +159,7 @@ class House:
         self.told += 1
 
     def stop(self, _: Stop) -> None:
-        self.lane.stop.ask()
+        self.runner.stop.ask()
 
     @property
     def snapshot(self) -> Snapshot:

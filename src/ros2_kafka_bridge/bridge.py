@@ -23,7 +23,7 @@ from ros2_kafka_bridge.route.status import StatusLog, left, totals
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Part, Stop, ctrl_c_asks
 from ros2_kafka_bridge.tracing.routes import open_tracing
-from ros2_kafka_bridge.turns.lane import Lane
+from ros2_kafka_bridge.turns.route_runner import RouteRunner
 from ros2_kafka_bridge.turns.standing_by import stand_by
 from ros2_kafka_bridge.turns.term import OVERLAP_S, Successor, Term
 from ros2_kafka_bridge.wiring import Pipeline, Wiring, group_lock_of, histories_of
@@ -70,8 +70,8 @@ class Bridge:
             Direction.KAFKA_TO_ROS: self.stop,
             Direction.ROS_TO_KAFKA: self._stop_takers,
         }
-        self._lanes = [
-            Lane(
+        self._runners = [
+            RouteRunner(
                 route,
                 Part(stops[route.direction]),
                 group_lock_of(route, self.config, route_log(route.name)),
@@ -100,7 +100,7 @@ class Bridge:
             TransportError: Nothing can be written.
         """
         probed = probe_topic()
-        routes = [lane.route for lane in self._lanes]
+        routes = [runner.route for runner in self._runners]
         histories = histories_of(routes, probed, self.config.ros.lease_s)
         name = worker_name(self.config.name, self._worker)
         with (
@@ -124,11 +124,11 @@ class Bridge:
                     raise
                 finally:
                     self._shut_down()  # the routes need the node
-        return 1 if self._crashed or any(lane.final for lane in self._lanes) else 0
+        return 1 if self._crashed or any(runner.final for runner in self._runners) else 0
 
     def snapshots(self) -> list[Snapshot]:
         """The counters of every route, each at one moment of its own."""
-        return [lane.snapshot() for lane in self._lanes]
+        return [runner.snapshot() for runner in self._runners]
 
     def begin(self) -> None:
         """Let a bridge go on that waits for it."""
@@ -140,19 +140,19 @@ class Bridge:
         `RoutesEnded` is told of each. Any thread may call.
         """
         self._ending.update(routes)
-        for lane in self._lanes:
-            if lane.route.name in routes:
-                lane.stop.ask()
+        for runner in self._runners:
+            if runner.route.name in routes:
+                runner.stop.ask()
 
     @property
     def runs(self) -> bool:
         """Whether a route of it runs."""
-        return any(lane.runs for lane in self._lanes)
+        return any(runner.runs for runner in self._runners)
 
     @property
     def paused(self) -> frozenset[str]:
         """Names of the routes that were asked to pause."""
-        return frozenset(lane.route.name for lane in self._lanes if lane.paused)
+        return frozenset(runner.route.name for runner in self._runners if runner.paused)
 
     def pause(self, route: str) -> bool:
         """Ask a route to take and publish nothing; what is in flight is confirmed.
@@ -169,9 +169,9 @@ class Bridge:
         return self._ask_to_pause(route, asked=False)
 
     def _ask_to_pause(self, route: str, *, asked: bool) -> bool:
-        for lane in self._lanes:
-            if lane.route.name == route:
-                lane.ask_to_pause(asked=asked)
+        for runner in self._runners:
+            if runner.route.name == route:
+                runner.ask_to_pause(asked=asked)
                 return True
         return False
 
@@ -198,69 +198,73 @@ class Bridge:
         worker = f', worker {self._worker},' if self._worker else ''
         self._log.info(
             'bridge %s%s runs %s on %s',
-            self.config.name, worker, count(len(self._lanes), 'route'), middleware(),
+            self.config.name, worker, count(len(self._runners), 'route'), middleware(),
         )  # fmt: skip
 
     # Run
 
     def _begin_routes(self, wiring: Wiring, tell: Tell) -> None:
-        for lane in self._lanes:
-            lane.thread = threading.Thread(
+        for runner in self._runners:
+            runner.thread = threading.Thread(
                 target=self._keep_running,
-                args=(lane, wiring, tell),
-                name=lane.route.name,
+                args=(runner, wiring, tell),
+                name=runner.route.name,
                 daemon=True,
             )
-            lane.thread.start()
+            runner.thread.start()
 
-    def _keep_running(self, lane: Lane, wiring: Wiring, tell: Tell) -> None:
+    def _keep_running(self, runner: RouteRunner, wiring: Wiring, tell: Tell) -> None:
         """Run one route until a stop; in a thread of its own."""
         try:
-            if lane.lock is None:
-                self._run_on(lane, wiring, tell, lane.stop)
+            if runner.lock is None:
+                self._run_on(runner, wiring, tell, runner.stop)
             else:
-                successor = wiring.successor(lane.route)
-                self._take_turns(lane, lane.lock, wiring, successor, tell)
+                successor = wiring.successor(runner.route)
+                self._take_turns(runner, runner.lock, wiring, successor, tell)
         except BaseException:
             self._crashed = True
-            lane.log.critical('a bug of the bridge ended this route', exc_info=True)
+            runner.log.critical('a bug of the bridge ended this route', exc_info=True)
             if not self.stop.asked:
                 self.stop.ask()
 
-    def _run_on(self, lane: Lane, wiring: Wiring, tell: Tell, stop: Stop) -> None:
+    def _run_on(self, runner: RouteRunner, wiring: Wiring, tell: Tell, stop: Stop) -> None:
         """Run a route until a stop, again and again while it fails."""
         with ExitStack() as stack:
-            while error := self._run_once(lane, wiring, stack, stop):
+            while error := self._run_once(runner, wiring, stack, stop):
                 stop.listen()  # what has failed may be another bridge's concern by now
-                lane.fail(error, stop)
-                if lane.for_good:
+                runner.fail(error, stop)
+                if runner.for_good:
                     tell(RouteFailed())
-                lane.say_failure()
-                if lane.final or lane.give_away(stop):
+                runner.say_failure()
+                if runner.final or runner.give_away(stop):
                     break
-                stop.wait(lane.again_s)
+                stop.wait(runner.again_s)
 
     def _run_once(
-        self, lane: Lane, wiring: Wiring, stack: ExitStack, stop: Stop
+        self, runner: RouteRunner, wiring: Wiring, stack: ExitStack, stop: Stop
     ) -> BridgeError | None:
         """Run one route until it stops or fails; returns why it has failed."""
-        lane.begin()
+        runner.begin()
         try:
-            if lane.pipeline is None:
-                lane.use(wiring.make(lane.route, lane.log, stop, stack, lane.wait_for_type))
-            pipeline = lane.pipeline
+            if runner.pipeline is None:
+                runner.use(
+                    wiring.make(runner.route, runner.log, stop, stack, runner.wait_for_type)
+                )
+            pipeline = runner.pipeline
             if pipeline is None:
                 return None
-            if lane.lock is not None and not self._has_spool(lane, pipeline, wiring, stop):
+            if runner.lock is not None and not self._has_spool(runner, pipeline, wiring, stop):
                 return None
-            lane.begin_run()
-            pipeline.run(stop, lane.pause)
+            runner.begin_run()
+            pipeline.run(stop, runner.pause)
         except BridgeError as error:
             # Of a route that was never made, a stop in its try is one between two of them.
-            return None if lane.stop.asked and lane.pipeline is None else error
+            return None if runner.stop.asked and runner.pipeline is None else error
         return None
 
-    def _has_spool(self, lane: Lane, pipeline: Pipeline, wiring: Wiring, stop: Stop) -> bool:
+    def _has_spool(
+        self, runner: RouteRunner, pipeline: Pipeline, wiring: Wiring, stop: Stop
+    ) -> bool:
         """Wait until a bridge of this machine, whose turn is over, has put the spool away.
 
         The ROS endpoint is open meanwhile: that one reads until it sees it. False at a stop.
@@ -273,7 +277,7 @@ class Bridge:
             try:
                 wiring.claim_spool(pipeline)
             except SpoolInUseError as in_use:
-                lane.wait_for_spool(in_use)
+                runner.wait_for_spool(in_use)
             else:
                 return True
             if stop.wait(_SPOOL_LOOK_S):
@@ -283,7 +287,7 @@ class Bridge:
 
     def _take_turns(
         self,
-        lane: Lane,
+        runner: RouteRunner,
         lock: GroupLock,
         wiring: Wiring,
         successor: Successor,
@@ -295,14 +299,14 @@ class Bridge:
         it would hold the publishers back.
         """
         with lock:
-            while not lane.final and stand_by(lane, lock, wiring):
-                lane.log.info('takes over: this bridge runs the route')
-                term = Term(lane.stop, lock, successor)
-                self._run_on(lane, wiring, tell, term)
-                lane.end_term()
+            while not runner.final and stand_by(runner, lock, wiring):
+                runner.log.info('takes over: this bridge runs the route')
+                term = Term(runner.stop, lock, successor)
+                self._run_on(runner, wiring, tell, term)
+                runner.end_term()
                 term.listen()
                 if term.over and not lock.held:
-                    lane.log.warning('hands over: another bridge runs this route')
+                    runner.log.warning('hands over: another bridge runs this route')
 
     def _watch(self, tell: Tell) -> None:
         status = StatusLog(self.snapshots)
@@ -315,46 +319,46 @@ class Bridge:
         self._forget_ended(tell)
 
     def _logs(self) -> list[RouteLog]:
-        return [self._log, *(lane.log for lane in self._lanes)]
+        return [self._log, *(runner.log for runner in self._runners)]
 
     def _forget_ended(self, tell: Tell) -> None:
         """Forget the routes that were to end and have."""
-        ended = [x for x in self._lanes if x.route.name in self._ending and not x.runs]
+        ended = [x for x in self._runners if x.route.name in self._ending and not x.runs]
         if not ended:
             return
-        self._lanes = [lane for lane in self._lanes if lane not in ended]
-        self._ending.difference_update(lane.route.name for lane in ended)
-        for lane in ended:
-            lane.log.close()
-            self._crashed = self._crashed or (lane.final and not lane.for_good)
-            lane.log.info('stopped: %s', totals(lane.snapshot()))
-        tell(RoutesEnded(tuple(lane.route.name for lane in ended)))
+        self._runners = [runner for runner in self._runners if runner not in ended]
+        self._ending.difference_update(runner.route.name for runner in ended)
+        for runner in ended:
+            runner.log.close()
+            self._crashed = self._crashed or (runner.final and not runner.for_good)
+            runner.log.info('stopped: %s', totals(runner.snapshot()))
+        tell(RoutesEnded(tuple(runner.route.name for runner in ended)))
 
     # Shutdown
 
     def _shut_down(self) -> None:
         """Drain the routes to ROS, then those from ROS; what does not end in time is left."""
-        if not self._worker and any(lane.runs for lane in self._lanes):
+        if not self._worker and any(runner.runs for runner in self._runners):
             self._log.info('stopping: draining; once more stops at once')
         self._join(Direction.KAFKA_TO_ROS)
         self._stop_takers.ask()
         self._join(Direction.ROS_TO_KAFKA)
         for log in self._logs():
             log.close()
-        late = [lane for lane in self._lanes if lane.runs]
-        for lane in self._lanes:
-            _say_end(lane, late=lane in late)
+        late = [runner for runner in self._runners if runner.runs]
+        for runner in self._runners:
+            _say_end(runner, late=runner in late)
         if late:
             logging.shutdown()
             os._exit(1)
 
     def _join(self, direction: Direction) -> None:
         """Wait for the routes of one direction: what another has used up takes nothing from it."""
-        lanes = [lane for lane in self._lanes if lane.route.direction is direction]
-        longest_s = max((lane.route.drain_s for lane in lanes), default=0.0)
-        overlap_s = OVERLAP_S if any(lane.lock is not None for lane in lanes) else 0.0
+        runners = [runner for runner in self._runners if runner.route.direction is direction]
+        longest_s = max((runner.route.drain_s for runner in runners), default=0.0)
+        overlap_s = OVERLAP_S if any(runner.lock is not None for runner in runners) else 0.0
         deadline_s = time.monotonic() + longest_s + overlap_s + _CLOSING_S
-        while any(lane.runs for lane in lanes) and time.monotonic() < deadline_s:
+        while any(runner.runs for runner in runners) and time.monotonic() < deadline_s:
             if self.stop.at_once:
                 self._stop_takers.ask()
                 self._stop_takers.ask()
@@ -362,13 +366,13 @@ class Bridge:
             time.sleep(0.02)
 
 
-def _say_end(lane: Lane, *, late: bool) -> None:
-    now = lane.snapshot()
+def _say_end(runner: RouteRunner, *, late: bool) -> None:
+    now = runner.snapshot()
     if late:
-        held = left(now, lane.route.direction)
-        lane.log.error('did not end in time: it is left with %s', held)
+        held = left(now, runner.route.direction)
+        runner.log.error('did not end in time: it is left with %s', held)
     else:
-        lane.log.info('stopped: %s', totals(now))
+        runner.log.info('stopped: %s', totals(now))
 
 
 def _of_worker(config: Config, worker: int) -> Config:

@@ -39,7 +39,7 @@ CONTENT: dict[str, Any] = {
 
 def test_guarantee_7_routes_from_ros_stop_only_once_those_to_ros_have_ended() -> None:
     bridge = Bridge(validated(Config, CONTENT))
-    to_ros, to_kafka = bridge._lanes
+    to_ros, to_kafka = bridge._runners
     asked_meanwhile = []
 
     def drain() -> None:
@@ -49,9 +49,9 @@ def test_guarantee_7_routes_from_ros_stop_only_once_those_to_ros_have_ended() ->
 
     to_ros.thread = threading.Thread(target=drain, daemon=True)
     to_kafka.thread = threading.Thread(target=to_kafka.stop.wait, args=(30,), daemon=True)
-    for lane in bridge._lanes:
-        assert lane.thread is not None
-        lane.thread.start()
+    for runner in bridge._runners:
+        assert runner.thread is not None
+        runner.thread.start()
     bridge.stop.ask()
     assert not to_kafka.stop.asked
     bridge._shut_down()
@@ -82,7 +82,7 @@ def test_a_route_from_ros_has_its_whole_drain_however_long_one_to_ros_takes(
 ) -> None:
     """By a clock that does not wait: one never ends, the other takes 50 s of its 60."""
     bridge = Bridge(validated(Config, content(60, 60)))
-    to_ros, to_kafka = bridge._lanes
+    to_ros, to_kafka = bridge._runners
     let_go, drained = threading.Event(), threading.Event()
     to_ros.thread = threading.Thread(target=let_go.wait, args=(30,), daemon=True)
     to_kafka.thread = last = threading.Thread(target=drained.wait, args=(30,), daemon=True)
@@ -116,12 +116,12 @@ def test_what_a_route_leaves_that_does_not_end_in_time_is_said_of_it(
 ) -> None:
     bridge = Bridge(validated(Config, content(0.0, 0.0)))
     let_go = threading.Event()
-    for lane, held in zip(bridge._lanes, (1, 2), strict=True):
-        lane._work = lane._work._replace(
-            before=lane._work.before._replace(taken=3, confirmed=3 - held, in_flight=held)
+    for runner, held in zip(bridge._runners, (1, 2), strict=True):
+        runner._work = runner._work._replace(
+            before=runner._work.before._replace(taken=3, confirmed=3 - held, in_flight=held)
         )
-        lane.thread = threading.Thread(target=let_go.wait, args=(30,), daemon=True)
-        lane.thread.start()
+        runner.thread = threading.Thread(target=let_go.wait, args=(30,), daemon=True)
+        runner.thread.start()
     bridge.stop.ask()
     bridge._shut_down()
     let_go.set()

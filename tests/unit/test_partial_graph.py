@@ -99,26 +99,26 @@ def test_a_route_that_waits_for_its_type_says_so_and_the_cure_in_its_log_and_its
     monkeypatch.setattr(used_type, 'ANNOUNCED_S', 0.0)
     config = route_config()
     bridge = Bridge(config)
-    lane, _ = bridge._lanes
+    runner, _ = bridge._runners
     told: list[Snapshot] = []
 
     def publishers(_: str) -> Sequence[Peer]:
         told.append(bridge.snapshots()[0])
         if len(told) == 3:
-            lane.stop.ask()
+            runner.stop.ask()
         return []
 
     node = SimpleNamespace(publishers=publishers)
     wiring = Wiring(config, cast('RosNode', node), ABILITIES, Histories({}, {}), MagicMock())
-    bridge._keep_running(lane, wiring, lambda _: None)
+    bridge._keep_running(runner, wiring, lambda _: None)
     [line] = [line for line in caplog.messages if 'waits for a publisher of /out' in line]
     assert f'{CURE}, or write from.type' in line
     assert (told[0].state, told[0].reason) == (State.STARTING, '')
     assert (told[2].state, told[2].reason) == (State.STARTING, line)
-    lane.ask_to_pause(asked=True)
+    runner.ask_to_pause(asked=True)
     assert bridge.snapshots()[0].state is State.PAUSED
-    lane.begin()
-    lane.ask_to_pause(asked=False)
+    runner.begin()
+    runner.ask_to_pause(asked=False)
     assert bridge.snapshots()[0].reason == '', 'the next try begins anew'
 
 

@@ -1,4 +1,4 @@
-"""Who runs a route, and when: its lane in a running bridge, and the term that a lock gives it.
+"""Who runs a route, and when: its runner in a running bridge, and the term that a lock gives it.
 
 How it fares is its life, what it has counted over all its terms its totals.
 

@@ -1,6 +1,6 @@
 """How a route fares in a running bridge: at one stage at a time, with what is known at that one.
 
-Values, and no clock: the lane says what has happened, and when.
+Values, and no clock: the runner says what has happened, and when.
 """
 
 from dataclasses import dataclass, replace
@@ -116,7 +116,7 @@ class Ended:
     failure: Failure
 
 
-Stage = Running | AwaitingTurn | StandingBy | AwaitingSpool | Failed | FailedForGood | Ended
+LifeStage = Running | AwaitingTurn | StandingBy | AwaitingSpool | Failed | FailedForGood | Ended
 
 
 class Shown(NamedTuple):
@@ -166,7 +166,7 @@ class Life(NamedTuple):
         retries: Whether what runs it has failed in this term.
     """
 
-    stage: Stage = Running()
+    stage: LifeStage = Running()
     past: Past = Past()
     began_s: float = 0.0
     drains: bool = False
@@ -244,7 +244,7 @@ class Life(NamedTuple):
         """
         failure, final = Failure.of(error), _is_final(error)
         if self.drains or (final and stops):
-            stage: Stage = Ended(failure)
+            stage: LifeStage = Ended(failure)
         elif final and not over:
             stage = FailedForGood(failure)
         else:
@@ -266,7 +266,7 @@ class Life(NamedTuple):
         One that stood by still does: Kafka has told nothing else.
         """
         failure = Failure.of(error)
-        stage: Stage = Failed(failure, self.owed, SpoolWait())
+        stage: LifeStage = Failed(failure, self.owed, SpoolWait())
         if isinstance(self.stage, StandingBy):
             stage = StandingBy(self.owed, failure)
         return self._after(failure, now_s, carried)._replace(stage=stage)
@@ -280,7 +280,7 @@ class Life(NamedTuple):
         """
         failure = self.failure
         if joined and not away:
-            stage: Stage = StandingBy(self.owed)
+            stage: LifeStage = StandingBy(self.owed)
         elif joined or failure is None:
             stage = AwaitingTurn(away, self.owed)
         else:  # until Kafka has told, that is what is known

@@ -22,11 +22,11 @@ from ros2_kafka_bridge.turns.life import (
     FailedForGood,
     Failure,
     Life,
+    LifeStage,
     Owed,
     Running,
     Shown,
     SpoolWait,
-    Stage,
     StandingBy,
 )
 
@@ -38,7 +38,7 @@ STANDS_BY = 'stands by: another bridge runs this route'
 
 NOTHING, LATER = Owed(), Owed(1060.0, Failure('disk full'))
 SAID = Failure('Kafka is away')
-STAGES: list[tuple[Stage, Shown | None]] = [
+STAGES: list[tuple[LifeStage, Shown | None]] = [
     (Running(), None),
     (AwaitingTurn('', NOTHING), Shown(State.WAITING, 'asks Kafka which bridge runs this route')),
     (AwaitingTurn('no broker', LATER), Shown(State.WAITING, 'no broker')),
@@ -61,8 +61,8 @@ STAGES: list[tuple[Stage, Shown | None]] = [
 ]
 
 
-def name_of(stage: Stage | Shown | None) -> str:
-    return type(stage).__name__ if isinstance(stage, Stage) else ''
+def name_of(stage: LifeStage | Shown | None) -> str:
+    return type(stage).__name__ if isinstance(stage, LifeStage) else ''
 
 
 def fail(
@@ -78,7 +78,7 @@ def fail(
 
 
 @pytest.mark.parametrize(('stage', 'shown'), STAGES, ids=name_of)
-def test_what_is_shown_follows_from_the_stage(stage: Stage, shown: Shown | None) -> None:
+def test_what_is_shown_follows_from_the_stage(stage: LifeStage, shown: Shown | None) -> None:
     assert Life(stage).shown == shown
 
 
@@ -214,7 +214,7 @@ def test_a_backlog_that_is_delivered_is_not_looked_for_again() -> None:
 
 @pytest.mark.parametrize(('stage', '_'), STAGES[:-2], ids=name_of)
 def test_what_kept_a_bridge_from_its_turn_is_forgotten_but_for_a_failure(
-    stage: Stage, _: Shown | None
+    stage: LifeStage, _: Shown | None
 ) -> None:
     """A failure is shown until the route runs."""
     life = Life(stage)

@@ -29,7 +29,7 @@ def test_a_route_that_fails_keeps_its_turn_while_it_is_tried_again() -> None:
         tries.append(house.open)
         if len(tries) < 3:
             fail(stop)
-        house.lane.stop.ask()
+        house.runner.stop.ask()
 
     house.pipelines = [MemoryPipeline(1, fail_twice)]
     house.run()
@@ -40,7 +40,7 @@ def test_a_route_that_fails_keeps_its_turn_while_it_is_tried_again() -> None:
 def test_a_route_that_fails_for_long_goes_to_a_bridge_that_stands_by(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.turns.lane._FAILING_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.turns.route_runner._FAILING_S', 0.0)
     lock = MemoryLock('ours')
     lock.wanted = True
     house = House(lock)
@@ -48,7 +48,7 @@ def test_a_route_that_fails_for_long_goes_to_a_bridge_that_stands_by(
     def look(_: MemoryLock) -> None:
         if lock.said:
             assert house.snapshot.reason == 'no permission'
-            house.lane.stop.ask()
+            house.runner.stop.ask()
 
     house.pipelines = [MemoryPipeline(3, fail, left=1)]
     monkeypatch.setattr(MemoryLock, 'check', look)
@@ -64,7 +64,7 @@ def test_a_route_that_gets_on_between_its_failures_is_not_given_away(
 ) -> None:
     now_s = 1000.0
     monkeypatch.setattr(
-        'ros2_kafka_bridge.turns.lane.time', SimpleNamespace(monotonic=lambda: now_s)
+        'ros2_kafka_bridge.turns.route_runner.time', SimpleNamespace(monotonic=lambda: now_s)
     )
     lock = MemoryLock('ours')
     lock.wanted = True
@@ -77,7 +77,7 @@ def test_a_route_that_gets_on_between_its_failures_is_not_given_away(
         tries.append(1)
         if len(tries) < 5:
             fail(stop)
-        house.lane.stop.ask()
+        house.runner.stop.ask()
 
     house.pipelines = [MemoryPipeline(1, get_on_and_fail)]  # one confirmed each time
     house.run()
@@ -92,20 +92,20 @@ def test_a_route_without_traffic_is_given_away_for_its_last_failures_only(
 ) -> None:
     now_s = 1000.0
     monkeypatch.setattr(
-        'ros2_kafka_bridge.turns.lane.time', SimpleNamespace(monotonic=lambda: now_s)
+        'ros2_kafka_bridge.turns.route_runner.time', SimpleNamespace(monotonic=lambda: now_s)
     )
     lock = MemoryLock('ours')
     lock.wanted = True
-    lane = House(lock).lane
-    term = Term(lane.stop, cast('GroupLock', lock), cast('RosSuccessor', None))
+    runner = House(lock).runner
+    term = Term(runner.stop, cast('GroupLock', lock), cast('RosSuccessor', None))
     lock.poll(0.0)
-    lane.begin()
-    lane.fail(RouteError('Kafka is away'), term)
-    assert not lane.give_away(term)
-    lane.begin()
+    runner.begin()
+    runner.fail(RouteError('Kafka is away'), term)
+    assert not runner.give_away(term)
+    runner.begin()
     now_s += well_s
-    lane.fail(RouteError('Kafka is away'), term)
-    assert lane.give_away(term) is given_away
+    runner.fail(RouteError('Kafka is away'), term)
+    assert runner.give_away(term) is given_away
 
 
 def test_a_route_that_is_tried_again_is_one_that_has_failed_until_it_tells_more() -> None:
@@ -121,7 +121,7 @@ def test_a_route_that_is_tried_again_is_one_that_has_failed_until_it_tells_more(
         look()
         if len(seen) < 3:
             fail(stop)
-        house.lane.stop.ask()
+        house.runner.stop.ask()
         look()
 
     pipeline = MemoryPipeline(0, fail_twice)
@@ -143,9 +143,9 @@ def test_what_failed_in_an_earlier_term_is_not_shown_as_tried_again() -> None:
         until_asked(stop)
 
     def look(_: Stop) -> None:
-        house.lane.use(None)  # as while it is made
+        house.runner.use(None)  # as while it is made
         seen.append(house.snapshot.state)
-        house.lane.stop.ask()
+        house.runner.stop.ask()
 
     house.pipelines = [MemoryPipeline(1, fail_once_then_wait), MemoryPipeline(1, look)]
     house.run()
@@ -155,7 +155,7 @@ def test_what_failed_in_an_earlier_term_is_not_shown_as_tried_again() -> None:
 def test_a_route_that_fails_stays_where_no_other_bridge_stands_by(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.turns.lane._FAILING_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.turns.route_runner._FAILING_S', 0.0)
     lock = MemoryLock('ours')
     house = House(lock)
     tries: list[int] = []
@@ -164,7 +164,7 @@ def test_a_route_that_fails_stays_where_no_other_bridge_stands_by(
         tries.append(1)
         if len(tries) < 5:
             fail(stop)
-        house.lane.stop.ask()
+        house.runner.stop.ask()
 
     house.pipelines = [MemoryPipeline(1, fail_often)]
     house.run()
@@ -180,7 +180,7 @@ def test_a_drain_that_gives_up_after_the_turn_is_over_does_not_end_the_route() -
 
     house.pipelines = [MemoryPipeline(9, give_up, left=2), MemoryPipeline(1, house.stop)]
     house.run()
-    assert not house.lane.final
+    assert not house.runner.final
     assert house.told == 0
     assert (house.snapshot.taken, house.snapshot.in_flight, house.snapshot.given_up) == (10, 0, 2)
 
@@ -191,7 +191,7 @@ def test_a_route_that_has_failed_for_good_leaves_it_to_another() -> None:
 
     house = House(MemoryLock('ours'), MemoryPipeline(1, end))
     house.run()
-    assert house.lane.final
+    assert house.runner.final
     assert house.told == 1
     assert house.snapshot.state == State.FAILED
     assert house.lock.said == ['closed']
@@ -202,14 +202,14 @@ def test_a_drain_that_gives_up_at_a_stop_ends_the_route_and_is_no_failure_for_go
     house = House(MemoryLock('ours'))
 
     def give_up(stop: Stop) -> None:
-        house.lane.stop.ask()
+        house.runner.stop.ask()
         until_asked(stop)
         raise RouteError('gave up 2 messages', final=True)
 
     house.pipelines = [MemoryPipeline(9, give_up, left=2)]
     house.run()
-    assert house.lane.final
-    assert not house.lane.for_good
+    assert house.runner.final
+    assert not house.runner.for_good
     assert house.told == 0
     assert (house.snapshot.state, house.snapshot.final) == (State.FAILED, False)
     assert house.snapshot.reason == 'gave up 2 messages'
@@ -230,9 +230,9 @@ def test_a_stop_in_a_try_to_make_a_route_is_no_failure_for_good() -> None:
     house = House(MemoryLock('ours'))
 
     def make(*_: object) -> NoReturn:
-        house.lane.stop.ask()
+        house.runner.stop.ask()
         raise RouteError('it cannot be made')
 
     house.make = make  # type: ignore[method-assign]
     house.run()
-    assert not house.lane.final
+    assert not house.runner.final

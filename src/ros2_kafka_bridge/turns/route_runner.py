@@ -40,7 +40,7 @@ _FAILING_S: Final = 30.0
 _SAID_AGAIN_S: Final = 60.0
 
 
-class Lane:
+class RouteRunner:
     """One route and what runs it.
 
     Args:
