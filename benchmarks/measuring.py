@@ -13,9 +13,9 @@ from functools import partial
 from typing import Final
 
 from ros2_kafka_bridge.endpoints import Message, Outgoing
+from ros2_kafka_bridge.route.flight.messages import MessageEntry
+from ros2_kafka_bridge.route.flight.records import RecordEntry
 from ros2_kafka_bridge.route.measuring import Meter
-from ros2_kafka_bridge.route.message_window import MessageEntry
-from ros2_kafka_bridge.route.record_window import RecordEntry
 from ros2_kafka_bridge.testing.memory import MemoryRecord
 
 _BATCHES: Final = (1, 10, 100, 500)
@@ -35,7 +35,7 @@ def main() -> None:
 
 
 def _record(number: int) -> RecordEntry:
-    entry = RecordEntry(MemoryRecord(b'x'), b'x', time.monotonic() - number * _SPREAD_S)
+    entry = RecordEntry(MemoryRecord(b'x'), time.monotonic() - number * _SPREAD_S)
     entry.made_ms = int(1000 * (time.time() - number * _SPREAD_S))
     return entry
 
@@ -43,7 +43,7 @@ def _record(number: int) -> RecordEntry:
 def _message(number: int) -> MessageEntry:
     taken_s = time.monotonic() - number * _SPREAD_S
     message = Message(b'x', bytes(16), number, time.time_ns())
-    entry = MessageEntry(number, Outgoing('x', None, b'x', []), message, taken_s)
+    entry = MessageEntry(Outgoing('x', None, b'x', []), message, taken_s)
     entry.produced_s = taken_s
     return entry
 

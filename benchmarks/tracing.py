@@ -14,9 +14,9 @@ from opentelemetry.sdk.trace.export import SpanExporter, SpanExportResult
 
 from ros2_kafka_bridge.endpoints import Message, headers_of
 from ros2_kafka_bridge.logs.lines import RouteLog
+from ros2_kafka_bridge.route.flight.records import RecordEntry
 from ros2_kafka_bridge.route.identity import Author
 from ros2_kafka_bridge.route.labels import make_headers
-from ros2_kafka_bridge.route.record_window import RecordEntry
 from ros2_kafka_bridge.testing.memory import MemoryRecord
 from ros2_kafka_bridge.tracing import export
 from ros2_kafka_bridge.tracing.messages import with_traceparent
@@ -44,7 +44,12 @@ def main() -> None:
     without = MemoryRecord(b'x', header_list=plain(_MESSAGE))
     parent = ('traceparent', f'00-{"1" * 32}-{"2" * 16}-00'.encode())
     with_one = MemoryRecord(b'x', header_list=[*plain(_MESSAGE), parent])
-    read = SpansOfRecords('orders', {}, 0.0, lambda _: None).reader(_no_entry)
+    traces = SpansOfRecords('orders', {}, 0.0, lambda _: None)
+    entry = RecordEntry(without, 0.0)
+
+    def read(record: MemoryRecord) -> None:
+        traces.begin(entry, record, headers_of(record))
+
     _say('headers of a message, without tracing', lambda: plain(_MESSAGE))
     _say('headers of a message, with tracing', lambda: traced(_MESSAGE))
     _say('headers of a record, without tracing', lambda: headers_of(with_one))
@@ -56,10 +61,6 @@ def main() -> None:
     with export.open_exporter(export.Service('b', 'b', 0), 'http://127.0.0.1:1', log) as exporter:
         exporter._sender._inner = _Nowhere()  # noqa: SLF001 (what the thread of a route pays)
         _say('a span', lambda: exporter.end(span))
-
-
-def _no_entry() -> RecordEntry:
-    raise AssertionError('nothing is sampled')
 
 
 def _say(what: str, call: Callable[[], object]) -> None:

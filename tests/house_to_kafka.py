@@ -4,22 +4,23 @@ import logging
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+import flights
+
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.config.validation import validated
-from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.errors import (
     EncodeError,
 )
 from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
+from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.identity import Identity
 from ros2_kafka_bridge.route.type_hash import check_nothing
-from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSink
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.route.message_window import MessageEntry
+    from ros2_kafka_bridge.route.flight.messages import MessageEntry
 
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
@@ -94,7 +95,7 @@ class House:
             lambda message: [('ros.seq', str(message.seq))],
             check_nothing,
             dead,
-            Backlog(None, None, LOG),
+            None,
             LOG,
         )
         self.pause = self.pipeline._pause
@@ -116,8 +117,9 @@ class House:
             self.check_balance()
 
     def check_balance(self) -> None:
-        snapshot = self.pipeline.counters.snapshot(len(self.pipeline._window))
+        snapshot = self.pipeline.counters.snapshot(len(self.pipeline._flight))
         assert snapshot.balanced, snapshot
+        flights.check(self.pipeline._flight)
 
     def values(self) -> list[bytes | None]:
         return [record.value for record in self.sink.records]

@@ -3,13 +3,15 @@
 import logging
 from typing import TYPE_CHECKING, Any
 
+import flights
+
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.config.validation import validated
-from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import HeaderList
 from ros2_kafka_bridge.errors import DecodeError, RouteError
 from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
+from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.type_hash import make_hash_check
 from ros2_kafka_bridge.testing.memory import (
     MemoryMessageSink,
@@ -19,7 +21,7 @@ from ros2_kafka_bridge.testing.memory import (
 )
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.route.record_window import RecordEntry
+    from ros2_kafka_bridge.route.flight.records import RecordEntry
 
 
 HASH = 'RIHS01_' + '1' * 64
@@ -99,8 +101,9 @@ class House:
             self.check_balance()
 
     def check_balance(self) -> None:
-        snapshot = self.pipeline.counters.snapshot(len(self.pipeline._window))
+        snapshot = self.pipeline.counters.snapshot(len(self.pipeline._flight))
         assert snapshot.balanced, snapshot
+        flights.check(self.pipeline._flight)
 
     def positions(self) -> dict[int, int]:
         self.pipeline._settle()

@@ -5,18 +5,24 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import flights
 import pytest
 from identified import AUTHOR, STRING, identify
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.config.validation import validated
-from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import Message, Record, Reports
-from ros2_kafka_bridge.errors import EncodeError, RouteError, TransportError
+from ros2_kafka_bridge.errors import (
+    EncodeError,
+    RecordTooLargeError,
+    RouteError,
+    TransportError,
+)
 from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
+from ros2_kafka_bridge.route.dead_letters import DeadLetters
+from ros2_kafka_bridge.route.flight.messages import MessageEntry
 from ros2_kafka_bridge.route.labels import make_headers
-from ros2_kafka_bridge.route.message_window import MessageEntry
 from ros2_kafka_bridge.route.produced import Produced
 from ros2_kafka_bridge.route.type_hash import check_nothing
 from ros2_kafka_bridge.spool.backlog import Backlog
@@ -55,6 +61,30 @@ class Moody(MemoryRecordSink[MessageEntry]):
         return Reports([], [(entry, TransportError('timed out')) for entry, _ in refused])
 
 
+class Broker(Moody):
+    """A broker that also refuses all that comes with a record that is too large for it."""
+
+    def poll(self, timeout_s: float) -> Reports[MessageEntry]:
+        held = [record.value or b'' for _, record in self._in_flight]
+        if not self.answering or not any(b'too large' in value for value in held):
+            return super().poll(timeout_s)
+        refused, self._in_flight = self._in_flight, []
+        error = RecordTooLargeError(1, 0, 'max.message.bytes')
+        return Reports([], [(entry, error) for entry, _ in refused])
+
+
+class Letters(MemoryRecordSink[Any]):
+    """The topic of the dead letters, which may refuse each of them."""
+
+    forbidden = False
+
+    def poll(self, timeout_s: float) -> Reports[Any]:
+        if not self.forbidden:
+            return super().poll(timeout_s)
+        refused, self._in_flight = self._in_flight, []
+        return Reports([], [(token, RouteError('no permission')) for token, _ in refused])
+
+
 class NoTail:
     """The end of a topic that holds `found`, once it is read."""
 
@@ -78,11 +108,17 @@ class NoTail:
 class House:
     """One life of a pipeline, with a spool in `place`."""
 
-    def __init__(self, place: Path, spool: dict[str, Any] | None = None, **more: Any) -> None:
+    def __init__(
+        self,
+        place: Path,
+        spool: dict[str, Any] | None = None,
+        sink: Moody | None = None,
+        **more: Any,
+    ) -> None:
         self.source = MemoryMessageSource()
-        self.sink = Moody()
+        self.sink = sink or Moody()
         self.tail = NoTail()
-        self.letters: MemoryRecordSink[Any] = MemoryRecordSink()
+        self.letters = Letters()
         self.clock = 0
         route = validated(
             RosToKafkaRoute,
@@ -95,8 +131,11 @@ class House:
                 **more,
             },
         )
+        assert route.spool is not None
         self.sink.room = route.max_in_flight  # as that of the real producer
         self.spool = Spool(file_of(place, 'test', route.name), sync=False, log=LOG)
+        drops = route.when_full == 'drop_oldest'
+        self.backlog = Backlog(self.spool, route.spool, LOG, drops=drops)
         self.pipeline = RosToKafka(
             route,
             self.source,
@@ -107,7 +146,7 @@ class House:
             make_headers(AUTHOR, STRING, lambda _: ''),
             check_nothing,
             DeadLetters('orders.dead', self.letters, lambda: None, LOG),
-            Backlog(self.spool, route.spool, LOG, drops=route.when_full == 'drop_oldest'),
+            self.backlog,
             LOG,
         )
         self.pipeline._prepare()
@@ -126,7 +165,7 @@ class House:
     def until_all_confirmed(self) -> None:
         for _ in range(1000):
             self.steps(1)
-            if not self.pipeline._window and not self.pipeline._spooling.waiting:
+            if not self.pipeline._flight and not self.pipeline._spooling.waiting:
                 return
         pytest.fail('it never ends')
 
@@ -143,11 +182,12 @@ class House:
         self.pipeline._take_snapshot()
         snapshot = self.pipeline.snapshot
         assert snapshot.balanced, snapshot
+        flights.check(self.pipeline._flight)
         assert all(count >= 0 for count in snapshot if isinstance(count, int)), snapshot
 
     def crash(self) -> None:
         """Leave everything as a SIGKILL would."""
-        self.pipeline._spooling._backlog._is_open = False
+        self.spool._file.is_open = False
         self.spool._file._close_database()
         self.spool._file._lock.release()
 
@@ -184,7 +224,7 @@ def come_back(house: House) -> None:
     house.sink.away, house.sink.answering = '', True
 
 
-def refused(rows: Sequence[Row]) -> None:
+def refused(rows: Sequence[Row]) -> int:
     del rows
     raise TransportError('the disk is full')
 

@@ -2,26 +2,23 @@
 
     poll -> decode -> publish -> confirm -> commit
 
-Everything taken and not ended is in the window, in the order of consumption. An entry waits in
-its `pending` until the history takes it, then in its `unconfirmed` until its readers have it. One
-that has ended leaves the window once all before it have: only then does its offset count. What
-drop_oldest drops leaves at once, and counts with what is before it.
+Everything taken and not ended is in the flight. An entry is ready until the history takes it, and
+sent until its readers have it. A position moves once all before it have ended.
 """
 
 import logging
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from itertools import islice
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
-from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import (
     HeaderList,
     MessageSink,
     Record,
     RecordSource,
+    headers_of,
     source_time_ns,
 )
 from ros2_kafka_bridge.errors import BridgeError, RecordError, RouteError
@@ -30,6 +27,8 @@ from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.route.age import expires_s
 from ros2_kafka_bridge.route.counters import Counters, Outcome
+from ros2_kafka_bridge.route.dead_letters import DeadLetters
+from ros2_kafka_bridge.route.flight.records import RecordEntry, RecordFlight
 from ros2_kafka_bridge.route.identity import guard_loops
 from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.route.obstacle import (
@@ -40,13 +39,12 @@ from ros2_kafka_bridge.route.obstacle import (
     Obstacle,
 )
 from ros2_kafka_bridge.route.pieces import in_pieces
-from ros2_kafka_bridge.route.place import SENT
 from ros2_kafka_bridge.route.publishing import Publishing
-from ros2_kafka_bridge.route.record_window import RecordEntry, RecordWindow
 from ros2_kafka_bridge.route.rejections import letter_of_record, rejection_of_record
 from ros2_kafka_bridge.route.status import held
 from ros2_kafka_bridge.route.telling import Telling
 from ros2_kafka_bridge.route.type_hash import CheckHeaders
+from ros2_kafka_bridge.threads.drain_time import DrainTime
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.tracing.records import NO_RECORD_TRACES, RecordTraces
@@ -76,6 +74,8 @@ class KafkaToRos:
         traces: What follows the records that are sampled.
     """
 
+    spool = None  # Kafka keeps what waits
+
     def __init__(
         self,
         route: KafkaToRosRoute,
@@ -102,9 +102,8 @@ class KafkaToRos:
         self._log = log
         self._occasional = summed(log)
         self._traces = traces
-        self._read_headers = traces.reader(lambda: self._window.entries[-1])
-        self._window = RecordWindow(route.max_in_flight, route.max_in_flight_bytes, source.advance)
-        self._publishing = Publishing(self._window, sink, route)
+        self._flight = RecordFlight(route.max_in_flight, route.max_in_flight_bytes)
+        self._publishing = Publishing(self._flight, sink, route)
         self._blocked = Blocked()
         self._drained_by_s = math.inf
         self._commit_at_s = 0.0
@@ -127,15 +126,15 @@ class KafkaToRos:
 
     def _step(self) -> None:
         self._confirm()
-        obstacle = self._publish_pending()
+        obstacle = self._publish_ready()
         if obstacle is None:
             self._blocked.clear()
-            self._poll(_BUSY_S if self._window else _IDLE_S)
-            obstacle = self._publish_pending()
+            self._poll(_BUSY_S if self._flight else _IDLE_S)
+            obstacle = self._publish_ready()
         else:
             self._wait(obstacle)
         self._settle()
-        if (failure := self._window.failure_in_front) is not None:
+        if (failure := self._flight.failure_in_front) is not None:
             raise failure
         self._tick(obstacle)
 
@@ -155,82 +154,81 @@ class KafkaToRos:
             self._accept_all(piece)
 
     def _accept_all(self, last_first: list[Record]) -> None:
-        taken_s = time.monotonic()
+        taken_s, flight = time.monotonic(), self._flight
         while last_first:  # none is held for longer than it is looked at
-            self._accept(last_first.pop(), taken_s)
+            record = last_first.pop()
+            if flight.failure is None:
+                self._accept(record, taken_s)
+            else:
+                flight.refuse(self._take(record, taken_s), flight.failure)
 
-    def _take(self, record: Record, value: bytes | None, taken_s: float) -> RecordEntry:
-        entry = RecordEntry(record, value, taken_s)
+    def _take(self, record: Record, taken_s: float) -> RecordEntry:
+        entry = RecordEntry(record, taken_s)
         self.counters.taken += 1
-        self._window.add(entry)
+        self._flight.take(entry, entry.partition)
         return entry
 
     def _accept(self, record: Record, taken_s: float) -> None:
-        window, value = self._window, record.value()
-        entry = self._take(record, value, taken_s)
-        if window.failure is not None:
-            window.end_at(entry, window.failure)
-            return
-        headers = self._read_headers(record)
+        flight, entry = self._flight, self._take(record, taken_s)
+        headers = headers_of(record)
+        if self._traces.follow:
+            self._traces.begin(entry, record, headers)
         if headers and self._skips(headers):
-            entry.outcome = Outcome.SKIPPED
+            flight.end([entry], Outcome.SKIPPED)
             return
         try:
             if headers:
                 self._check_headers(headers)
-            entry.cdr = self._decode(value)
+            entry.cdr = self._decode(record.value())
             if self._max_age_s is not None:
                 entry.expires_s = expires_s(record.timestamp(), self._max_age_s)
         except RecordError as error:
             self._refuse(entry, record, headers, error)
         except RouteError as error:
-            window.end_at(entry, error)
+            flight.refuse(entry, error)
         else:
             if len(entry.cdr) > entry.size_bytes:
-                window.grow(entry)
+                flight.grow(entry, len(entry.cdr))
             entry.made_ms = record.timestamp()[1]
             if headers and (made_ns := source_time_ns(headers)):
                 entry.made_ms = made_ns // _NS_PER_MS
-            window.wait(entry)
+            flight.ready(entry)
 
     def _refuse(
         self, entry: RecordEntry, record: Record, headers: HeaderList | None, error: RecordError
     ) -> None:
-        rejection = rejection_of_record(self._route, entry, headers, error)
+        rejection = rejection_of_record(self._route, record, headers, error)
         policy = rejection.policy(self._route.on_error)
         rejection.tell_bug(self._occasional)
         self._meter.troubles.note(error, rejection.where)
         self._traces.refused(entry, error)
         if policy == 'stop':
-            self._window.end_at(entry, rejection.failure())
+            self._flight.refuse(entry, rejection.failure())
             return
         rejection.tell(policy, self._occasional)
         if policy == 'drop':
-            entry.outcome = Outcome.DROPPED
+            self._flight.end([entry], Outcome.DROPPED)
             return
-        letter = letter_of_record(self._route, entry, record, headers, error)
-        entry.place = SENT
-        self._dead_letters.add(letter, entry)
+        self._flight.divert(entry, letter_of_record(self._route, record, headers, error))
+        self._flight.ready(entry)
 
     # 2. entries -> ROS
 
-    def _publish_pending(self) -> Obstacle | None:
+    def _publish_ready(self) -> Obstacle | None:
         """Publish what waits; tells what stands in the way, None when nothing is left."""
-        unconfirmed = self._window.unconfirmed
-        before = len(unconfirmed)
-        obstacle = self._publishing.publish_pending()
-        if (new := len(unconfirmed) - before) > 0:
+        obstacle, published = self._publishing.publish_ready()
+        if published:
             self._blocked.move()
-            self._meter.publish_records(islice(reversed(unconfirmed), new))
+            self._meter.publish_records(published)
         return obstacle or self._no_room()
 
     def _no_room(self) -> Obstacle | None:
         """Tell what keeps the bridge from reading on, None if nothing does."""
-        if self._window.failure is not None:
-            return Obstacle(str(self._window.failure))
+        if self._flight.failure is not None:
+            return Obstacle(str(self._flight.failure))
         if self._dead_letters.problem:
             return Obstacle(self._dead_letters.problem)
-        if self._window.is_full:
+        if self._flight.is_full:
             return WINDOW_FULL
         return None
 
@@ -238,12 +236,13 @@ class KafkaToRos:
         since_s = time.monotonic()
         self._blocked.note()
         drops = self._may_drop(obstacle)
-        if drops and not self._window.is_full:
+        if drops and not self._flight.is_full:
             self._poll(_BUSY_S)
         elif self._blocked.is_long:
             self._accept_all([*reversed(self._source.stay())])
         if drops:
-            self._count(self._window.drop_oldest())
+            self._flight.drop_oldest()
+            self._settle()
         if obstacle.cause is Cause.PACE:
             time.sleep(min(LONGEST_NAP_S, self._publishing.paced_s))
             return
@@ -255,7 +254,7 @@ class KafkaToRos:
         return (
             self._route.when_full == 'drop_oldest'
             and obstacle.cause not in {Cause.PACE, Cause.CLOCK}
-            and self._window.failure is None
+            and self._flight.failure is None
             and not self._dead_letters.problem
         )
 
@@ -269,25 +268,25 @@ class KafkaToRos:
                 'published again',
                 self._route.ros_topic, again,
             )  # fmt: skip
-        for entry in self._dead_letters.poll():
-            entry.outcome = Outcome.DEAD_LETTERED
+        self._dead_letters.step(self._flight)
 
     def _settle(self) -> None:
-        if ended := self._window.settle():
+        if ended := self._flight.settled():
+            self._source.advance(self._flight.positions())
             self._count(ended)
         self._traces.look()
 
-    def _count(self, ended: list[RecordEntry]) -> None:
+    def _count(self, ended: Sequence[RecordEntry]) -> None:
         good = Outcome.CONFIRMED
-        confirmed = [entry for entry in ended if entry.outcome is good]
+        confirmed = [entry for entry in ended if entry.stage is good]
         self.counters.end(good, len(confirmed))
         self._meter.confirm_records(confirmed)
         if len(confirmed) == len(ended):
             return
         for entry in ended:
-            if entry.outcome is not None and entry.outcome is not good:
+            if (outcome := entry.outcome) is not None and outcome is not good:
                 self._meter.end_record(entry)
-                self.counters.end(entry.outcome)
+                self.counters.end(outcome)
 
     def _tick(self, obstacle: Obstacle | None) -> None:
         now_s = time.monotonic()
@@ -313,9 +312,9 @@ class KafkaToRos:
         self.counters.lost_upstream = self._source.lost_upstream
         measures = self._meter.measures(
             self._sink.load, self._sink.matches,
-            bytes_held=self._window.value_bytes, rebalances=self._source.rebalances,
+            bytes_held=self._flight.value_bytes, rebalances=self._source.rebalances,
         )  # fmt: skip
-        size = len(self._window)
+        size = len(self._flight)
         self.snapshot = self.counters.snapshot(size, lag, spooled=0, measures=measures)
 
     # Hand-over, failure, end
@@ -324,7 +323,7 @@ class KafkaToRos:
         """Wait for what these partitions have in flight, commit it, forget the rest."""
         deadline_s = min(time.monotonic() + REVOKE_S, self._drained_by_s)
         with suppress(BridgeError):  # told by the next step: a hand-over has to be ended
-            while time.monotonic() < deadline_s and self._window.holds_unconfirmed(partitions):
+            while time.monotonic() < deadline_s and self._flight.has_sent(partitions):
                 self._confirm()
                 time.sleep(_BUSY_S)
         self._settle()
@@ -336,16 +335,17 @@ class KafkaToRos:
         with suppress(BridgeError):
             self._confirm()
         self._settle()
-        self._give_back(self._window.of(partitions))
+        self._give_back(self._flight.of(partitions))
+        self._flight.forget(partitions)
 
     def detached(self, partitions: frozenset[int]) -> None:
         """Keep what is in flight of these: their topic is gone, nobody can read it again."""
-        self._window.detach(partitions)
+        self._flight.detach(partitions)
 
     def _give_back(self, entries: list[RecordEntry]) -> None:
         """Return entries to Kafka: their offsets are not committed, they are read again."""
         if entries:
-            gone = self._window.give_back(entries)
+            gone = self._flight.give_back(entries)
             self.counters.end(Outcome.RETURNED, len(entries) - gone)
             if gone:
                 self.counters.end(Outcome.GIVEN_UP, gone)
@@ -353,18 +353,17 @@ class KafkaToRos:
             self._meter.bytes_taken += sum([entry.value_bytes for entry in entries])
 
     def _drain(self, stop: Stop) -> None:
-        deadline_s = self._drained_by_s = time.monotonic() + self._route.drain_s
-        stays = True
-        self._give_back(self._window.unpublished())
-        while self._window and time.monotonic() < deadline_s and not stop.at_once:
-            stop.look()
+        drain, stays = DrainTime(stop, self._route.drain_s), True
+        self._give_back(self._flight.unsent())
+        while not drain.is_over() and self._flight:
+            self._drained_by_s = drain.deadline_s
             self._confirm()
             stays = stays and self._stay_draining()
-            self._give_back(self._window.unpublished())
+            self._give_back(self._flight.unsent())
             self._settle()
             time.sleep(_BUSY_S)
-        left = len(self._window)
-        patience_s = 0.0 if stop.at_once else max(1.0, deadline_s - time.monotonic())
+        left = len(self._flight)
+        patience_s = 0.0 if stop.at_once else max(1.0, drain.deadline_s - time.monotonic())
         if not self._source.commit_now(patience_s):
             self._log.warning('the last offsets are not committed: some records are repeated')
         if left:
@@ -376,7 +375,7 @@ class KafkaToRos:
         """Stay in the group, if that is possible; what still comes goes back as it is."""
         taken_s = time.monotonic()
         try:
-            self._give_back([self._take(it, it.value(), taken_s) for it in self._source.stay()])
+            self._give_back([self._take(it, taken_s) for it in self._source.stay()])
             self._tick(None)
         except BridgeError as error:
             self._log.warning('%s', error)
@@ -391,10 +390,11 @@ class KafkaToRos:
             yield
         finally:
             self._settle()
-            self._give_back(list(self._window.entries))
+            self._give_back([*self._flight])
+            self._flight.forget_all()
             self._traces.look()
             self._source.commit_now(_LAST_COMMIT_S)
             self._source.close()
-            self._dead_letters.close()
+            self._dead_letters.close(self._flight)
             self.counters.tell_end()
             self._take_snapshot(None)

@@ -2,32 +2,29 @@
 
     take -> encode -> produce -> confirm
 
-Everything taken and not ended is in the window. An entry waits in its `pending` until the
-producer takes it; the delivery report ends it. While the window is full nothing is taken: the
-reader's cache fills, and DDS holds the publisher back. A route with a spool goes on taking: see
-`spooling`.
+Everything taken and not ended is in the flight. An entry is ready until the producer takes it; the
+delivery report ends it. While too much is in flight nothing is taken: the reader's cache fills,
+and DDS holds the publisher back. A route with a spool goes on taking: see `spooling`.
 """
 
 import logging
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
-from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import Message, MessageSource, Outgoing, RecordSink
 from ros2_kafka_bridge.errors import RecordError, RouteError
 from ros2_kafka_bridge.formats import Encode
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.route.counters import Counters, Outcome
+from ros2_kafka_bridge.route.dead_letters import DeadLetters
+from ros2_kafka_bridge.route.flight.messages import LINE, TAIL, MessageEntry, MessageFlight
 from ros2_kafka_bridge.route.gathering import Gathering
 from ros2_kafka_bridge.route.identity import Identity
 from ros2_kafka_bridge.route.labels import MakeHeaders, MakeKey
 from ros2_kafka_bridge.route.measuring import Meter
-from ros2_kafka_bridge.route.message_window import MessageEntry, MessageWindow
-from ros2_kafka_bridge.route.place import ASIDE, PENDING, SENT
+from ros2_kafka_bridge.route.obstacle import KAFKA_IS_SLOW
 from ros2_kafka_bridge.route.producing import Producing
 from ros2_kafka_bridge.route.rejections import Rejection, letter_of_message, rejection_of_message
 from ros2_kafka_bridge.route.status import given_up
@@ -36,6 +33,7 @@ from ros2_kafka_bridge.route.type_hash import CheckHeaders
 from ros2_kafka_bridge.spool.already_sent import InKafka
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.spool.spooling import Spooling
+from ros2_kafka_bridge.threads.drain_time import DrainTime
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.tracing.messages import NO_MESSAGE_TRACES, MessageTraces
@@ -65,7 +63,7 @@ class RosToKafka:
         make_headers: Makes a record's headers.
         check_headers: Refuses a message of another version of its type.
         dead_letters: Where messages go that can never be delivered.
-        backlog: What waits on disk.
+        backlog: What waits on disk; None without a spool.
         log: Where to say what happens.
         traces: What follows the messages that are sampled.
     """
@@ -81,12 +79,12 @@ class RosToKafka:
         make_headers: MakeHeaders,
         check_headers: CheckHeaders,
         dead_letters: DeadLetters[MessageEntry],
-        backlog: Backlog,
+        backlog: Backlog | None,
         log: logging.LoggerAdapter[logging.Logger],
         traces: MessageTraces = NO_MESSAGE_TRACES,
     ) -> None:
         self.counters = Counters(route.name)
-        self.snapshot = self.counters.snapshot(0, spooled=backlog.on_disk.messages)
+        self.snapshot = self.counters.snapshot(0, spooled=None if backlog else 0)
         self._route = route
         self._topic = route.kafka_topic
         self._source = source
@@ -100,30 +98,15 @@ class RosToKafka:
         self._dead_letters = dead_letters
         self._occasional = summed(log)
         self._traces = traces
-        drops = route.when_full == 'drop_oldest' and not backlog.exists
-        self._window = MessageWindow(route.max_in_flight, route.max_in_flight_bytes, drops=drops)
-        refuse = partial(self._refuse, queue=self._put_in_line)
-        self._producing = Producing(self._window, sink, refuse)
-        self._spooling = Spooling(
-            route, self._window, self._put_in_line, backlog, in_kafka, self.counters, log
-        )
+        drops = route.when_full == 'drop_oldest' and backlog is None
+        self._flight = MessageFlight(route.max_in_flight, route.max_in_flight_bytes, drops=drops)
+        self._producing = Producing(self._flight, sink, self._refuse_waiting)
+        self.spool = backlog.spool if backlog else None
+        self._spooling = Spooling(route, self._flight, backlog, in_kafka, self.counters, log)
         self._meter = Meter()
         self._telling = Telling(self.counters, self._meter, dead_letters)
         self._gathering = Gathering(sink.hurry)
         self._pause = Pause()
-
-    def claim_spool(self) -> None:
-        """Keep the spool for this process until `let_go_spool`, also between two runs.
-
-        Raises:
-            SpoolInUseError: Another process has it.
-            RouteError: It cannot be kept.
-        """
-        self._spooling.claim()
-
-    def let_go_spool(self) -> None:
-        """Leave the spool to any process."""
-        self._spooling.let_go()
 
     def run(self, stop: Stop, pause: Pause | None = None) -> None:
         """Move messages until a stop is asked for, then drain.
@@ -153,7 +136,7 @@ class RosToKafka:
             RouteError: That is not possible now; it stays on disk.
         """
         with self._opened():
-            while not stop.look() and (self._window or self._spooling.waiting):
+            while not stop.look() and (self._flight or self._spooling.waiting):
                 self._step()
             self._drain(stop)
 
@@ -161,12 +144,12 @@ class RosToKafka:
         """Go on by one take; returns what it has brought, None where there was no room for it."""
         taken = None
         self._spooling.step(self._sink.away, self._dead_letters.problem)
-        self._producing.produce_pending()
+        self._producing.produce_ready()
         self._drop_excess()
         room = self._room()
         if room > 0:
-            taken = self._take(room, _BUSY_S if self._window else _IDLE_S)
-            self._producing.produce_pending()
+            taken = self._take(room, _BUSY_S if self._flight else _IDLE_S)
+            self._producing.produce_ready()
             self._gathering.send(len(taken))
             self._confirm(0.0)
         else:
@@ -179,7 +162,7 @@ class RosToKafka:
     def _rest(self) -> Sequence[Message]:
         """Take nothing: DDS holds the publishers back. What was taken goes on to Kafka."""
         self._spooling.step(self._sink.away, self._dead_letters.problem)
-        self._producing.produce_pending()
+        self._producing.produce_ready()
         self._source.look()
         self._confirm(_FULL_S)
         self._tick()
@@ -189,122 +172,125 @@ class RosToKafka:
 
     def _room(self) -> int:
         """How many messages may be taken now."""
-        if self._window.failure is not None:
+        if self._flight.ends:
             return 0
         if self._spooling.active:
             return self._spooling.room
-        return 0 if self._dead_letters.problem else min(BATCH, self._window.room)
+        return 0 if self._dead_letters.problem else min(BATCH, self._flight.room)
 
     def _drop_excess(self) -> None:
         """Keep the newest, where the route asks for it."""
-        if self._window.failure is not None:
+        if self._flight.ends:
             return
         if self._spooling.active:
             self._spooling.drop_excess()
-        elif not self._dead_letters.problem:
-            for entry in self._window.drop_oldest():
+        elif self._flight.drops and not self._dead_letters.problem:
+            for entry in self._flight.drop_oldest():
                 self._traces.ended(entry, Outcome.DROPPED)
-                self.counters.end(Outcome.DROPPED)
+        self._settle()
 
     def _take(self, limit: int, timeout_s: float) -> Sequence[Message]:
         messages = self._source.take(limit, timeout_s)
         taken_s = time.monotonic()
         self._meter.bytes_taken += sum([len(message.cdr) for message in messages])
-        queue = self._spooling.add if self._spooling.active else self._put_in_line
         for message in messages:
-            self._accept(message, taken_s, queue)
+            self._accept(message, taken_s)
         self._spooling.write()
         return messages
 
-    def _accept(
-        self, message: Message, taken_s: float, queue: Callable[[MessageEntry], None]
-    ) -> None:
+    def _accept(self, message: Message, taken_s: float) -> None:
         self.counters.taken += 1
         if self._in_kafka.contains(message):
             self.counters.end(Outcome.SKIPPED)
             return
         headers = self._make_headers(message)
         assert self._encode is not None, 'the route runs'
+        refusal: RecordError | None = None
         try:
             self._check_headers(headers)
             value = self._encode(message.cdr)
             record = Outgoing(self._topic, self._make_key(message), value, headers)
         except RecordError as error:
-            record = Outgoing(self._topic, None, message.cdr, headers)
-            self._refuse(self._window.add(record, message, taken_s), error, queue)
-        else:
-            queue(self._window.add(record, message, taken_s))
+            refusal, record = error, Outgoing(self._topic, None, message.cdr, headers)
+        entry = MessageEntry(record, message, taken_s)
+        ring = TAIL if self._spooling.active else LINE
+        self._flight.take(entry, ring)
+        goes_on = refusal is None or self._becomes_letter(entry, refusal)
+        if goes_on and ring == LINE:
+            self._flight.ready(entry)
 
-    def _put_in_line(self, entry: MessageEntry) -> None:
-        if not self._window.may_go_on(entry):
-            entry.place = ASIDE
-            return
-        if entry.is_letter:
-            entry.place = SENT
-            self._dead_letters.add(entry.record, entry)
-        else:
-            entry.place = PENDING
-            self._window.pending.append(entry)
+    def _refuse_waiting(self, entry: MessageEntry, error: RecordError) -> None:
+        if self._becomes_letter(entry, error):
+            self._flight.ready(entry)
 
-    def _refuse(
-        self, entry: MessageEntry, error: RecordError, queue: Callable[[MessageEntry], None]
-    ) -> None:
+    def _becomes_letter(self, entry: MessageEntry, error: RecordError) -> bool:
+        """Do with a message that can never be delivered what the route says."""
         rejection = rejection_of_message(self._route, entry.record.headers, error)
         rejection.tell_bug(self._occasional)
         self._meter.troubles.note(error, rejection.where)
         policy = rejection.policy(self._route.on_error)
         if policy == 'stop':
-            self._window.end_at(entry, rejection)
-            return
+            self._flight.refuse(entry, rejection)
+            return False
         identity = Identity(entry.gid, entry.seq, entry.made_ns)
         if policy == 'dead_letter' and self._in_kafka.holds_letter(identity):
             self._end(entry, Outcome.SKIPPED, error)
-            return
+            return False
         rejection.tell(policy, self._occasional)
         if policy == 'drop':
             self._end(entry, Outcome.DROPPED, error)
-            return
-        entry.is_letter = True
-        entry.record = letter_of_message(self._route, entry.record, error)
-        queue(entry)
+            return False
+        self._flight.divert(entry, letter_of_message(self._route, entry.record, error))
+        return True
 
     # 2. entries -> Kafka (`Producing`), and 3. its reports -> confirmed
 
     def _confirm(self, timeout_s: float) -> None:
         confirmed, failed = self._producing.poll(timeout_s)
-        self._window.remove_all(confirmed)
-        self._traces.confirmed(confirmed)
-        self.counters.end(Outcome.CONFIRMED, len(confirmed))
-        self._meter.confirm_messages(confirmed)
+        self._flight.confirm(confirmed, Outcome.CONFIRMED)
         self._producing.produce_again(failed)
         # What looks for a topic that is away holds the thread, and the robots, for seconds.
         if not self._sink.away or self._producing.is_idle:
-            for entry in self._dead_letters.poll():
-                self._end(entry, Outcome.DEAD_LETTERED)
-        failure = self._window.failure
-        if failure is not None and not self._spooling.holds_before(self._window.ends_at):
+            self._dead_letters.step(self._flight)
+        self._settle()
+        failure = self._flight.failure_in_front
+        if failure is not None and not self._spooling.waits_before_failure:
             self._fail(failure)
 
     def _fail(self, rejection: Rejection) -> None:
         """End the route for good: all before what was refused has ended."""
         self._close_sinks()
         self._spooling.leave()
-        behind = len(self._window.entries.keys() - {self._window.ends_at})
+        behind = len(self._flight) - (self._flight.failure_in_front is not None)
         raise rejection.failure(f', {behind} messages behind it are given up' if behind else '')
 
-    def _end(
-        self, entry: MessageEntry, outcome: Outcome, error: RecordError | None = None
-    ) -> None:
+    def _end(self, entry: MessageEntry, outcome: Outcome, error: RecordError) -> None:
         self._traces.ended(entry, outcome, error)
-        self._window.remove(entry)
-        self.counters.end(outcome)
+        self._flight.end([entry], outcome)
+
+    def _settle(self) -> None:
+        """Count what has ended."""
+        if not (ended := self._flight.settled()):
+            return
+        good = Outcome.CONFIRMED
+        confirmed = [entry for entry in ended if entry.stage is good]
+        self._traces.confirmed(confirmed)
+        self.counters.end(good, len(confirmed))
+        self._meter.confirm_messages(confirmed)
+        if len(confirmed) == len(ended):
+            return
+        for entry in ended:
+            if (outcome := entry.outcome) is not None and outcome is not good:
+                self.counters.end(outcome)
+                if outcome is Outcome.DEAD_LETTERED:
+                    self._traces.ended(entry, outcome)
 
     def _tick(self) -> None:
         if not self._telling.is_due(self._pause):
             return
         self._drop_excess()
-        full = self._room() <= 0 or len(self._window.pending) >= self._window.max_entries
-        reason = self._sink.away or ('the window is full: Kafka takes too slowly' if full else '')
+        full = self._room() <= 0 or len(self._flight.lane.ready) >= self._flight.max_entries
+        reason = self._sink.away or (KAFKA_IS_SLOW if full else '')
         self._show(self._spooling.full or reason)
 
     def _show(self, reason: str) -> None:
@@ -322,36 +308,33 @@ class RosToKafka:
             spool_bytes=spool_bytes,
             broker_round_trip_s=self._sink.round_trip_s,
         )
-        held = len(self._window)
+        held = len(self._flight)
         self.snapshot = self.counters.snapshot(held, spooled=spooled, measures=measures)
 
     # Failure, end
 
     def _drain(self, stop: Stop) -> None:
-        began_s, deadline_s, empty = time.monotonic(), math.inf, False
-        while time.monotonic() < deadline_s and not stop.at_once:
-            stop.look()
-            if deadline_s == math.inf and (stop.is_end or self._spooling.takes):
-                deadline_s = time.monotonic() + self._route.drain_s
-            if not self._spooling.takes:
-                self._spooling.step(self._sink.away)  # one that is full is emptied first
-            self._spooling.begin_if_stuck(self._sink.away)
-            empty = empty or self._take_last()
-            if not stop.is_end and (empty or time.monotonic() - began_s > _REST_S):
+        """Take what is left, then go on until nothing is in flight."""
+        drain, empty = DrainTime(stop, self._route.drain_s), False
+        while not drain.is_over(limited=self._spooling.takes):
+            self._spooling.make_room(self._sink.away)
+            if not empty and (self._take_last() or drain.hands_over_for(_REST_S)):
                 empty = True
-                self._source.close()  # the next bridge is not held back by a reader that is idle
-            if empty and not self._window:
-                break  # nothing is owed to Kafka, also where it lets nobody in
-            self._producing.produce_pending()
-            self._confirm(_BUSY_S if self._window else 0.0)
-            if empty and self._sink.away and self._spooling.keep():
+                self._source.close()  # nobody is held back by a reader that takes no more
+            if empty and self._owes_nothing():
                 break
+            self._producing.produce_ready()
+            self._confirm(_BUSY_S if self._flight else 0.0)
             self._tick()
         empty = empty or self._take_rest()
         self._close_sinks()
         self._spooling.leave()
-        if lost := given_up(len(self._window), empty=empty):
+        if lost := given_up(len(self._flight), empty=empty):
             raise RouteError(lost, final=True)
+
+    def _owes_nothing(self) -> bool:
+        """Whether all is in Kafka, also where that lets nobody in, or on disk while it is away."""
+        return not self._flight or (bool(self._sink.away) and self._spooling.keep())
 
     def _take_last(self) -> bool:
         """Take once more, if there is room; tells whether nothing is left to take."""
@@ -374,8 +357,9 @@ class RosToKafka:
     @contextmanager
     def _opened(self) -> Iterator[None]:
         try:
-            self._window.count_from(self._spooling.open())
-            self._resume()
+            self._spooling.open()
+            self._flight.begin_again(behind_disk=self._spooling.active)
+            self._producing.begin()
             self._sink.open()
             yield
         finally:
@@ -387,14 +371,6 @@ class RosToKafka:
                 self._take_snapshot()
 
     def _close_sinks(self) -> None:
-        delivered = [*self._sink.close(), *self._dead_letters.close()]
-        for entry in delivered:
-            self._end(entry, Outcome.DEAD_LETTERED if entry.is_letter else Outcome.CONFIRMED)
-        self._meter.confirm_messages([entry for entry in delivered if not entry.is_letter])
-
-    def _resume(self) -> None:
-        """Put what a failed run left back in line, in the order of taking."""
-        self._producing.begin()
-        self._window.pending.clear()
-        for entry in self._window.ascending():
-            self._spooling.resume(entry)
+        self._flight.confirm(self._sink.close(), Outcome.CONFIRMED)
+        self._dead_letters.close(self._flight)
+        self._settle()

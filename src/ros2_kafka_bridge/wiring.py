@@ -11,7 +11,6 @@ from typing import Any
 from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
-from ros2_kafka_bridge.dead_letters.writer import DeadLetters, OutgoingLetter
 from ros2_kafka_bridge.endpoints import Matches, Message, RecordSource
 from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.formats import Encode
@@ -38,10 +37,11 @@ from ros2_kafka_bridge.ros.successor import RosSuccessor
 from ros2_kafka_bridge.ros.types import MessageType
 from ros2_kafka_bridge.ros.used_type import RosEnd, RouteTypes
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
+from ros2_kafka_bridge.route.dead_letters import DeadLetters
+from ros2_kafka_bridge.route.flight.messages import MessageEntry
 from ros2_kafka_bridge.route.format import asks_registry, decode_of, encode_of
 from ros2_kafka_bridge.route.identity import Author, make_identify
 from ros2_kafka_bridge.route.labels import make_headers, make_key
-from ros2_kafka_bridge.route.message_window import MessageEntry
 from ros2_kafka_bridge.route.produced import Produced
 from ros2_kafka_bridge.route.rejections import message_of_letter
 from ros2_kafka_bridge.route.type_hash import (
@@ -138,8 +138,8 @@ class Wiring:
             SpoolInUseError: Another process has it.
             RouteError: It cannot be kept.
         """
-        if isinstance(pipeline, RosToKafka):
-            pipeline.claim_spool()
+        if pipeline.spool is not None:
+            pipeline.spool.claim()
 
     def is_spool_in_use(self, route: AnyRoute) -> bool:
         """Whether a process has the spool of a route; not asked while this one has."""
@@ -287,7 +287,8 @@ class Wiring:
             log,
             self._tracing.messages(route, message_type.name),
         )
-        stack.callback(pipeline.let_go_spool)
+        if pipeline.spool is not None:
+            stack.callback(pipeline.spool.let_go)
         return pipeline
 
     def _produced(self, route: RosToKafkaRoute, log: Log) -> Produced:
@@ -312,9 +313,9 @@ class Wiring:
         assert route.spool is not None
         return file_of(Path(route.spool.path), self._config.name, route.name)
 
-    def _backlog(self, route: RosToKafkaRoute, log: Log) -> Backlog:
+    def _backlog(self, route: RosToKafkaRoute, log: Log) -> Backlog | None:
         if route.spool is None:
-            return Backlog(None, None, log)
+            return None
         spool = Spool(self._spool_of(route), sync=route.spool.sync == 'batch', log=log)
         return Backlog(
             spool,
@@ -348,7 +349,7 @@ class Wiring:
         }
         return DeadLetters(
             topic,
-            KafkaSink[OutgoingLetter[Any]](properties, topic, log),
+            KafkaSink(properties, topic, log),
             lambda: ensure_topic(properties, topic),
             log,
         )

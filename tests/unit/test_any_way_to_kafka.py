@@ -6,22 +6,18 @@ The route of this world has no disk (`spool/test_any_backlog.py` has one): what 
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+import flights
 import pytest
 from house_to_kafka import House
-from houses import Moody
+from houses import Broker
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ros2_kafka_bridge import ros_to_kafka
-from ros2_kafka_bridge.endpoints import Message, Outgoing, Reports
-from ros2_kafka_bridge.errors import RecordTooLargeError, RouteError
+from ros2_kafka_bridge.endpoints import Message, Outgoing
+from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.threads.stop import Stop
-
-if TYPE_CHECKING:
-    from ros2_kafka_bridge.route.message_window import MessageEntry
 
 PUBLISHERS = (b'a', b'b')
 BATCH = 3
@@ -53,19 +49,6 @@ WRONG: tuple[Event, ...] = (
 def numbers(records: Iterable[Outgoing]) -> list[int]:
     """The numbers of the messages that records, or dead letters, were made of."""
     return [int(str(dict(record.headers)['ros.seq'])) for record in records]
-
-
-@dataclass
-class Broker(Moody):
-    """One that refuses all that comes with a record that is too large for it."""
-
-    def poll(self, timeout_s: float) -> 'Reports[MessageEntry]':
-        held = [record.value or b'' for _, record in self._in_flight]
-        if not self.answering or not any(b'too large' in value for value in held):
-            return super().poll(timeout_s)
-        refused, self._in_flight = self._in_flight, []
-        error = RecordTooLargeError(1, 0, 'max.message.bytes')
-        return Reports([], [(entry, error) for entry, _ in refused])
 
 
 class World:
@@ -159,7 +142,7 @@ class World:
         self._recover()
         for _ in range(1000):
             self.house.steps(1)
-            if not self.house.source.waiting and not self.house.pipeline._window:
+            if not self.house.source.waiting and not self.house.pipeline._flight:
                 return
         pytest.fail('something stands for ever')
 
@@ -169,7 +152,7 @@ class World:
 
     def _look(self) -> None:
         self.house.check_balance()
-        held, is_sent = len(self.house.pipeline._window), self.sink.load.queued
+        held, is_sent = len(self.house.pipeline._flight), self.sink.load.queued
         largest = LARGEST_BYTES // ENTRY_BYTES + BATCH
         assert held <= (largest if self._drops else MOST)
         assert is_sent <= MOST
@@ -196,6 +179,7 @@ class World:
 @contextmanager
 def small_and_quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
+        flights.check_steps(patch)
         patch.setattr(time, 'sleep', lambda _: None)
         patch.setattr(ros_to_kafka, 'BATCH', BATCH)
         yield

@@ -136,7 +136,7 @@ def test_a_route_waits_while_this_machine_does_not_know_what_time_it_is(
     house.steps()
     snapshot = house.pipeline.counters.snapshot(0)
     assert (snapshot.taken, snapshot.dropped, snapshot.dead_lettered) == (0, 0, 0)
-    obstacle = house.pipeline._publish_pending()
+    obstacle = house.pipeline._publish_ready()
     assert obstacle is not None
     assert obstacle.reason.startswith("max_age_s: this machine's clock says 1970-01-01, and this")
     set_clock(today_s)

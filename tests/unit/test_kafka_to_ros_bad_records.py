@@ -202,7 +202,7 @@ def test_who_is_asked_by_the_format_and_is_away_costs_nothing() -> None:
     assert not caught.value.final
     assert house.sink.published == [b'cdr:a', b'cdr:b']
     assert house.positions() == {0: 3, 1: 0}
-    house.pipeline._give_back(list(house.pipeline._window.entries))
+    house.pipeline._give_back([*house.pipeline._flight])
     house.check_balance()
     snapshot = house.pipeline.counters.snapshot(0)
     assert (snapshot.taken, snapshot.confirmed, snapshot.dead_lettered) == (6, 2, 1)

@@ -333,3 +333,21 @@ def test_a_hand_over_does_not_wait_for_what_is_of_a_topic_that_is_gone() -> None
     house.sink.acknowledging = True
     house.steps()
     assert house.confirmed() == 1
+
+
+def test_a_partition_that_comes_back_is_committed_anew() -> None:
+    house = House()
+    for _ in range(2):
+        house.give(b'a', b'b')
+        house.steps()
+        assert house.positions() == {0: 2}
+        house.source.lose(frozenset({0}))
+
+
+def test_a_run_commits_anew_what_it_reads_again() -> None:
+    house = House()
+    for _ in range(2):
+        with house.pipeline._opened():
+            house.give(b'a', b'b')
+            house.steps()
+            assert house.positions() == {0: 2}

@@ -112,12 +112,12 @@ def test_drop_oldest_keeps_the_newest_and_counts_the_rest() -> None:
 def test_what_drop_oldest_drops_behind_an_unconfirmed_head_takes_no_memory() -> None:
     house = House(when_full='drop_oldest', max_in_flight=10, max_in_flight_bytes=50_000)
     house.sink.acknowledging, house.sink.room = False, 10
-    window = house.pipeline._window
+    flight = house.pipeline._flight
     for first in range(0, 5000, 50):
         house.give(*[b'%05d' % n + b'x' * 995 for n in range(first, first + 50)], first=first)
         house.steps(1)
-    assert len(window) <= 3 * 10 + 50
-    assert window.size_bytes <= 50_000 + 50 * 1_400
+    assert len(flight) <= 3 * 10 + 50
+    assert flight.size_bytes <= 50_000 + 50 * 1_400
     assert house.source.waiting == deque()
     house.sink.acknowledging, house.sink.room = True, 100
     house.steps()
@@ -125,6 +125,20 @@ def test_what_drop_oldest_drops_behind_an_unconfirmed_head_takes_no_memory() -> 
     assert len(house.sink.published) == 20
     assert house.pipeline.counters.snapshot(0).dropped == 4980
     assert house.positions() == {0: 5000}
+
+
+def test_what_is_delivered_behind_a_letter_that_nobody_takes_has_a_bound() -> None:
+    """It would come again after a crash."""
+    house = House(max_in_flight_bytes=100_000)
+    house.letters.answering = False
+    house.give(b'bad', *[b'x' * 1_000] * 1_000)
+    house.steps(30)
+    assert 70 < house.confirmed() < 100_000 / 1_400 + 500
+    assert house.positions() == {0: 0}
+    house.letters.answering = True
+    house.steps(30)
+    assert house.positions() == {0: 1_001}
+    assert not house.pipeline._flight.size_bytes
 
 
 def test_drop_oldest_reads_nothing_while_it_could_drop_only_what_it_reads() -> None:
@@ -184,7 +198,7 @@ def test_where_the_oldest_are_dropped_as_many_wait_as_are_not_acknowledged() -> 
     house.steps(20)
     house.pipeline._take_snapshot(None)
     assert house.pipeline.snapshot.in_flight == 1200
-    assert house.pipeline._window.size_bytes == 1200 * 401
+    assert house.pipeline._flight.size_bytes == 1200 * 401
     assert house.positions() == {0: 0}
     house.sink.acknowledge(599)
     house.pipeline._confirm()
@@ -248,7 +262,7 @@ def test_what_is_dropped_in_between_moves_no_position_past_what_has_not_ended(
         house = House(when_full='drop_oldest', max_in_flight=1, skip_own=True)
         house.sink.room = 1
         house.sink.acknowledging = house.letters.answering = False
-        window, given = house.pipeline._window, Counter[int]()
+        flight, given = house.pipeline._flight, Counter[int]()
         for event in events:
             partition = random.choice([0, 0, 1])
             value = b'bad' if event == 'bad' else b'x'
@@ -262,11 +276,11 @@ def test_what_is_dropped_in_between_moves_no_position_past_what_has_not_ended(
             elif event == 'lose':
                 house.sink.lose_reader()
             house.steps(random.choice([0, 1, 2]))
-            assert all(e.offset >= house.source.positions[e.partition] for e in window.entries)
+            assert all(e.offset >= house.source.positions[e.partition] for e in flight)
         house.sink.acknowledging = house.letters.answering = True
         house.steps(len(events) + 3)
         assert house.positions() == dict(given)
-        assert not window.size_bytes
+        assert not flight.size_bytes
 
 
 def test_a_message_that_is_larger_than_its_value_counts_with_its_own_size() -> None:
@@ -277,4 +291,4 @@ def test_a_message_that_is_larger_than_its_value_counts_with_its_own_size() -> N
         house.give(b'x', first=first)
         house.steps(1)
     assert len(house.source.waiting) == 1
-    assert house.pipeline._window.size_bytes == 3 * 50_000
+    assert house.pipeline._flight.size_bytes == 3 * 50_000

@@ -20,7 +20,7 @@ from ros2_kafka_bridge.config.references import EXPANDED_LIMIT_CHARS, expand
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.config.tree import YamlError, read_yaml
 from ros2_kafka_bridge.config.validation import validated
-from ros2_kafka_bridge.dead_letters.writer import HEADER_LIMIT, DeadLetters, explain, from_kafka
+from ros2_kafka_bridge.dead_letters.writer import HEADER_LIMIT, explain, from_kafka
 from ros2_kafka_bridge.depth import recording
 from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError, RecordTooLargeError
@@ -32,6 +32,7 @@ from ros2_kafka_bridge.message_types.layout import Field, Layout, Primitive, Str
 from ros2_kafka_bridge.process.plan import Rank, Share
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
 from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.labels import KEY_LIMIT_BYTES, make_key
 from ros2_kafka_bridge.route.type_hash import check_nothing
 from ros2_kafka_bridge.testing.memory import (
@@ -162,7 +163,7 @@ def test_a_record_that_waits_keeps_neither_key_nor_headers_in_memory() -> None:
     house.play(record)
     del record
     gc.collect()
-    assert len(house.pipeline._window.pending) == 1
+    assert len(house.pipeline._flight.lane.ready) == 1
     assert seen() is None
 
 

@@ -157,6 +157,33 @@ def test_the_topics_type_and_key_of_a_route_are_read_in_one_way() -> None:
             assert not reached.search(file.read_text()), file
 
 
+STATE = {'stage', 'lane', 'next', 'previous', 'row', 'size_bytes'}
+CHANGES = {'append', 'appendleft', 'clear', 'extend', 'extendleft', 'pop', 'popleft', 'remove'}
+
+
+def changes_an_entry(node: ast.AST) -> bool:
+    """Whether a piece of code writes the state of what is in flight, or changes a lane."""
+    match node:
+        case ast.Attribute(value=ast.Name(id='self')):
+            return False
+        case ast.Attribute(attr=attr, ctx=ast.Store()):
+            return attr in STATE
+        case ast.Call(func=ast.Attribute(value=ast.Attribute(attr='ready'), attr=attr)):
+            return attr in CHANGES
+    return False
+
+
+def test_one_room_writes_the_state_of_what_is_in_flight() -> None:
+    written = [
+        file.relative_to(HOUSE)
+        for file in HOUSE.rglob('*.py')
+        for node in ast.walk(ast.parse(file.read_text()))
+        if changes_an_entry(node)
+    ]
+    assert {str(file.parent) for file in written} == {'route/flight'}, written
+    assert len(written) > 20, 'it is found'
+
+
 def methods() -> set[str]:
     """Every method of the house, as `Class.method`."""
     found = set()

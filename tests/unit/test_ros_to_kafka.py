@@ -226,7 +226,7 @@ def test_what_is_delivered_while_the_route_ends_is_measured_too() -> None:
     house.give(b'a', b'b')
     house.sink.delivered_at_close = 2
     house.pipeline._take(10, 0.0)
-    house.pipeline._producing.produce_pending()
+    house.pipeline._producing.produce_ready()
     house.pipeline._close_sinks()
     house.pipeline._show('')
     assert house.pipeline.snapshot.confirmed == 2
@@ -279,3 +279,21 @@ def test_a_stop_takes_what_a_paused_route_has_left(monkeypatch: pytest.MonkeyPat
     house.pipeline.run(stop, Pause(asked=True))
     assert house.values() == [b'a', b'b']
     assert house.pipeline.snapshot.confirmed == 2
+
+
+def test_what_has_failed_for_now_goes_again_in_order_however_it_is_reported(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    house = House()
+    for value in (b'a', b'b', b'c'):
+        house.sink.errors[value] = [TransportError('timed out')]
+    house.give(b'a', b'b', b'c')
+    poll = house.sink.poll
+
+    def poll_backwards(timeout_s: float) -> Reports[Any]:
+        confirmed, failed = poll(timeout_s)
+        return Reports(confirmed, failed[::-1])
+
+    monkeypatch.setattr(house.sink, 'poll', poll_backwards)
+    house.steps()
+    assert house.values() == [b'a', b'b', b'c']

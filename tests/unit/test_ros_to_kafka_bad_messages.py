@@ -109,13 +109,13 @@ def test_on_error_stop_ends_the_route() -> None:
 def test_on_error_stop_delivers_all_before_the_bad_message_and_says_what_it_gives_up() -> None:
     house = House(on_error='stop')
     house.sink.answering = False
-    house.give(b'a', b'b', b'bad', b'c', b'd')
+    house.give(b'a', b'b', b'bad', b'c', b'bad too', b'd')
     house.steps()
     house.sink.answering = True
-    with pytest.raises(RouteError, match='2 messages behind it are given up'):
+    with pytest.raises(RouteError, match='3 messages behind it are given up'):
         house.steps()
     assert house.values() == [b'a', b'b']
-    assert house.count('taken') == 5
+    assert house.count('taken') == 6
 
 
 def test_on_error_stop_sends_nothing_that_waits_behind_what_the_producer_refuses() -> None:

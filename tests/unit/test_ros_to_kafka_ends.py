@@ -34,6 +34,7 @@ def test_a_drain_that_runs_out_of_time_says_how_many_it_gave_up() -> None:
         house.pipeline.run(stop)
     assert house.pipeline.snapshot.balanced
     assert house.pipeline.snapshot.in_flight == 2
+    assert house.source.closed, 'a publisher is held back by a reader that takes no more'
 
 
 class HandOver(Stop):

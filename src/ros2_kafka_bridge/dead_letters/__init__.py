@@ -1,4 +1,4 @@
-"""Dead letters: how one is made and written, what it holds, and which are chosen.
+"""Dead letters: how one is made, what it holds, and which are chosen.
 
-Values, and the way to a sink that is given: no Kafka client, no configuration, no format.
+Values: no Kafka client, no configuration, no format. `route/dead_letters.py` writes them.
 """

@@ -2,7 +2,7 @@
 
 import time
 from bisect import bisect_left
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from ros2_kafka_bridge.endpoints import Load, Matches
@@ -15,8 +15,8 @@ from ros2_kafka_bridge.route.counters import (
     Outcome,
     Trouble,
 )
-from ros2_kafka_bridge.route.message_window import MessageEntry
-from ros2_kafka_bridge.route.record_window import RecordEntry
+from ros2_kafka_bridge.route.flight.messages import MessageEntry
+from ros2_kafka_bridge.route.flight.records import RecordEntry
 
 _TEXT_CHARS: Final = 1000
 _S_PER_NS: Final = 1e-9
@@ -112,9 +112,8 @@ class Meter:
             self.troubles.note_away(away, is_new=not self._away)
         self._away = away
 
-    def publish_records(self, published: Iterable[RecordEntry]) -> None:
+    def publish_records(self, entries: Sequence[RecordEntry]) -> None:
         """Measure records that were published just now."""
-        entries = list(published)
         self.published.add_since([entry.taken_s for entry in entries], time.monotonic())
         made_ms = [entry.made_ms for entry in entries if entry.made_ms > 0]
         self.end_to_end.add_since(made_ms, time.time() * 1000, 0.001)

@@ -42,6 +42,9 @@ PACED: Final = Obstacle('max_rate', Cause.PACE)
 HISTORY_FULL: Final = Obstacle('the history is full: a subscriber does not take', Cause.HISTORY)
 WINDOW_FULL: Final = Obstacle('the window is full (max_in_flight_bytes)')
 
+KAFKA_IS_SLOW: Final = 'the window is full: Kafka takes too slowly'
+"""Of a route from ROS, once it is full for long."""
+
 
 class Blocked:
     """How long a route has been kept from going on; its naps become longer meanwhile."""

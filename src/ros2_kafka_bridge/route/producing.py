@@ -10,8 +10,7 @@ from ros2_kafka_bridge.errors import (
     RecordTooLargeError,
     TransportError,
 )
-from ros2_kafka_bridge.route.message_window import MessageEntry, MessageWindow
-from ros2_kafka_bridge.route.place import SENT
+from ros2_kafka_bridge.route.flight.messages import MessageEntry, MessageFlight
 
 
 class Producing:
@@ -21,23 +20,22 @@ class Producing:
     in a request of its own.
 
     Args:
-        window: Where the entries wait.
+        flight: Where the entries are.
         sink: The producer; open while a route runs.
         refuse: Told of an entry that can never be delivered, which waits no more.
     """
 
     def __init__(
         self,
-        window: MessageWindow,
+        flight: MessageFlight,
         sink: RecordSink[MessageEntry],
         refuse: Callable[[MessageEntry, RecordError], None],
     ) -> None:
-        self._window = window
+        self._flight = flight
         self._sink = sink
         self._refuse = refuse
         self._sent = 0  # how many the producer has got
         self._alone: MessageEntry | None = None  # what it has got by itself
-        self._alone_up_to = 0  # the last number of those that go alone
 
     @property
     def is_idle(self) -> bool:
@@ -45,35 +43,38 @@ class Producing:
         return not self._sent
 
     def begin(self) -> None:
-        """Note that the producer is a new one: what the one before had got has to wait again."""
+        """Note that the producer is a new one."""
         self._sent = 0
         self._alone = None
 
-    def produce_pending(self) -> None:
+    def produce_ready(self) -> None:
         """Produce what waits, as far as there is room."""
-        pending, produce = self._window.pending, self._sink.produce
-        if self._alone is not None or not pending:
-            return
-        now_s, sent, alone_up_to = time.monotonic(), SENT, self._alone_up_to
-        while pending:
-            entry = pending[0]
-            alone = entry.number <= alone_up_to
-            if alone and self._sent:
+        lane = self._flight.lane
+        while lane.ready and self._alone is None:
+            error = self._produce()
+            if error is None:
                 return
-            try:
-                if not produce(entry.record, entry):
-                    return
-                pending.popleft()
-                entry.place = sent
+            self._refuse(self._flight.hold_first(lane), error)
+
+    def _produce(self) -> RecordTooLargeError | None:
+        """Produce from the first on; tells why the next one can never be."""
+        produce, sent = self._sink.produce, self._sent
+        now_s, produced = time.monotonic(), 0
+        try:
+            for entry in self._flight.lane.ready:
+                alone = entry.goes_alone
+                if (alone and (sent or produced)) or not produce(entry.record, entry):
+                    return None
                 entry.produced_s = now_s
-                self._sent += 1
-            except RecordTooLargeError as error:
-                pending.popleft()
-                self._refuse(entry, error)
-                continue
-            if alone:
-                self._alone = entry
-                return
+                produced += 1
+                if alone:
+                    self._alone = entry
+                    return None
+        except RecordTooLargeError as error:
+            return error
+        finally:
+            self._sent += len(self._flight.sent(self._flight.lane, produced))
+        return None
 
     def poll(self, timeout_s: float) -> Reports[MessageEntry]:
         """Wait up to `timeout_s` for reports; who has read them lets the failed ones go again."""
@@ -93,7 +94,7 @@ class Producing:
         again = []
         for entry, error in failed:
             if isinstance(error, RecordTooLargeError) and entry is not alone:
-                self._alone_up_to = max(self._alone_up_to, entry.number)
+                entry.goes_alone = True
                 again.append(entry)
             elif isinstance(error, RecordError):
                 self._refuse(entry, error)
@@ -101,5 +102,4 @@ class Producing:
                 again.append(entry)
             else:
                 raise error
-        again.sort(key=lambda entry: entry.number)
-        self._window.wait_again(again)
+        self._flight.requeue(again)

@@ -17,7 +17,6 @@ from ros2_kafka_bridge.errors import (
 )
 from ros2_kafka_bridge.logs.summed import FIRST, Summed
 from ros2_kafka_bridge.route.identity import Identify, Identity
-from ros2_kafka_bridge.route.record_window import RecordEntry
 from ros2_kafka_bridge.route.trace_context import trace_id_of
 
 
@@ -66,21 +65,21 @@ class Rejection(NamedTuple):
 
 
 def rejection_of_record(
-    route: KafkaToRosRoute, entry: RecordEntry, headers: HeaderList | None, error: RecordError
+    route: KafkaToRosRoute, record: Record, headers: HeaderList | None, error: RecordError
 ) -> Rejection:
     """A record that was refused.
 
     Args:
         route: Its route.
-        entry: Which it is.
+        record: As it came.
         headers: Of it, None where they cannot be read.
         error: Why.
     """
-    topic = route.kafka_topic
+    topic, partition, offset = _place(route, record)
     about = about_labelled(headers, error)._replace(
-        topic=topic, partition=entry.partition, offset=entry.offset
+        topic=topic, partition=partition, offset=offset
     )
-    return Rejection(error, f'{topic}[{entry.partition}]@{entry.offset}', about)
+    return Rejection(error, f'{topic}[{partition}]@{offset}', about)
 
 
 def rejection_of_message(
@@ -99,17 +98,17 @@ def rejection_of_message(
 
 
 def letter_of_record(
-    route: KafkaToRosRoute,
-    entry: RecordEntry,
-    record: Record,
-    headers: HeaderList | None,
-    error: RecordError,
+    route: KafkaToRosRoute, record: Record, headers: HeaderList | None, error: RecordError
 ) -> Outgoing:
     """The dead letter of a record; the arguments are those of `rejection_of_record`."""
-    origin = from_kafka(route.name, route.kafka_topic, entry.partition, entry.offset)
+    origin = from_kafka(route.name, *_place(route, record))
     letter = Outgoing('', record.key(), record.value(), headers or [])
     unread = '' if headers is not None else 'a name is not UTF-8'
     return explain(letter, error, origin, unread)
+
+
+def _place(route: KafkaToRosRoute, record: Record) -> tuple[str, int, int]:
+    return route.kafka_topic, record.partition() or 0, record.offset() or 0
 
 
 def letter_of_message(route: RosToKafkaRoute, record: Outgoing, error: RecordError) -> Outgoing:

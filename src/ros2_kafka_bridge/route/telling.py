@@ -3,9 +3,9 @@
 import time
 from typing import Any
 
-from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import KafkaEnd
 from ros2_kafka_bridge.route.counters import Counters
+from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.threads.pause import Pause
 

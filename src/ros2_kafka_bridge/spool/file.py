@@ -42,7 +42,7 @@ class SpoolFile:
         self._lock = FileLock(lock_of(path))
         self._is_claimed = False
         self._db: sqlite3.Connection | None = None
-        self._is_open = False
+        self.is_open = False
         self._lost = 0
 
     # Life
@@ -71,7 +71,7 @@ class SpoolFile:
             RouteError: It cannot be used as it is, or there is no room to repair it: somebody has
                 to mend that. Nothing of it was changed.
         """
-        if self._is_open:
+        if self.is_open:
             return
         _make_directory(self._path.parent)
         for file in _files_of(self._path):
@@ -85,13 +85,13 @@ class SpoolFile:
         except BaseException:
             self._unlock()
             raise
-        self._is_open = True
+        self.is_open = True
 
     def close(self) -> None:
         """Close the file; an empty one is made small. A second call does nothing."""
-        if not self._is_open:
+        if not self.is_open:
             return
-        self._is_open = False
+        self.is_open = False
         if self._db is not None and not self.ledger.rows:
             with contextlib.suppress(sqlite3.Error):  # it is a matter of size only
                 database.shrink(self._db)
@@ -160,7 +160,7 @@ class SpoolFile:
             TransportError: The disk is full or does not answer.
             RouteError: Waiting does not help.
         """
-        assert self._is_open, 'open first'
+        assert self.is_open, 'open first'
         if self._db is None:
             self._open_database()
         try:

@@ -138,7 +138,7 @@ def problem_of(db: sqlite3.Connection, path: Path, known: Ledger | None) -> str:
     count = size_bytes = 0
     for stored in database.rows_after(db, -1, -1):
         if not is_whole(stored):
-            return f'row {stored[0] - ledger.base} is not as it was written'
+            return f'row {stored[0]} is not as it was written'
         count += 1
         size_bytes += stored[2]
     if (count, size_bytes) != (ledger.rows, ledger.size_bytes):

@@ -1,7 +1,7 @@
 """What must be in a spool: so that what is missing can be counted.
 
-The numbers of the table only grow, also where the route begins to count at 1 again: a page of
-the file that is no longer in use can hold no row that could be taken for another.
+The numbers of rows only grow, also where none is left: a page of the file that is no longer in
+use can hold no row that could be taken for another.
 """
 
 import struct
@@ -23,11 +23,10 @@ Hole = tuple[int, int]
 
 
 class Ledger(NamedTuple):
-    """The state of a spool after a transaction; numbers are those of the table.
+    """The state of a spool after a transaction.
 
     Args:
         change: Which transaction it was.
-        base: What the route's numbers are below those of the table.
         high: The highest number that was ever written.
         floor: No row below it is there.
         rows: How many are there.
@@ -36,7 +35,6 @@ class Ledger(NamedTuple):
     """
 
     change: int = 0
-    base: int = 0
     high: int = 0
     floor: int = 1
     rows: int = 0
@@ -74,7 +72,7 @@ class Ledger(NamedTuple):
     def pack(self) -> bytes:
         """Its bytes, with a checksum."""
         holes = b''.join(_HOLE.pack(*hole) for hole in self.holes)
-        body = _FIELDS.pack(MAGIC, VERSION, *self[:6]) + holes
+        body = _FIELDS.pack(MAGIC, VERSION, self.change, 0, *self[1:5]) + holes
         body = body.ljust(_BODY_BYTES, b'\0')
         return body + _CRC.pack(zlib.crc32(body))
 
@@ -98,8 +96,9 @@ def _unpack(data: bytes) -> Ledger | None:
     body, (crc,) = data[:_BODY_BYTES], _CRC.unpack_from(data, _BODY_BYTES)
     if zlib.crc32(body) != crc:
         return None
-    _, version, *numbers = _FIELDS.unpack_from(body)
+    # Earlier versions gave numbers of their own, and noted how far those were below the table's.
+    _, version, change, _below, *numbers = _FIELDS.unpack_from(body)
     if version != VERSION:
         return None
     holes = (_HOLE.unpack_from(body, _FIELDS.size + n * _HOLE.size) for n in range(_HOLES))
-    return Ledger(*numbers)._replace(holes=tuple(hole for hole in holes if hole != (0, 0)))
+    return Ledger(change, *numbers)._replace(holes=tuple(hole for hole in holes if hole != (0, 0)))

@@ -185,8 +185,7 @@ def _with_contents(general: SpoolContents, db: sqlite3.Connection, messages: int
     count, size_bytes, dead_letters, oldest_ns, newest_ns = db.execute(
         'SELECT count(*), total(size), total(dead), min(taken_ns), max(taken_ns) FROM rows'
     ).fetchone()
-    base = database.read_ledger(db).base
-    shown = [unpack(stored, stored[0] - base) for stored in database.rows_after(db, -1, messages)]
+    shown = map(unpack, database.rows_after(db, -1, messages))
     record = _record(database.first_alive(db) or next(database.rows_after(db, -1, 1), None))
     return replace(
         general,
@@ -202,7 +201,7 @@ def _with_contents(general: SpoolContents, db: sqlite3.Connection, messages: int
 
 
 def _record(stored: Stored | None) -> Row | None:
-    return unpack(stored, stored[0]) if stored else None
+    return unpack(stored) if stored else None
 
 
 def _ros_topic(row: Row | None) -> str:

@@ -25,7 +25,7 @@ class Row(NamedTuple):
     """A record that waits on disk.
 
     Args:
-        number: Given by the route, ascending, above 0.
+        number: Given by the spool, ascending, above 0; 0 while the row is not written.
         taken_ns: When the bridge took it, since 1970.
         dead: Whether it is a dead letter, explained already.
         gid: Of its publisher; empty where that was not told.
@@ -56,7 +56,7 @@ def size_of(record: Outgoing) -> int:
 
 
 def pack(row: Row, number: int) -> Stored:
-    """A row as it is stored under a number of the table."""
+    """A row as it is stored under a number."""
     _, taken_ns, dead, gid, seq, record = row
     size = size_of(record)
     body = _encode(record)
@@ -73,11 +73,11 @@ def is_whole(stored: tuple[Any, ...]) -> bool:
         return False
 
 
-def unpack(stored: Stored, number: int) -> Row | None:
+def unpack(stored: Stored) -> Row | None:
     """A row read from the disk, None where it is not as it was written."""
     if not is_whole(stored):
         return None
-    _, taken_ns, _, dead, gid, seq, _, body = stored
+    number, taken_ns, _, dead, gid, seq, _, body = stored
     try:
         topic, key, value, headers = _decode(body)
     except msgspec.MsgspecError:

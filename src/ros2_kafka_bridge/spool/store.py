@@ -90,6 +90,11 @@ class Spool:
         self._file.close()
 
     @property
+    def is_open(self) -> bool:
+        """Whether it is open."""
+        return self._file.is_open
+
+    @property
     def damage(self) -> Damage | None:
         """What was found to be damaged last."""
         return self._file.damage
@@ -99,16 +104,12 @@ class Spool:
     @property
     def first(self) -> int:
         """Number of the oldest row; 0 where there is none."""
-        return self._file.first - self._file.ledger.base if self._file.first else 0
+        return self._file.first
 
     @property
     def last(self) -> int:
-        """Highest number given so far; 0 where no row is there.
-
-        It is that of the newest row, unless that one was dropped or lost: its number is not used
-        for another.
-        """
-        return self._file.ledger.high - self._file.ledger.base if self._file.last else 0
+        """Highest number given so far, also to a row that is no longer there."""
+        return self._file.ledger.high
 
     @property
     def count(self) -> int:
@@ -138,14 +139,13 @@ class Spool:
         return self._asked(lambda db: self._read(db, after, limit, limit_bytes))
 
     def _read(self, db: sqlite3.Connection, after: int, limit: int, limit_bytes: int) -> list[Row]:
-        base, before = self._file.ledger.base, after + self._file.ledger.base
         rows: list[Row] = []
         size_bytes = 0
-        for stored in database.rows_after(db, before, limit):
-            row = unpack(stored, stored[0] - base)
-            if row is None or stored[0] <= before:
-                raise DamagedError(f'row {stored[0] - base}')
-            before = stored[0]
+        for stored in database.rows_after(db, after, limit):
+            row = unpack(stored)
+            if row is None or row.number <= after:
+                raise DamagedError(f'row {stored[0]}')
+            after = row.number
             rows.append(row)
             size_bytes += stored[2]
             if size_bytes >= limit_bytes:
@@ -158,11 +158,9 @@ class Spool:
         Raises:
             RouteError: The disk does not answer, or has no room for a repair.
         """
-        if number + self._file.ledger.base >= self._file.last:
+        if number >= self._file.last:
             return 0
-        return self._asked(
-            lambda db: database.sum_of(db, number + self._file.ledger.base + 1, _LAST)[0]
-        )
+        return self._asked(lambda db: database.sum_of(db, number + 1, _LAST)[0])
 
     def numbers(self) -> Iterator[tuple[bytes, int]]:
         """Publisher and number of all rows that have them, in the order of the rows.
@@ -178,13 +176,12 @@ class Spool:
             after = part[-1][0]
 
     def _numbers(self, db: sqlite3.Connection, after: int) -> list[tuple[int, bytes, int]]:
-        base, before = self._file.ledger.base, after + self._file.ledger.base
         part = []
-        for number, gid, seq in database.numbers_after(db, before, _READ):
-            if number <= before or not isinstance(gid, bytes) or not isinstance(seq, int):
-                raise DamagedError(f'row {number - base}')
-            before = number
-            part.append((number - base, gid, seq))
+        for number, gid, seq in database.numbers_after(db, after, _READ):
+            if number <= after or not isinstance(gid, bytes) or not isinstance(seq, int):
+                raise DamagedError(f'row {number}')
+            after = number
+            part.append((number, gid, seq))
         return part
 
     def _asked(self, use: Callable[[sqlite3.Connection], Result]) -> Result:
@@ -195,35 +192,35 @@ class Spool:
 
     # Changes
 
-    def append(self, rows: Sequence[Row]) -> None:
+    def append(self, rows: Sequence[Row]) -> int:
         """Write rows behind the others, all of them or none.
+
+        Args:
+            rows: At least one; whatever number it has is not looked at.
+
+        Returns:
+            The number of the first; those of the others follow it.
 
         Raises:
             TransportError: The disk is full or does not answer: nothing of it was written.
             RouteError: Waiting does not help.
         """
-        if not rows:
-            return
-        self._file.use(lambda db: self._append(db, rows), 'written')
+        return self._file.use(lambda db: self._append(db, rows), 'written')
 
-    def _append(self, db: sqlite3.Connection, rows: Sequence[Row]) -> None:
+    def _append(self, db: sqlite3.Connection, rows: Sequence[Row]) -> int:
         ledger = self._file.ledger
-        if not ledger.rows and rows[0].number + ledger.base <= ledger.high:
-            ledger = ledger._replace(base=ledger.high + 1 - rows[0].number)
-        base, before = ledger.base, ledger.high
-        stored = [pack(row, row.number + base) for row in rows]
-        assert stored[0][0] > before, 'numbers ascend'
+        first = ledger.high + 1
+        stored = [pack(row, number) for number, row in enumerate(rows, first)]
+        if not ledger.rows:
+            ledger = ledger.released(first)
         ledger = ledger._replace(
             high=stored[-1][0],
             rows=ledger.rows + len(stored),
             size_bytes=ledger.size_bytes + sum(row[2] for row in stored),
         )
-        if not self._file.ledger.rows:  # of what lies between, nothing was ever written
-            ledger = ledger.released(stored[0][0])
-        elif stored[0][0] > before + 1:
-            ledger = ledger.with_hole(before + 1, stored[0][0] - 1)
         with self._file.transaction(db, ledger):
             database.insert(db, stored)
+        return first
 
     def release(self, before: int) -> None:
         """Delete the rows below a number.
@@ -235,12 +232,12 @@ class Spool:
             self._file.use(lambda db: self._release(db, before), 'written')
         except TransportError as error:
             # A disk that is full to the last byte has no room to note what is deleted, either.
-            if before + self._file.ledger.base <= self._file.last or not database.is_full(error):
+            if before <= self._file.last or not database.is_full(error):
                 raise
             self._file.begin_again()
 
     def _release(self, db: sqlite3.Connection, before: int) -> None:
-        until = min(before + self._file.ledger.base, self._file.last + 1)
+        until = min(before, self._file.last + 1)
         while self._file.first and self._file.first < until:
             self._delete(db, self._file.first, min(until, self._file.first + _CHUNK) - 1)
         if database.is_bloated(db):
@@ -259,14 +256,14 @@ class Spool:
         return self._file.use(lambda db: self._drop_oldest(db, after, bytes_needed), 'written')
 
     def _drop_oldest(self, db: sqlite3.Connection, after: int, bytes_needed: int) -> int:
-        last = first = after + self._file.ledger.base
+        last = after
         freed_bytes = 0
         query = 'SELECT number, size FROM rows WHERE number > ? ORDER BY number'
-        with contextlib.closing(db.execute(query, (first,))) as rows:
+        with contextlib.closing(db.execute(query, (after,))) as rows:
             while freed_bytes < bytes_needed and (row := rows.fetchone()) is not None:
                 last, size_bytes = row
                 freed_bytes += size_bytes
-        return self._drop(db, first + 1, last)
+        return self._drop(db, after + 1, last)
 
     def drop_older(self, after: int, older: Older) -> tuple[int, bool]:
         """Delete the oldest rows behind a number, up to the first that is not older.
@@ -280,15 +277,14 @@ class Spool:
         return self._file.use(lambda db: self._drop_older(db, after, older), 'written')
 
     def _drop_older(self, db: sqlite3.Connection, after: int, older: Older) -> tuple[int, bool]:
-        base = self._file.ledger.base
         found = db.execute(
             'SELECT number FROM rows WHERE number > ? AND (taken_ns >= ? OR taken_ns < ?) '
             'ORDER BY number LIMIT 1',
-            (after + base, older.until_ns, older.since_ns),
+            (after, older.until_ns, older.since_ns),
         ).fetchone()
-        end = min(older.below + base, self._file.last + 1)
+        end = min(older.below, self._file.last + 1)
         until = min(end, *found) if found else end
-        return self._drop(db, after + base + 1, until - 1), until == end
+        return self._drop(db, after + 1, until - 1), until == end
 
     def discard_between(self, first: int, last: int, *, keep: frozenset[int]) -> int:
         """Delete the rows from one number to another, but for some.
@@ -302,10 +298,10 @@ class Spool:
         return self._file.use(lambda db: self._discard(db, first, last, keep), 'written')
 
     def _discard(self, db: sqlite3.Connection, first: int, last: int, keep: frozenset[int]) -> int:
-        base, discarded = self._file.ledger.base, 0
+        discarded = 0
         kept = sorted(number for number in keep if first <= number <= last)
         for begin, end in zip([first - 1, *kept], [*kept, last + 1], strict=True):
-            discarded += self._drop(db, begin + 1 + base, end - 1 + base)
+            discarded += self._drop(db, begin + 1, end - 1)
         return discarded
 
     def _drop(self, db: sqlite3.Connection, first: int, last: int) -> int:

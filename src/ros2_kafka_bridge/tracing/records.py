@@ -3,17 +3,13 @@
 import random
 import time
 from collections import deque
-from collections.abc import Callable
 from typing import Final, NamedTuple, Protocol
 
-from ros2_kafka_bridge.endpoints import HeaderList, Record, headers_of
+from ros2_kafka_bridge.endpoints import HeaderList, Record
 from ros2_kafka_bridge.errors import RecordError
 from ros2_kafka_bridge.route.counters import Outcome
 from ros2_kafka_bridge.route.trace_context import TraceContext, from_headers
 from ros2_kafka_bridge.tracing.span import Attributes, EndSpan, Span, in_words, since_1970_ns
-
-ReadHeaders = Callable[[Record], HeaderList | None]
-"""Record -> its headers, None where they cannot be read."""
 
 _MOST_OPEN: Final = 10_000
 _PASSED_ON: Final = ('ros.gid', 'ros.seq', 'ros.source_time_ns')
@@ -26,19 +22,29 @@ class TracedEntry(Protocol):
     partition: int
     offset: int
     taken_s: float
-    outcome: Outcome | None
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """What became of it; None while it has not ended."""
+        ...
 
 
 class RecordTraces(Protocol):
     """Follows the records of a route."""
 
-    def reader(self, newest: Callable[[], TracedEntry]) -> ReadHeaders:
-        """Make what reads the headers of each record that is taken.
+    @property
+    def follow(self) -> bool:
+        """Whether any record is followed."""
+        ...
+
+    def begin(self, entry: TracedEntry, record: Record, headers: HeaderList | None) -> None:
+        """Begin the span of a record that was just taken, if it is sampled.
 
         Args:
-            newest: Tells the entry of the record that is being read.
+            entry: Which it is.
+            record: As it came.
+            headers: Of it, None where they cannot be read.
         """
-        ...
 
     def refused(self, entry: TracedEntry, error: RecordError) -> None:
         """Note why a record cannot be delivered."""
@@ -50,10 +56,10 @@ class RecordTraces(Protocol):
 class NoRecordTraces:
     """`RecordTraces` that follow nothing, at no cost."""
 
-    def reader(self, newest: Callable[[], TracedEntry]) -> ReadHeaders:
-        """Read the headers, and nothing else."""
-        del newest
-        return headers_of
+    follow = False
+
+    def begin(self, entry: TracedEntry, record: Record, headers: HeaderList | None) -> None:
+        """Begin nothing."""
 
     def refused(self, entry: TracedEntry, error: RecordError) -> None:
         """Note nothing."""
@@ -84,28 +90,23 @@ class SpansOfRecords:
         end: Takes the spans.
     """
 
+    follow = True
+
     def __init__(self, topic: str, same: Attributes, sample: float, end: EndSpan) -> None:
         self._name = f'process {topic}'
         self._same = same
         self._sample = sample
+        self._chance = random.random
         self._end = end
         self._open: deque[_Open] = deque()
         self._errors: dict[int, RecordError] = {}  # by id of the entry
 
-    def reader(self, newest: Callable[[], TracedEntry]) -> ReadHeaders:
-        """Make what reads the headers of each record, and begins its span."""
-        sample, chance, opened = self._sample, random.random, self._open
-
-        def read(record: Record) -> HeaderList | None:
-            headers = headers_of(record)
-            parent = from_headers(headers) if headers else None
-            sampled = chance() < sample if parent is None else parent.sampled
-            if sampled and len(opened) < _MOST_OPEN:
-                told = _told(record, headers or [])
-                opened.append(_Open(newest(), parent, told))
-            return headers
-
-        return read
+    def begin(self, entry: TracedEntry, record: Record, headers: HeaderList | None) -> None:
+        """Begin the span of a record, if it is sampled."""
+        parent = from_headers(headers) if headers else None
+        sampled = self._chance() < self._sample if parent is None else parent.sampled
+        if sampled and len(self._open) < _MOST_OPEN:
+            self._open.append(_Open(entry, parent, _told(record, headers or [])))
 
     def refused(self, entry: TracedEntry, error: RecordError) -> None:
         """Note why a record cannot be delivered, if it has a span."""

@@ -10,12 +10,12 @@ from ros2_kafka_bridge.commands.dead_letters import replay_ros
 from ros2_kafka_bridge.commands.dead_letters.replay_ros import LetterChannel
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.config.validation import validated
-from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import Outgoing, RecordSource
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.route import settling
-from ros2_kafka_bridge.route.record_window import RecordEntry
+from ros2_kafka_bridge.route.dead_letters import DeadLetters
+from ros2_kafka_bridge.route.flight.records import RecordEntry
 from ros2_kafka_bridge.route.type_hash import check_nothing
 from ros2_kafka_bridge.testing.memory import MemoryMessageSink, MemoryRecordSink
 from ros2_kafka_bridge.threads.stop import Stop

@@ -18,12 +18,12 @@ from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.filter import LetterFilter
 from ros2_kafka_bridge.dead_letters.letter import Letter
-from ros2_kafka_bridge.dead_letters.writer import DeadLetters
 from ros2_kafka_bridge.endpoints import RecordSource
 from ros2_kafka_bridge.kafka.transactions import Parcel, Written
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.route import settling
-from ros2_kafka_bridge.route.record_window import RecordEntry
+from ros2_kafka_bridge.route.dead_letters import DeadLetters
+from ros2_kafka_bridge.route.flight.records import RecordEntry
 from ros2_kafka_bridge.route.type_hash import check_nothing
 from ros2_kafka_bridge.testing.memory import MemoryMessageSink, MemoryRecordSink
 from ros2_kafka_bridge.threads.stop import Stop

@@ -3,6 +3,7 @@
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import flights
 import pytest
 from houses import House, come_back, fill, go_away, make_room
 from hypothesis import given, settings
@@ -21,12 +22,13 @@ EVENTS = st.lists(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=150)
 @given(events=EVENTS, always=st.booleans(), window=st.integers(1, 12))
 def test_whatever_happens_each_message_arrives_in_order(
     events: list[Event], window: int, *, always: bool
 ) -> None:
     with TemporaryDirectory() as place, pytest.MonkeyPatch.context() as patch:
+        flights.check_steps(patch)
         patch.setattr('ros2_kafka_bridge.spool.backlog._AGAIN_S', 0.0)
         world = World(Path(place), 'always' if always else 'when_away', window)
         for event in events:
@@ -83,8 +85,7 @@ class World:
         house, waiting = self._house, list(self._house.source.waiting)
         if end == 'crash':
             self._repeats = True
-            window = house.pipeline._window.entries.values()
-            held = {int(entry.record.value or 0) for entry in window}
+            held = {int(entry.record.value or 0) for entry in house.pipeline._flight}
             on_disk = {int(r.record.value or 0) for r in house.spool.read(0, 10**6, 1 << 40)}
             was_full = 'append' in house.spool.__dict__
             assert self._mode == 'when_away' or was_full or held <= on_disk

@@ -1,6 +1,7 @@
 """From ROS over the disk to Kafka, in order."""
 
 import pytest
+from house_to_kafka import House as HouseWithoutSpool
 from houses import GID, LOG, Make, come_back, go_away, made_ns
 from identified import record_by
 
@@ -220,19 +221,20 @@ def test_what_lies_on_disk_is_not_known_until_the_file_was_opened(house: Make) -
     h.give(*range(1, 21))
     h.steps()
     h.crash()
-    route = h.pipeline._route
-    backlog = Backlog(h.spool, route.spool, LOG)
+    assert h.pipeline._route.spool is not None
+    backlog = Backlog(h.spool, h.pipeline._route.spool, LOG)
     assert Counters('orders').snapshot(0).balanced
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(h.pipeline._spooling, '_backlog', backlog)
         h.pipeline._take_snapshot()
         now = h.pipeline.snapshot
         assert (now.spooled, now.measures.spool_bytes) == (None, None)
-    backlog.open()
-    assert backlog.on_disk == (20, h.spool.size_bytes)
-    backlog.close()
-    assert backlog.on_disk == (20, h.spool.size_bytes), 'nobody else takes from it'
+        backlog.open()
+        on_disk = h.pipeline._spooling.on_disk
+        assert on_disk == (20, h.spool.size_bytes)
+        h.spool.close()
+        assert h.pipeline._spooling.on_disk == on_disk, 'nobody else takes from it'
 
 
 def test_a_route_without_a_spool_has_nothing_on_disk() -> None:
-    assert Backlog(None, None, LOG).on_disk == (0, 0)
+    assert HouseWithoutSpool().pipeline._spooling.on_disk == (0, 0)

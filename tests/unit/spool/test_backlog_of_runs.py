@@ -169,8 +169,8 @@ def test_what_cannot_be_deleted_at_the_end_is_counted_as_taken_again(
     h.sink.answering = False
     h.give(*range(1, 6))
     h.steps()
-    held = h.pipeline._window.entries
-    h.pipeline._end(held[3], Outcome.CONFIRMED)
+    third = [*h.pipeline._flight][2]
+    h.pipeline._flight.end([third], Outcome.CONFIRMED)
 
     def refuse(*_: object, **__: object) -> int:
         raise TransportError('the disk is full')

@@ -161,9 +161,10 @@ def test_a_disk_that_takes_long_is_no_step_of_the_clock(
     go_away(h)
     append = Spool.append
 
-    def slow(spool: Spool, rows: Sequence[Row]) -> None:
-        append(spool, rows)
+    def slow(spool: Spool, rows: Sequence[Row]) -> int:
+        first = append(spool, rows)
         clocks.wait(30)
+        return first
 
     monkeypatch.setattr(Spool, 'append', slow)
     h.give(1, 2)

@@ -34,9 +34,10 @@ def test_it_is_taken_for_well_and_goes_on(tmp_path: Path, version: int, state: s
     with opened(tmp_path) as spool:
         assert spool.damage is None
         spool.release(rows[3].number)
-        spool.append([row(31)])
-        assert read_all(spool) == [*rows[3:], row(31)]
-    assert reopened(tmp_path).rows == [*rows[3:], row(31)]
+        new = row(rows[-1].number + 1)
+        assert spool.append([new]) == new.number
+        assert read_all(spool) == [*rows[3:], new]
+    assert reopened(tmp_path).rows == [*rows[3:], new]
 
 
 @every_spool

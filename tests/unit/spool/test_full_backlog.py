@@ -110,7 +110,7 @@ def test_a_disk_that_takes_nothing_loses_nothing(
     h.give(*range(3, 1003))
     h.steps()
     assert h.count('taken') < 1002, 'it cannot all be in memory'
-    assert h.pipeline._spooling._backlog.problem == 'the disk is full'
+    assert h.backlog.problem == 'the disk is full'
     make_room(h)
     h.steps(10)
     assert not h.source.waiting

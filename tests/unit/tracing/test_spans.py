@@ -13,7 +13,7 @@ from collector import Collector, collector
 
 from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.config.file import loads
-from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing, headers_of
+from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
 from ros2_kafka_bridge.logs.lines import RouteLog
 from ros2_kafka_bridge.outside.extras import missing_extra
@@ -45,7 +45,7 @@ class Entry:
 
 
 class Records(NamedTuple):
-    """Spans of records, and what reads those."""
+    """Spans of records, and what begins them."""
 
     ended: list[Span]
     entries: deque[Entry]
@@ -54,8 +54,7 @@ class Records(NamedTuple):
     def take(self, *headers: tuple[str, str | bytes]) -> Entry:
         entry = Entry(len(self.entries))
         self.entries.append(entry)
-        read = self.traces.reader(lambda: self.entries[-1])
-        assert read(MemoryRecord(b'value', header_list=[*headers])) == [*headers]
+        self.traces.begin(entry, MemoryRecord(b'value'), [*headers])
         return entry
 
 
@@ -135,7 +134,7 @@ def test_what_is_followed_has_a_bound() -> None:
 def test_without_tracing_records_and_messages_take_the_way_that_they_took_before() -> None:
     off = Tracing()
     make_headers = with_traceparent(lambda _: [], 0.0)
-    assert NO_RECORD_TRACES.reader(Entry) is headers_of
+    assert not NO_RECORD_TRACES.follow
     assert off.headers(make_headers) is make_headers
 
 

@@ -4,10 +4,12 @@ import logging
 
 import pytest
 
-from ros2_kafka_bridge.dead_letters import writer
-from ros2_kafka_bridge.dead_letters.writer import DeadLetters, OutgoingLetter
-from ros2_kafka_bridge.endpoints import Outgoing
+from ros2_kafka_bridge.endpoints import Message, Outgoing
 from ros2_kafka_bridge.errors import BridgeError, RouteError
+from ros2_kafka_bridge.route import dead_letters
+from ros2_kafka_bridge.route.counters import Outcome
+from ros2_kafka_bridge.route.dead_letters import DeadLetters
+from ros2_kafka_bridge.route.flight.messages import LINE, MessageEntry, MessageFlight
 from ros2_kafka_bridge.testing.memory import MemoryRecordSink
 
 LETTER = Outgoing('', None, b'bad', [])
@@ -27,23 +29,38 @@ def test_a_topic_that_cannot_be_written_is_tried_again_as_often_as_all_that_fail
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = Clock()
-    monkeypatch.setattr(writer, 'time', clock)
+    monkeypatch.setattr(dead_letters, 'time', clock)
     refusals: list[BridgeError] = [RouteError('no permission') for _ in range(6)]
-    sink = MemoryRecordSink[OutgoingLetter[int]](errors={b'bad': refusals})
+    sink = MemoryRecordSink[MessageEntry](errors={b'bad': refusals})
     log = logging.LoggerAdapter(logging.getLogger('test'), {})
     letters = DeadLetters('dead', sink, lambda: None, log)
-    letters.add(LETTER, 1)
+    flight = MessageFlight(10, 1000)
+    refuse(flight)
     for wait_s in (1, 2, 4, 8, 10, 10):
         caplog.clear()
-        assert letters.poll() == []
+        letters.step(flight)
         assert f'no permission; tried again in {wait_s} s' in caplog.text
         clock.now_s += wait_s - 0.1
-        assert letters.poll() == []
+        letters.step(flight)
         clock.now_s += 0.1
     assert refusals == []
-    assert letters.poll() == [1]
+    assert outcomes(flight) == []
+    letters.step(flight)
+    assert outcomes(flight) == [Outcome.DEAD_LETTERED]
     sink.errors[b'bad'] = [RouteError('no permission')]
     caplog.clear()
-    letters.add(LETTER, 2)
-    assert letters.poll() == []
+    refuse(flight)
+    letters.step(flight)
+    assert outcomes(flight) == []
     assert 'tried again in 1 s' in caplog.text
+
+
+def refuse(flight: MessageFlight) -> None:
+    entry = MessageEntry(LETTER, Message(b'bad', b'', 0, 0), 0.0)
+    flight.take(entry, LINE)
+    flight.divert(entry, LETTER)
+    flight.ready(entry)
+
+
+def outcomes(flight: MessageFlight) -> list[Outcome | None]:
+    return [entry.outcome for entry in flight.settled()]

@@ -1,0 +1,61 @@
+"""What must be true of a flight at any time, whatever happened to it."""
+
+from collections import Counter
+from typing import Any
+
+import pytest
+
+from ros2_kafka_bridge import kafka_to_ros, ros_to_kafka
+from ros2_kafka_bridge.route.counters import Outcome
+from ros2_kafka_bridge.route.flight.flight import Entry, Flight
+from ros2_kafka_bridge.route.flight.stage import HELD, READY, STEPS, STORED, Stage
+from ros2_kafka_bridge.spool import spooling
+
+
+def check(flight: Flight[Any]) -> None:
+    """Each entry is counted, has not ended, and waits in its lane where it is ready."""
+    held = [*flight]
+    ended = flight._ended
+    assert len({*held}) == len(held)
+    assert all(entry.outcome is None and entry.stage is not STORED for entry in held)
+    assert all(entry.outcome is not None for entry in ended)
+    assert len(flight) == len(held) + len(ended)
+    assert flight.size_bytes == sum(entry.size_bytes for entry in held)
+    for lane in (flight.lane, flight.letters):
+        assert Counter(lane.ready) == Counter(
+            entry for entry in held if entry.stage is READY and entry.lane is lane
+        )
+    for ring in flight._rings.values():
+        entries = [*ring]
+        assert [ring, *entries] == [entry.previous for entry in [*entries, ring]]
+
+
+def check_steps(patch: pytest.MonkeyPatch) -> None:
+    """Let every entry from now on fail where its stage makes a step that is not in the table."""
+    for module, name in (
+        (kafka_to_ros, 'RecordEntry'),
+        (ros_to_kafka, 'MessageEntry'),
+        (spooling, 'MessageEntry'),
+    ):
+        patch.setattr(module, name, _checked(getattr(module, name)))
+
+
+def _checked(kind: type[Any]) -> type[Entry]:
+    class CheckedEntry(kind):  # type: ignore[misc]
+        __slots__ = ()
+
+        def __setattr__(self, name: str, value: object) -> None:
+            if name == 'stage':
+                assert may_follow(getattr(self, 'stage', None), value)
+            super().__setattr__(name, value)
+
+    return CheckedEntry
+
+
+def may_follow(before: object, after: object) -> bool:
+    """Whether a stage or an outcome may come behind another."""
+    if not isinstance(before, Stage):
+        return before is None and after is HELD
+    if isinstance(after, Outcome):
+        return before is not STORED
+    return after is before or after in STEPS[before]

@@ -1,0 +1,87 @@
+"""What an end of a run leaves in memory and on disk, and what the next one makes of it."""
+
+import pytest
+from houses import GID, House, Make, come_back, fill, go_away, made_ns, make_room
+
+from ros2_kafka_bridge.endpoints import Message
+from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.threads.stop import Stop
+
+
+@pytest.fixture(autouse=True)
+def _delete_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._RELEASE_S', 0.0)
+
+
+def refuse(house: House, number: int) -> None:
+    house.source.waiting.append(Message(b'bad', GID, number, made_ns(number)))
+
+
+def test_on_error_stop_goes_on_where_what_was_refused_is_mended(house: Make) -> None:
+    h = house({'mode': 'always'}, on_error='stop')
+    h.sink.limit_bytes = 1
+    h.sink.answering = False
+    h.give(1, 22, 3)
+    h.steps()
+    h.fail_and_run_again()
+    h.sink.limit_bytes, h.sink.answering = 100, True
+    h.steps(20)
+    h.give(4)
+    h.steps(20)
+    assert h.numbers() == [1, 22, 3, 4]
+    assert h.on_disk() == []
+
+
+def test_what_the_disk_takes_only_at_the_second_try_is_behind_what_it_has(
+    house: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    h = house()
+    go_away(h)
+    h.give(1)
+    h.steps()
+    fill(h)
+    h.give(2)
+    h.steps()
+    h.sink.away = ''
+    h.steps()
+    leave = h.pipeline._spooling.leave
+
+    def leave_and_make_room() -> None:
+        leave()
+        make_room(h)
+
+    monkeypatch.setattr(h.pipeline._spooling, 'leave', leave_and_make_room)
+    stop = Stop()
+    stop.ask()
+    stop.ask()
+    with pytest.raises(RouteError, match='gave up 1 messages'):
+        h.pipeline._drain(stop)
+    h._opened.__exit__(None, None, None)
+    again = house()
+    again.until_all_confirmed()
+    assert again.numbers() == [1, 2]
+
+
+def test_what_the_disk_has_lost_and_memory_has_not_goes_on(house: Make) -> None:
+    h = house({'mode': 'always'})
+    h.sink.answering = False
+    h.give(1, 2, 3)
+    h.steps()
+    assert h.spool._file._db is not None
+    h.spool._file._db.execute('UPDATE rows SET size = size + 1 WHERE number = 1')
+    h.fail_and_run_again()
+    come_back(h)
+    h.until_all_confirmed()
+    assert sorted(h.numbers()) == [1, 2, 3]
+    h.steps(100)
+    assert h.on_disk() == []
+
+
+def test_what_is_dropped_at_once_sends_nothing_over_the_disk(house: Make) -> None:
+    h = house({'mode': 'always'}, on_error='drop', max_in_flight=5)
+    h.sink.answering = False
+    for number in range(1, 11):
+        refuse(h, number)
+    h.give(11)
+    h.steps(1)
+    assert (h.count('spooled'), h.count('in_flight')) == (0, 1)
