@@ -87,13 +87,18 @@ class AlreadySent:
             self._stage = _Stage.OPEN  # what was asked may have failed with the last run
             self._in_kafka.add(numbers)
 
-    def room(self, most: int) -> int:
-        """How many rows may be loaded before Kafka has said what it holds, of so many."""
+    def room(self, most: int, *, asks: bool) -> int:
+        """How many rows may be loaded before Kafka has said what it holds.
+
+        Args:
+            most: How many, once it has.
+            asks: Whether one is on its way there.
+        """
         if self._stage is _Stage.OPEN:
             return 1
         if self._stage is _Stage.ASKED:
             if self._ended == self._ended_before:
-                return 0
+                return 0 if asks else 1
             self._look_at_end()
         return most
 

@@ -313,7 +313,9 @@ class Spooling:
         if not backlog.waiting or flight.line_ends:
             return
         room, room_bytes = self._room_in_line()
-        room = min(room, self._already_sent.room(BATCH))
+        # A letter tells nothing of the topic, and may stand for long.
+        asks = any(entry.is_in_line and entry.lane is flight.lane for entry in flight.line)
+        room = min(room, self._already_sent.room(BATCH, asks=asks))
         rows, lost = backlog.load(room, room_bytes, self._last_row if flight.ends else None)
         self._lose(lost)
         if rows:

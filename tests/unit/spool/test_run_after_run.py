@@ -85,3 +85,18 @@ def test_what_is_dropped_at_once_sends_nothing_over_the_disk(house: Make) -> Non
     h.give(11)
     h.steps(1)
     assert (h.count('spooled'), h.count('in_flight')) == (0, 1)
+
+
+def test_a_letter_that_an_earlier_life_has_left_in_front_holds_nothing_up(house: Make) -> None:
+    h = house(drain_s=0.0)
+    refuse(h, 100)
+    h.give(1, 2)
+    go_away(h)
+    h.steps()
+    h.drain()
+    again = house()
+    again.letters.answering = False
+    again.steps(50)
+    again.give(3)
+    again.steps(50)
+    assert again.numbers() == [1, 2, 3]
