@@ -245,7 +245,7 @@ class Spool:
                 database.shrink(db)
 
     def drop_oldest(self, after: int, bytes_needed: int) -> int:
-        """Delete the oldest rows above a number until so many bytes are free.
+        """Delete the oldest rows above a number until so many bytes are free; the newest stays.
 
         Returns:
             How many rows.
@@ -258,8 +258,8 @@ class Spool:
     def _drop_oldest(self, db: sqlite3.Connection, after: int, bytes_needed: int) -> int:
         last = after
         freed_bytes = 0
-        query = 'SELECT number, size FROM rows WHERE number > ? ORDER BY number'
-        with contextlib.closing(db.execute(query, (after,))) as rows:
+        query = 'SELECT number, size FROM rows WHERE number > ? AND number < ? ORDER BY number'
+        with contextlib.closing(db.execute(query, (after, self._file.last))) as rows:
             while freed_bytes < bytes_needed and (row := rows.fetchone()) is not None:
                 last, size_bytes = row
                 freed_bytes += size_bytes

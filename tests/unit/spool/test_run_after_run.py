@@ -100,3 +100,20 @@ def test_a_letter_that_an_earlier_life_has_left_in_front_holds_nothing_up(house:
     again.give(3)
     again.steps(50)
     assert again.numbers() == [1, 2, 3]
+
+
+def test_drop_oldest_keeps_the_newest_also_where_what_is_in_flight_fills_the_disk(
+    house: Make,
+) -> None:
+    h = house({'max_bytes': 1000}, max_in_flight=12, when_full='drop_oldest')
+    h.sink.answering = False
+    h.give(*range(1, 13))
+    h.steps(2)
+    go_away(h)
+    h.steps(2)
+    for number in range(13, 40):
+        h.give(number)
+        h.steps(2)
+    come_back(h)
+    h.until_all_confirmed()
+    assert h.numbers()[-1] == 39

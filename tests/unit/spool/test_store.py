@@ -96,7 +96,7 @@ def test_numbers_go_on_also_where_it_was_empty(tmp_path: Path) -> None:
 def test_numbers_that_were_dropped_at_the_end_are_not_given_again(tmp_path: Path) -> None:
     with opened(tmp_path) as spool:
         spool.append(rows(1, 10))
-        assert spool.drop_oldest(5, EVERYTHING) == 5
+        assert spool.discard_between(6, 10, keep=frozenset()) == 5
     with opened(tmp_path) as spool:
         assert (spool.count, spool.last) == (5, 10)
         spool.append(rows(11, 12))
@@ -144,6 +144,7 @@ def test_the_oldest_are_dropped_until_there_is_room(tmp_path: Path) -> None:
         assert spool.drop_oldest(3, 2500) == 3
         assert numbers(read_all(spool)) == [1, 2, 3, *range(7, 21)]
         assert size_bytes - spool.size_bytes >= 2500
+        assert spool.drop_oldest(3, EVERYTHING) == 13, 'the newest stays'
         assert spool.drop_oldest(20, 1) == 0
 
 
