@@ -8,8 +8,8 @@ import pytest
 from house_to_ros import IN_2001_MS, MINE, House
 
 from ros2_kafka_bridge import kafka_to_ros
-from ros2_kafka_bridge.endpoints import Record
-from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.endpoints import Record, Reports
+from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.route import settling
 from ros2_kafka_bridge.testing.memory import (
     MemoryRecord,
@@ -351,3 +351,50 @@ def test_a_run_commits_anew_what_it_reads_again() -> None:
             house.give(b'a', b'b')
             house.steps()
             assert house.positions() == {0: 2}
+
+
+def test_a_drain_waits_for_a_dead_letter() -> None:
+    house = House()
+    house.letters.answering = False
+    house.give(b'bad')
+    house.steps()
+    poll = house.letters.poll
+
+    def answer(timeout_s: float) -> Reports[Any]:
+        house.letters.answering = True
+        return poll(timeout_s)
+
+    house.letters.poll = answer  # type: ignore[method-assign]
+    house.pipeline._drain(asked())
+    assert house.positions() == {0: 1}
+
+
+def test_a_drain_gives_back_what_is_behind_a_record_that_waits() -> None:
+    house = House()
+    house.sink.room = 0
+    house.letters.answering = False
+    house.give(b'a', b'bad')
+    house.steps()
+    house.letters.answering = True
+    house.pipeline._drain(asked())
+    assert house.positions() == {0: 0}
+    assert house.pipeline.counters.snapshot(0).returned == 2
+
+
+def asked() -> Stop:
+    stop = Stop()
+    stop.ask()
+    return stop
+
+
+def test_a_letter_of_a_record_that_was_given_back_is_not_sent_again() -> None:
+    house = House()
+    house.letters.errors[b'bad'] = [TransportError('timed out')]
+    house.letters.answering = False
+    house.give(b'bad')
+    house.steps()
+    house.source.lose(frozenset({0}))
+    house.letters.answering = True
+    house.steps()
+    assert house.letters.records == []
+    assert house.pipeline.counters.snapshot(0).returned == 1

@@ -1,6 +1,7 @@
 """The way to a dead-letter topic."""
 
 import logging
+from typing import NoReturn
 
 import pytest
 
@@ -12,6 +13,7 @@ from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.flight.messages import LINE, MessageEntry, MessageFlight
 from ros2_kafka_bridge.testing.memory import MemoryRecordSink
 
+LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 LETTER = Outgoing('', None, b'bad', [])
 
 
@@ -32,8 +34,7 @@ def test_a_topic_that_cannot_be_written_is_tried_again_as_often_as_all_that_fail
     monkeypatch.setattr(dead_letters, 'time', clock)
     refusals: list[BridgeError] = [RouteError('no permission') for _ in range(6)]
     sink = MemoryRecordSink[MessageEntry](errors={b'bad': refusals})
-    log = logging.LoggerAdapter(logging.getLogger('test'), {})
-    letters = DeadLetters('dead', sink, lambda: None, log)
+    letters = DeadLetters('dead', sink, lambda: None, LOG)
     flight = MessageFlight(10, 1000)
     refuse(flight)
     for wait_s in (1, 2, 4, 8, 10, 10):
@@ -53,6 +54,31 @@ def test_a_topic_that_cannot_be_written_is_tried_again_as_often_as_all_that_fail
     letters.step(flight)
     assert outcomes(flight) == []
     assert 'tried again in 1 s' in caplog.text
+
+
+def test_letters_that_were_on_their_way_as_the_topic_failed_go_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = Clock()
+    monkeypatch.setattr(dead_letters, 'time', clock)
+    sink = MemoryRecordSink[MessageEntry]()
+    letters = DeadLetters('dead', sink, lambda: None, LOG)
+    flight = MessageFlight(10, 10_000)
+    sink.answering = False
+    refuse(flight)
+    letters.step(flight)
+    monkeypatch.setattr(sink, 'poll', fails)
+    letters.step(flight)
+    monkeypatch.undo()
+    monkeypatch.setattr(dead_letters, 'time', clock)
+    sink.answering = True
+    clock.now_s += 100
+    letters.step(flight)
+    assert outcomes(flight) == [Outcome.DEAD_LETTERED]
+
+
+def fails(*_: object) -> NoReturn:
+    raise RouteError('no permission')
 
 
 def refuse(flight: MessageFlight) -> None:

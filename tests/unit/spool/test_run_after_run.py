@@ -117,3 +117,31 @@ def test_drop_oldest_keeps_the_newest_also_where_what_is_in_flight_fills_the_dis
     come_back(h)
     h.until_all_confirmed()
     assert h.numbers()[-1] == 39
+
+
+def test_nothing_goes_past_a_disk_that_takes_nothing_and_what_stops_the_route(house: Make) -> None:
+    h = house(on_error='stop')
+    go_away(h)
+    h.give(1)
+    h.steps()
+    fill(h)
+    refuse(h, 2)
+    h.give(3)
+    h.steps()
+    come_back(h)
+    with pytest.raises(RouteError, match='stopped'):
+        h.steps(20)
+    assert h.numbers() == [1]
+
+
+def test_what_is_too_much_for_memory_as_kafka_goes_away_comes_back_from_disk(house: Make) -> None:
+    h = house(max_in_flight_bytes=1000)
+    h.sink.room, h.sink.answering = 1, False
+    h.give(*range(1, 6))
+    h.steps(1)
+    go_away(h)
+    h.steps()
+    h.sink.room = 10
+    come_back(h)
+    h.until_all_confirmed()
+    assert h.numbers() == [1, 2, 3, 4, 5]
