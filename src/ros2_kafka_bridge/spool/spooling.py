@@ -68,7 +68,6 @@ class Spooling:
         self._counters = counters
         self._log = log
         self._occasional = summed(log)
-        self._writes_line = False  # whether the line is to be on disk, too
         self._since_s = 0.0  # new messages go to disk
         self._full_since_s: float | None = None
         self._loaded_last = 0  # number of the last row of an earlier life that was loaded
@@ -115,7 +114,6 @@ class Spooling:
         """
         if (backlog := self._backlog) is None:
             return
-        self._writes_line = False
         found, lost = backlog.open()
         self.active = self.active or backlog.always or backlog.waiting > 0
         if found > lost:
@@ -207,7 +205,6 @@ class Spooling:
         self._since_s = time.monotonic()
         self._log.warning('new messages go to the spool: %s', reason)
         self._flight.hold_waiting()
-        self._writes_line = True
         self.write()
 
     def _end_if_empty(self, backlog: Backlog) -> None:
@@ -215,7 +212,6 @@ class Spooling:
         if not backlog.lets_past:
             return
         self.active = False
-        self._writes_line = False
         backlog.problem = ''  # it is said again, should it last until the next time
         if self._since_s:
             took_s = time.monotonic() - self._since_s
@@ -235,10 +231,7 @@ class Spooling:
     @property
     def _lags(self) -> bool:
         """Whether something is to be on disk and is not."""
-        return bool(self._unwritten_line() or self._unwritten_tail())
-
-    def _unwritten_line(self) -> list[MessageEntry]:
-        return self._flight.unwritten_line() if self._writes_line else []
+        return self.active and bool(self._flight.unwritten_line() or self._unwritten_tail())
 
     def _unwritten_tail(self) -> list[MessageEntry]:
         return [e for e in self._flight.tail if not e.row and e.stage is not REFUSED]
@@ -257,7 +250,6 @@ class Spooling:
         """Write all that is in flight; tells whether it is on disk."""
         if self._backlog is None:
             return False
-        self._writes_line = True
         self._write(self._unwritten_tail(), stays=not self.waiting, at_once=True)
         return all(entry.row for entry in self._flight)
 
@@ -269,7 +261,7 @@ class Spooling:
             stays: Whether that stays in flight, too, as the line does.
             at_once: Whether to try also where it was not possible just now.
         """
-        line = self._unwritten_line()
+        line = self._flight.unwritten_line()
         entries = [*line, *tail]
         if self._backlog is None or not entries:
             return False
@@ -302,7 +294,6 @@ class Spooling:
             if room <= 0 or room_bytes <= 0:
                 return
             self._flight.move_to_line(entry)
-            self._writes_line = True
             room -= 1
             room_bytes -= entry.size_bytes
 
