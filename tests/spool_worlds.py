@@ -50,6 +50,7 @@ def does(house: House, what: str, how: int) -> None:
             fill(house)
         case 'not full':
             make_room(house)
+            house.steps(1)  # it is seen at the next try
         case 'letters stand' | 'letters fail' | 'letters go':
             house.letters.answering = what != 'letters stand'
             house.letters.forbidden = what == 'letters fail'

@@ -355,13 +355,13 @@ def test_a_run_commits_anew_what_it_reads_again() -> None:
 
 def test_a_drain_waits_for_a_dead_letter() -> None:
     house = House()
-    house.letters.answering = False
+    house.letters.room = 0
     house.give(b'bad')
     house.steps()
     poll = house.letters.poll
 
     def answer(timeout_s: float) -> Reports[Any]:
-        house.letters.answering = True
+        house.letters.room = 1
         return poll(timeout_s)
 
     house.letters.poll = answer  # type: ignore[method-assign]

@@ -1,16 +1,20 @@
 """What an end of a run leaves in memory and on disk, and what the next one makes of it."""
 
+import itertools
+from typing import Any
+
 import pytest
 from houses import GID, House, Make, come_back, fill, go_away, made_ns, make_room
 
-from ros2_kafka_bridge.endpoints import Message
+from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.threads.stop import Stop
 
 
 @pytest.fixture(autouse=True)
-def _delete_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._RELEASE_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._AGAIN_S', 0.0)
 
 
 def refuse(house: House, number: int) -> None:
@@ -145,3 +149,39 @@ def test_what_is_too_much_for_memory_as_kafka_goes_away_comes_back_from_disk(hou
     come_back(h)
     h.until_all_confirmed()
     assert h.numbers() == [1, 2, 3, 4, 5]
+
+
+def test_what_went_past_a_full_disk_is_on_it_once_that_has_room(house: Make) -> None:
+    h = house(max_in_flight=3)
+    go_away(h)
+    h.give(1, 2)
+    h.steps()
+    fill(h)
+    h.give(3, 4)
+    h.steps()
+    h.sink.away = ''  # it answers nobody yet
+    h.steps()
+    make_room(h)
+    h.steps()
+    assert [row.seq for row in h.spool.read(0, 10, 1 << 40)] == [1, 2, 3, 4]
+
+
+def test_a_stop_while_kafka_is_away_ends_once_all_is_on_disk(
+    house: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    h = house(drain_s=30.0)
+    go_away(h)
+    h.give(1, 2, 3)
+    h.steps()
+    poll, polls = h.sink.poll, itertools.count()
+
+    def count(timeout_s: float) -> Reports[Any]:
+        assert next(polls) < 10, 'it goes on though nothing is owed'
+        return poll(timeout_s)
+
+    monkeypatch.setattr(h.sink, 'poll', count)
+    h.give(4)
+    h.drain()
+    again = house()
+    again.until_all_confirmed()
+    assert again.numbers() == [1, 2, 3, 4]
