@@ -2,31 +2,25 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Sequence
-from typing import Final, Self
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Final, Self, TypeVar
 
-from confluent_kafka import (
-    OFFSET_BEGINNING,
-    Consumer,
-    KafkaError,
-    KafkaException,
-    Message,
-    Producer,
-    TopicPartition,
-)
+from confluent_kafka import Consumer, KafkaError, KafkaException, Message, Producer, TopicPartition
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     AdminClient,
     NewTopic,
     OffsetSpec,
 )
 
+from ros2_kafka_bridge.kafka.ranges import READING, Place, RangeReader, held
 from ros2_kafka_warehouse.topics import KAFKA, KafkaTopic
+
+_Answer = TypeVar('_Answer')
 
 _REQUEST_S: Final = 5.0
 _AGAIN_S: Final = 1.0
 _BEGIN_S: Final = 30.0
 _LOOK_S: Final = 0.5
-_BATCH: Final = 1000
 # Snapshots replace each other: of the old ones Kafka is to keep little.
 _COMPACTED: Final = {
     'cleanup.policy': 'compact,delete',
@@ -185,7 +179,7 @@ class Memory:
                 **_client(bootstrap_servers),
                 'group.id': group,  # asked for by the client, and never joined
                 'enable.auto.commit': False,
-                'enable.partition.eof': True,
+                **READING,
                 'fetch.wait.max.ms': 50,  # the embedded broker answers no sooner
                 'queued.max.messages.kbytes': 8192,
             }
@@ -199,21 +193,9 @@ class Memory:
 
     def replay(self) -> Iterator[Message]:
         """All records up to the end as it is now; waits while Kafka is away."""
-        ends = self._retried(self._ends)
-        if ends is None:
-            return
-        self._consumer.assign([TopicPartition(*where, OFFSET_BEGINNING) for where in ends])
-        unread = {where for where, end in ends.items() if end > 0}
-        while unread and not self._stopped():
-            for message in self._consumer.consume(_BATCH, 0.05):
-                where = (_text(message.topic()), message.partition() or 0)
-                error = message.error()
-                if error is None:
-                    if (message.offset() or 0) + 1 >= ends[where]:
-                        unread.discard(where)
-                    yield message
-                elif error.code() == KafkaError._PARTITION_EOF:  # noqa: SLF001 (its public name)
-                    unread.discard(where)
+        there = self._retried(self._held) or {}
+        yield from self._read(there)
+        self._consumer.assign([TopicPartition(*at, offsets.stop) for at, offsets in there.items()])
 
     def follow(self, topic: str) -> Iterator[Message]:
         """What comes to one of the topics after the replay, until stopped."""
@@ -234,59 +216,47 @@ class Memory:
 
     def last(self) -> bytes | None:
         """The value of the newest record of the topics, if there is one."""
-        ends = self._retried(self._ends)
-        if not ends:
-            return None
-        self._consumer.assign(
-            [TopicPartition(*where, max(0, end - 1)) for where, end in ends.items() if end > 0]
-        )
-        newest: Message | None = None
-        unread = {where for where, end in ends.items() if end > 0}
-        while unread and not self._stopped():
-            for message in self._consumer.consume(_BATCH, 0.05):
-                if message.error() is None:
-                    if newest is None or message.timestamp()[1] >= newest.timestamp()[1]:
-                        newest = message
-                else:
-                    unread.discard((_text(message.topic()), message.partition() or 0))
+        there = self._retried(self._held) or {}
+        records = self._read({at: offsets[-1:] for at, offsets in there.items()})
+        newest = max(records, key=lambda record: record.timestamp()[1], default=None)
         return None if newest is None else newest.value()
 
     def committed(self, topic: str) -> dict[int, int]:
         """How far the group has read each partition; 0 where it has not."""
 
-        def ask() -> dict[tuple[str, int], int]:
-            ends = [TopicPartition(*where) for where in self._ends()]
-            found = self._consumer.committed(ends, timeout=_REQUEST_S)
-            return {(at.topic, at.partition): max(0, at.offset) for at in found}
+        def ask() -> dict[int, int]:
+            places = [TopicPartition(*at) for at in held(self._consumer, topic, _REQUEST_S)]
+            found = self._consumer.committed(places, timeout=_REQUEST_S)
+            return {at.partition: max(0, at.offset) for at in found}
 
-        positions = self._retried(ask) or {}
-        return {
-            partition: offset for (name, partition), offset in positions.items() if name == topic
-        }
+        return self._retried(ask) or {}
 
-    def _ends(self) -> dict[tuple[str, int], int]:
-        """How far each partition reaches now."""
-        ends: dict[tuple[str, int], int] = {}
+    def _held(self) -> dict[Place, range]:
+        """Which offsets each partition holds now."""
+        offsets: dict[Place, range] = {}
         for topic in self._topics:
-            found = self._consumer.list_topics(topic, timeout=_REQUEST_S).topics[topic]
-            if found.error is not None:
-                raise KafkaException(found.error)
-            for partition in found.partitions:
-                at = TopicPartition(topic, partition)
-                marks = self._consumer.get_watermark_offsets(at, timeout=_REQUEST_S)
-                ends[topic, partition] = marks[1]
-        return ends
+            offsets |= held(self._consumer, topic, _REQUEST_S)
+        return offsets
 
-    def _retried(
-        self, ask: Callable[[], dict[tuple[str, int], int]]
-    ) -> dict[tuple[str, int], int] | None:
+    def _read(self, ranges: Mapping[Place, range]) -> Iterator[Message]:
+        reader = RangeReader(self._consumer, ranges, stopped=self._stopped)
+        while reader.left and not self._stopped():
+            try:
+                yield from reader
+            except KafkaException as error:
+                self._wait(error)
+
+    def _retried(self, ask: Callable[[], _Answer]) -> _Answer | None:
         while not self._stopped():
             try:
                 return ask()
             except KafkaException as error:
-                self._log.warning('waits for Kafka at %s: %s', self._servers, error.args[0].str())
-                time.sleep(_AGAIN_S)
+                self._wait(error)
         return None
+
+    def _wait(self, error: KafkaException) -> None:
+        self._log.warning('waits for Kafka at %s: %s', self._servers, error.args[0].str())
+        time.sleep(_AGAIN_S)
 
 
 def committed(
@@ -316,8 +286,3 @@ def _client(bootstrap_servers: str) -> dict[str, str | int | float | bool]:
         'topic.metadata.refresh.interval.ms': 5000,
         'log_level': 2,  # what is wrong is said by those who wait
     }
-
-
-def _text(topic: str | None) -> str:
-    assert topic is not None, 'a record comes from a topic'
-    return topic

@@ -21,7 +21,7 @@ from ros2_kafka_bridge.config.settings import Config, QoS
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import BridgeError, RouteError
-from ros2_kafka_bridge.kafka import admin, lock, member, producer, tail
+from ros2_kafka_bridge.kafka import admin, lock, member, producer, ranges
 from ros2_kafka_bridge.kafka.commits import Commits
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.lock import GroupLock
@@ -175,7 +175,7 @@ def error(code: int) -> MagicMock:
 def of_kafka(monkeypatch: pytest.MonkeyPatch) -> Library:
     """A library whose clients are all one."""
     client = MagicMock()
-    for module in (member, tail, lock):
+    for module in (member, ranges, lock):
         monkeypatch.setattr(module, 'Consumer', lambda *_, **__: client.Consumer() and client)
     monkeypatch.setattr(producer, 'Producer', lambda *_, **__: client.Producer() and client)
     monkeypatch.setattr(admin, 'AdminClient', lambda *_, **__: client.AdminClient() and client)

@@ -4,37 +4,28 @@ import math
 import time
 from collections import OrderedDict
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack
 from typing import Any, Final, NamedTuple, Self, cast
 
-from confluent_kafka import (
-    Consumer,
-    KafkaError,
-    KafkaException,
-    Message,
-    TopicPartition,
-)
+from confluent_kafka import Consumer, TopicPartition
 
 from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark, parse
 from ros2_kafka_bridge.endpoints import Record, headers_of
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic, translate
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview
-from ros2_kafka_bridge.kafka.tail import BOUNDS
-from ros2_kafka_bridge.kafka.tls import check_files
+from ros2_kafka_bridge.kafka.ranges import BATCH, BOUNDS, RangeReader, held, opened, translated
 from ros2_kafka_bridge.logs.lines import client_log
 
 _REQUEST_S: Final = 5.0
 _SILENT_S: Final = 20.0
-_BATCH: Final = 50  # the headers of all of them are unpacked at once: see `route.pieces`
 _AHEAD: Final = 1000
 _AHEAD_BYTES: Final = 1_000_000
 _FEW: Final = 10  # in one batch, where they may be large
 _MOST_PARTS: Final = 16
 _OWN: Final = {
     'isolation.level': 'read_committed',
-    'enable.partition.eof': True,
     'allow.auto.create.topics': False,
-    'auto.offset.reset': 'earliest',  # what is deleted while it is read is gone
     'fetch.wait.max.ms': 10,  # each question waits behind the fetch that is on its way
     'queued.max.messages.kbytes': 16_384,
     **BOUNDS,
@@ -57,6 +48,7 @@ class LetterReader:
         self._properties = {**properties, **_OWN}
         self._overview = overview
         self._consumer: Consumer | None = None
+        self._opened = ExitStack()
         self._about = Client('READ', properties)
         self.partitions: dict[str, int] = {}
         self.unseen: dict[tuple[str, int], LetterPlace] = {}
@@ -71,14 +63,13 @@ class LetterReader:
         """
         seen = self._overview.topics()
         self.partitions = {topic.name: topic.partitions for topic in seen if not topic.problem}
-        check_files(self._properties, 'the Kafka client')
-        self._consumer = Consumer(self._properties, logger=client_log(__name__))
+        client = opened(self._properties, 'the Kafka client', client_log(__name__))
+        self._consumer = self._opened.enter_context(client)
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._consumer is not None:
-            self._consumer.close()
-            self._consumer = None
+        self._consumer = None
+        self._opened.close()
 
     def has(self, topic: str) -> bool:
         """Whether the topic is there.
@@ -89,10 +80,8 @@ class LetterReader:
         """
         if topic in self.partitions:
             return True
-        try:
+        with translated(f'topic {topic}', self._about):
             found = self._client.list_topics(topic, timeout=_REQUEST_S).topics[topic]
-        except KafkaException as failure:
-            raise translate(failure.args[0], f'topic {topic}', self._about) from failure
         if found.error is None:
             self.partitions[topic] = len(found.partitions)
         elif not is_missing_topic(found.error):
@@ -115,8 +104,8 @@ class LetterReader:
             RouteError: The topic may not be read.
         """
         for partition, end in enumerate(self._ends(topic)):
-            begin = LetterPlace(topic, partition, self._begin(topic, partition, since_ms))
-            for message in self._read(begin, end, whole=whole):
+            offsets = range(self._begin(topic, partition, since_ms), end)
+            for message in self._read(topic, partition, offsets, whole=whole):
                 yield parse(topic, message)
 
     def newest(self, topic: str, most: int, deadline_s: float) -> Iterator[Letter | Mark]:
@@ -129,9 +118,8 @@ class LetterReader:
             RouteError: The topic may not be read.
         """
         for partition, end in enumerate(self._ends(topic)):
-            low, stable = self._bounds(topic, partition)
-            begin = LetterPlace(topic, partition, max(low, stable - most))
-            for message in self._read(begin, end, whole=False, batch=_FEW, until_s=deadline_s):
+            offsets = range(self._held(topic, partition)[-most:].start, end)
+            for message in self._read(topic, partition, offsets, batch=_FEW, until_s=deadline_s):
                 yield parse(topic, message)
             if self.cut:
                 return
@@ -141,8 +129,7 @@ class LetterReader:
         wanted = set(offsets)
         if not wanted:
             return
-        begin, end = LetterPlace(topic, partition, min(wanted)), max(wanted) + 1
-        for message in self._read(begin, end, whole=False):
+        for message in self._read(topic, partition, range(min(wanted), max(wanted) + 1)):
             if message.offset() in wanted:
                 letter = parse(topic, message)
                 if isinstance(letter, Letter):
@@ -162,11 +149,11 @@ class LetterReader:
             raise RouteError(f'topic {topic}: is not there, or this user may not see it')
         if partition >= self.partitions[topic]:
             return range(0)
-        low, high = self._bounds(topic, partition)
-        if offset >= high:
-            ends = self._overview.ends([KafkaTopic(topic, self.partitions[topic], '')])
-            high = max(high, ends.get((topic, partition)) or 0)
-        return range(low, high)
+        there = self._held(topic, partition)
+        if offset < there.stop:
+            return there
+        ends = self._overview.ends([KafkaTopic(topic, self.partitions[topic], '')])
+        return range(there.start, max(there.stop, ends.get((topic, partition)) or 0))
 
     def records(self, topic: str, partition: int, offsets: range) -> Iterator[Record]:
         """Read what is left of the records of a partition at these offsets, which it holds.
@@ -175,9 +162,7 @@ class LetterReader:
             TransportError: The broker is away.
             RouteError: The topic may not be read.
         """
-        if offsets:
-            begin = LetterPlace(topic, partition, offsets.start)
-            yield from self._read(begin, offsets.stop, whole=False, batch=_FEW)
+        return self._read(topic, partition, offsets, batch=_FEW)
 
     @property
     def _client(self) -> Consumer:
@@ -192,81 +177,55 @@ class LetterReader:
                 raise TransportError(f'{topic}[{partition}]: the broker does not tell its end')
         return [ends[topic, partition] for partition in range(self.partitions[topic])]
 
-    def _bounds(self, topic: str, partition: int) -> tuple[int, int]:
-        """The first offset, and that before which every transaction has ended."""
-        try:
-            here = TopicPartition(topic, partition)
-            return self._client.get_watermark_offsets(here, timeout=_REQUEST_S)
-        except KafkaException as error:
-            raise self._translated(error, topic) from error
+    def _held(self, topic: str, partition: int) -> range:
+        """From the first offset to that before which every transaction has ended."""
+        with self._translated(topic):
+            return held(self._client, topic, _REQUEST_S, [partition])[topic, partition]
 
     def _begin(self, topic: str, partition: int, since_ms: int | None) -> int:
         """Where to begin: where nothing is as young, behind what can be seen."""
-        low, stable = self._bounds(topic, partition)
+        there = self._held(topic, partition)
         if since_ms is None:
-            return low
+            return there.start
         asked = TopicPartition(topic, partition, since_ms)
-        try:
+        with self._translated(topic):
             [found] = self._client.offsets_for_times([asked], timeout=_REQUEST_S)
-        except KafkaException as error:
-            raise self._translated(error, topic) from error
-        return max(low, found.offset) if found.offset >= 0 else stable
+        return max(there.start, found.offset) if found.offset >= 0 else there.stop
 
     def _read(
         self,
-        begin: LetterPlace,
-        end: int,
+        topic: str,
+        partition: int,
+        offsets: range,
         *,
-        whole: bool,
-        batch: int = _BATCH,
+        whole: bool = False,
+        batch: int = BATCH,
         until_s: float = math.inf,
     ) -> Iterator[Record]:
-        """The records from one offset to before another, as far as they are committed."""
-        topic, partition, offset = begin
-        if offset >= end:
-            return
-        self._client.assign([TopicPartition(topic, partition, offset)])
-        deadline_s = time.monotonic() + _SILENT_S
-        reached = offset
-        while reached < end and not self._is_late(topic, partition, reached, until_s):
-            found = self._consume(topic, partition, batch)[::-1]
-            while found:  # what was looked at is let go: it may be a megabyte
-                message = found.pop()
-                error = message.error()
-                here = message.offset() or 0
-                if error is None:
-                    reached = here + 1
-                    if here < end:
-                        # The stubs do not tell that headers are a list; they are.
-                        yield cast('Record', message)
-                    deadline_s = time.monotonic() + _SILENT_S
-                elif error.code() == KafkaError._PARTITION_EOF:  # noqa: SLF001 (its public name)
-                    if here < end and not whole:
-                        self.unseen[topic, partition] = LetterPlace(topic, partition, here)
-                    reached = here if whole else end
-                elif not isinstance(translate(error, ''), TransportError):
-                    raise translate(error, f'topic {topic}', self._about)
-            if time.monotonic() > deadline_s:
+        """The records at these offsets, as far as they are committed."""
+        reader = RangeReader(
+            self._client,
+            {(topic, partition): offsets},
+            silent_s=_SILENT_S,
+            stopped=lambda: time.monotonic() > until_s,
+            batch=batch,
+            waits=whole,
+        )
+        with translated(f'topic {topic}', self._about):
+            # The stubs do not tell that headers are a list; they are.
+            yield from cast('Iterator[Record]', iter(reader))
+        for place, at in reader.early_ends.items():
+            self.unseen[place] = LetterPlace(*place, at)
+        for place, reached in reader.left.items():
+            if reader.silence_s > _SILENT_S:
                 raise TransportError(
                     f'{topic}[{partition}] cannot be read behind {reached}: the broker is away, '
                     'or another client has not ended its transaction there; try again in a minute'
                 )
+            self.cut = LetterPlace(*place, reached)
 
-    def _is_late(self, topic: str, partition: int, reached: int, until_s: float) -> bool:
-        if is_late := time.monotonic() > until_s:
-            self.cut = LetterPlace(topic, partition, reached)
-        return is_late
-
-    def _consume(self, topic: str, partition: int, most: int) -> list[Message]:
-        try:
-            found = self._client.consume(most, 0.1)
-        except KafkaException as error:
-            raise self._translated(error, topic) from error
-        # Of what was read before, something may still come.
-        return [it for it in found if (it.topic(), it.partition()) == (topic, partition)]
-
-    def _translated(self, error: KafkaException, topic: str) -> Exception:
-        return translate(error.args[0], f'topic {topic} cannot be read', self._about)
+    def _translated(self, topic: str) -> AbstractContextManager[None]:
+        return translated(f'topic {topic} cannot be read', self._about)
 
 
 class Original(NamedTuple):

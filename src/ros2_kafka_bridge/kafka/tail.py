@@ -3,26 +3,19 @@
 import logging
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple, cast
 
-from confluent_kafka import Consumer, KafkaError, KafkaException, Message, TopicPartition
+from confluent_kafka import Consumer, KafkaException, Message
 
 from ros2_kafka_bridge.endpoints import Record
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic, translate
-from ros2_kafka_bridge.kafka.tls import check_files
+from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic
+from ros2_kafka_bridge.kafka.ranges import BOUNDS, Place, RangeReader, held, opened, translated
 from ros2_kafka_bridge.kafka.topics import partitions_of
 
 # The caller is the thread of a route: while it waits here nothing is taken from ROS.
 _REQUEST_S: Final = 2.0
-_BATCH: Final = 50  # the headers of all of them are unpacked at once: see `route.pieces`
-# The client bounds a fetch as it is packed, not what it becomes: with its own settings 4,000
-# records with headers of 900 kB, which zstd packs well, took 3.5 GB; with these 0.5 GB, however
-# many there are.
-BOUNDS: Final = {'max.partition.fetch.bytes': 65_536, 'queued.min.messages': 200}
-"""Properties of a consumer that reads what strangers may have written."""
 
 Note = Callable[[Record], None]
 """What is done with a record that was read."""
@@ -54,12 +47,9 @@ class KafkaTail:
         self.topic = topic
         self.records = 0  # read so far
         self.is_cut = False
-        # What a broker deletes meanwhile is not missed.
-        own = {'enable.partition.eof': True, 'auto.offset.reset': 'earliest', **BOUNDS}
-        self._properties = {**properties, **own}
+        self._properties = {**properties, **BOUNDS}
         self._about = Client('READ', properties)
-        self._starts: dict[int, _Start] = {}
-        self._lows: dict[int, int] = {}
+        self._starts: dict[Place, _Start] = {}
 
     @property
     def complete(self) -> bool:
@@ -93,110 +83,50 @@ class KafkaTail:
             TransportError: The broker is away.
             RouteError: The topic may not be read.
         """
-        check_files(self._properties, f'topic {self.topic}')
-        with self._translated():
-            consumer = Consumer(
-                self._properties, logger=logging.getLogger(f'{__name__}.librdkafka')
-            )
-            try:
-                ranges = self._ranges(consumer, records)
-                reading = _Reading(ranges, note)
-                self._read(consumer, reading, ranges, within_s)
-            finally:
-                consumer.close()
-        self.records += reading.records
-        for partition, offsets in ranges.items():
-            time_ns = reading.times_ns.get(partition, math.inf)
-            self._starts[partition] = _Start(offsets.start, self._lows[partition], time_ns)
+        where = f'topic {self.topic}'
+        log = logging.getLogger(f'{__name__}.librdkafka')
+        cannot = f'{where} cannot be read, to skip what it holds from before a restart'
+        with translated(cannot, self._about), opened(self._properties, where, log) as consumer:
+            there = self._held(consumer)
+            ranges = {place: self._before(place, there[place])[-records:] for place in there}
+            times_ns = self._read(consumer, ranges, within_s, note)
+        for place, offsets in ranges.items():
+            time_ns = times_ns.get(place[1], math.inf)
+            self._starts[place] = _Start(offsets.start, there[place].start, time_ns)
 
-    def _ranges(self, consumer: Consumer, records: int) -> dict[int, range]:
-        """The offsets to read in each partition."""
-        ranges = {}
-        for partition in self._partitions(consumer):
-            here = TopicPartition(self.topic, partition)
-            low, high = consumer.get_watermark_offsets(here, timeout=_REQUEST_S)
-            before = self._starts.get(partition)
-            end = max(low, high if before is None else before.offset)
-            ranges[partition] = range(max(low, end - records), end)
-            self._lows[partition] = low
-        return ranges
-
-    def _partitions(self, consumer: Consumer) -> list[int]:
-        """Those of the topic; none where it is not there yet."""
+    def _held(self, consumer: Consumer) -> dict[Place, range]:
+        """What the topic holds: nothing where it is not there yet."""
         try:
-            return partitions_of(consumer, self.topic, _REQUEST_S)
+            numbers = partitions_of(consumer, self.topic, _REQUEST_S)
         except KafkaException as error:
             if not is_missing_topic(error.args[0]):
                 raise
-            return []
+            return {}
+        return held(consumer, self.topic, _REQUEST_S, numbers)
+
+    def _before(self, place: Place, there: range) -> range:
+        """What a partition holds before what was read."""
+        end = self._starts[place].offset if place in self._starts else there.stop
+        return range(there.start, max(there.start, end))
 
     def _read(
-        self,
-        consumer: Consumer,
-        reading: '_Reading',
-        ranges: Mapping[int, range],
-        within_s: float,
-    ) -> None:
+        self, consumer: Consumer, ranges: Mapping[Place, range], within_s: float, note: Note
+    ) -> dict[int, float]:
+        """Read them as far as there is time; returns the time of the first in each partition."""
         deadline_s = time.monotonic() + within_s
-        places = [TopicPartition(self.topic, p, ranges[p].start) for p in reading.left]
-        consumer.assign(places)
-        while reading.left:
-            batch = consumer.consume(_BATCH, 0.05)
-            batch.reverse()
-            while batch:  # what was looked at is let go: its headers may take megabytes
-                message = batch.pop()
-                error = message.error()
-                if error is None or error.code() == KafkaError._PARTITION_EOF:  # noqa: SLF001 (its public name)
-                    if reading.note(message):
-                        number = message.partition() or 0
-                        consumer.pause([TopicPartition(self.topic, number)])
-                elif not isinstance(translate(error, f'topic {self.topic}'), TransportError):
-                    raise KafkaException(error)
-            now_s = time.monotonic()
-            if reading.left and now_s > deadline_s:
-                if now_s - reading.heard_at_s > within_s / 2:
-                    raise TransportError(f'topic {self.topic}: its end cannot be read in time')
-                self.is_cut = True
-                return
-
-    @contextmanager
-    def _translated(self) -> Iterator[None]:
-        where = f'topic {self.topic} cannot be read, to skip what it holds from before a restart'
-        try:
-            yield
-        except KafkaException as error:
-            raise translate(error.args[0], where, self._about) from error
-
-
-class _Reading:
-    """Some offsets of each partition, while they are read."""
-
-    def __init__(self, ranges: Mapping[int, range], note: Note) -> None:
-        self.left = {partition for partition, offsets in ranges.items() if offsets}
-        self.records = 0
-        self.heard_at_s = time.monotonic()
-        self.times_ns: dict[int, float] = {}  # of the first record in each partition
-        self._ranges = ranges
-        self._note = note
-
-    def note(self, message: Message) -> bool:
-        """Take in a record, or the end of a partition; tells whether the partition is through."""
-        partition, offset = message.partition() or 0, message.offset() or 0
-        if partition not in self.left:
-            return False
-        if message.error() is None and offset < self._ranges[partition].stop:
-            self._note_record(message, partition)
-        if message.error() is None and offset + 1 < self._ranges[partition].stop:
-            return False
-        self.left.discard(partition)
-        return True
-
-    def _note_record(self, message: Message, partition: int) -> None:
-        self.records += 1
-        self.heard_at_s = time.monotonic()
-        if partition not in self.times_ns:
-            self.times_ns[partition] = _time_ns(message)
-        self._note(cast('Record', message))
+        reader = RangeReader(consumer, ranges, stopped=lambda: time.monotonic() > deadline_s)
+        times_ns: dict[int, float] = {}
+        records = 0
+        for message in reader:
+            records += 1
+            times_ns.setdefault(message.partition() or 0, _time_ns(message))
+            note(cast('Record', message))
+        if reader.left:
+            if reader.silence_s > within_s / 2:
+                raise TransportError(f'topic {self.topic}: its end cannot be read in time')
+            self.is_cut = True
+        self.records += records
+        return times_ns
 
 
 def _time_ns(message: Message) -> float:

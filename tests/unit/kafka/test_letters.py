@@ -16,6 +16,7 @@ from ros2_kafka_bridge.dead_letters.filter import LetterFilter
 from ros2_kafka_bridge.dead_letters.letter import LetterPlace
 from ros2_kafka_bridge.errors import ConfigError, RouteError, TransportError
 from ros2_kafka_bridge.kafka import letters as under_test
+from ros2_kafka_bridge.kafka import ranges
 from ros2_kafka_bridge.kafka.letters import LetterReader
 from ros2_kafka_bridge.kafka.overview import KafkaTopic
 from ros2_kafka_bridge.monitoring import letters as page
@@ -79,7 +80,7 @@ class Kafka:
 def kafka(monkeypatch: pytest.MonkeyPatch) -> Kafka:
     """Twenty letters, of which three are before a transaction that has not ended."""
     made = Kafka(end=20, stable=3)
-    monkeypatch.setattr(under_test, 'Consumer', lambda *_, **__: made)
+    monkeypatch.setattr(ranges, 'Consumer', lambda *_, **__: made)
     for module in (report, replay, page):
         monkeypatch.setattr(module, 'open_reader', lambda _: reader(made))
     return made

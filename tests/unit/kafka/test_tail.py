@@ -8,7 +8,7 @@ import pytest
 from confluent_kafka import Message, TopicPartition
 
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.kafka import tail as under_test
+from ros2_kafka_bridge.kafka import ranges
 from ros2_kafka_bridge.kafka.tail import KafkaTail
 
 
@@ -54,7 +54,7 @@ def tail_of(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], KafkaTail]:
 
     def make(answers: int) -> KafkaTail:
         broker = Broker(answers)
-        monkeypatch.setattr(under_test, 'Consumer', lambda *_, **__: broker)
+        monkeypatch.setattr(ranges, 'Consumer', lambda *_, **__: broker)
         monkeypatch.setattr(time, 'monotonic', lambda: broker.clock_s)
         return KafkaTail({}, 'orders')
 
