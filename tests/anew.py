@@ -56,7 +56,7 @@ class Reader:
 
     def die(self) -> None:
         """End without another word to the group than that it has gone."""
-        self.source._member.client.close()
+        self.source._member.consumer.close()
         self.is_dead = True
 
     def read(self, *, pausing: bool = False) -> None:

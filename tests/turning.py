@@ -48,7 +48,7 @@ class MemoryLock:
     def check(self) -> None:
         pass
 
-    def is_wanted(self) -> bool:
+    def has_standby(self) -> bool:
         return self.wanted
 
     def close(self) -> None:

@@ -107,7 +107,7 @@ class Rebalance(Protocol):
     """What a source of records calls while it is polled."""
 
     def revoked(self, partitions: frozenset[int]) -> None:
-        """Finish and commit what can be, then forget these partitions."""
+        """Finish what can be and `advance`, then forget these partitions: a commit follows."""
 
     def lost(self, partitions: frozenset[int]) -> None:
         """Forget these partitions, others may have them already."""
@@ -196,9 +196,6 @@ class RecordSource(KafkaEnd, Protocol):
     def commit_now(self, timeout_s: float) -> bool:
         """Commit and wait; False when it was not confirmed in time."""
         ...
-
-    def commit_before_revoke(self) -> None:
-        """Commit from inside `Rebalance.revoked`."""
 
     def lag(self) -> int | None:
         """How many records of the partitions come behind what has ended; None: not known."""

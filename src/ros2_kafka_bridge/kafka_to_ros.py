@@ -320,14 +320,12 @@ class KafkaToRos:
     # Hand-over, failure, end
 
     def revoked(self, partitions: frozenset[int]) -> None:
-        """Wait for what these partitions have in flight, commit it, forget the rest."""
+        """Wait for what these partitions have in flight, and forget the rest."""
         deadline_s = min(time.monotonic() + REVOKE_S, self._drained_by_s)
         with suppress(BridgeError):  # told by the next step: a hand-over has to be ended
             while time.monotonic() < deadline_s and self._flight.has_sent(partitions):
                 self._confirm()
                 time.sleep(_BUSY_S)
-        self._settle()
-        self._source.commit_before_revoke()
         self.lost(partitions)
 
     def lost(self, partitions: frozenset[int]) -> None:

@@ -18,7 +18,7 @@ LOG = logging.LoggerAdapter(logging.getLogger('test.stuck'), {})
 
 
 def is_fetching(source: KafkaSource) -> bool:
-    return '"fetch_state":"active"' in source._member._recorder._statistics.replace(' ', '')
+    return '"fetch_state":"active"' in source._member.client.recorder._statistics.replace(' ', '')
 
 
 def give_up(*_: object) -> None:

@@ -36,11 +36,7 @@ _PROVOKED_BY = {
     'to_ros': 'Consumer.poll',
     'to_kafka': 'Producer.poll',
 }
-_CALLS_FOR = {
-    'unattended: commit': 'to_ros',
-    'unattended: old consumer': 'to_ros',
-    'unattended: old lock': 'to_kafka',
-}
+_OLD_CLIENT = 'unattended: old client of '
 
 
 class Saboteur:
@@ -53,8 +49,7 @@ class Saboteur:
 
     def calls(self, name: str) -> None:
         """Fail, if it is the turn of this call in this thread."""
-        thread = threading.current_thread().name
-        route = _CALLS_FOR.get(thread, thread)
+        route = _route_of(threading.current_thread().name)
         if route not in _PROVOKED_BY:
             return
         call = (route, name)
@@ -77,6 +72,13 @@ class Saboteur:
             return function(*arguments, **more)
 
         return wrapped
+
+
+def _route_of(thread: str) -> str:
+    """The route that a thread works for; the name of the thread where it is none's."""
+    if thread.startswith(_OLD_CLIENT):
+        return 'to_kafka' if thread.endswith('.lock') else 'to_ros'
+    return 'to_ros' if thread == 'unattended: commit' else thread
 
 
 def sabotage_kafka(saboteur: Saboteur) -> None:

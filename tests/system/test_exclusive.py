@@ -18,7 +18,7 @@ from harness import Bench, eventually, headers, to_kafka, totals, values
 
 from ros2_kafka_bridge.dedup import without_repeats
 from ros2_kafka_bridge.errors import RouteError, TransportError
-from ros2_kafka_bridge.kafka.lock import GroupLock, _Useless
+from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.testing.local_kafka import free_port
 
 LOG = logging.LoggerAdapter(logging.getLogger('test.exclusive'), {})
@@ -62,11 +62,11 @@ def wait(condition: Callable[[], bool], *polled: GroupLock) -> None:
 def test_a_lock_is_held_by_one_and_goes_to_another_only_when_that_leaves(locks: Locks) -> None:
     first = locks()
     wait(lambda: first.held, first)
-    assert not first.is_wanted()
+    assert not first.has_standby()
     second, third = locks(), locks()
     wait(lambda: second.joined and third.joined, first, second, third)
     assert (first.held, second.held, third.held) == (True, False, False)
-    assert first.is_wanted()
+    assert first.has_standby()
     first.close()
     first.poll(0.0)
     assert not first.held
@@ -80,14 +80,14 @@ def test_a_lock_whose_client_gives_up_has_another_and_is_held_by_one(locks: Lock
     wait(lambda: first.held, first)
     second = locks()
     wait(lambda: second.joined, first, second)
-    client = first._consumer
+    client = first._client
     with contextlib.closing(Consumer(first._properties)) as late:
         late.subscribe([first.topic])
 
         def is_replaced() -> bool:
             late.poll(0.05)
             assert first.held, 'it holds on meanwhile'
-            return first._consumer is not client
+            return first._client is not client
 
         wait(is_replaced, first, second)
     wait(lambda: first.joined, first, second)
@@ -108,11 +108,11 @@ def test_a_lock_that_is_told_nothing_has_another_client_and_its_place_back(
     wait(lambda: first.held, first)
     second = locks()
     wait(lambda: second.joined, first, second)
-    client, name = first._consumer, first._properties['group.instance.id']
+    client, name = first._client, first._properties['group.instance.id']
 
     def is_replaced() -> bool:
         assert first.held, 'it holds on meanwhile'
-        if first._consumer is not client:
+        if first._client is not client:
             return True
         first.joined = False  # in each round: that the second one has come may be told late
         return False
@@ -130,13 +130,13 @@ def test_a_lock_whose_name_is_shut_out_twice_takes_another(locks: Locks) -> None
     wait(lambda: first.held, first)
     names = {first._properties['group.instance.id']}
     for _ in range(2):
-        client = first._consumer
+        client = first._client
         with contextlib.closing(Consumer(first._properties)) as late:
             late.subscribe([first.topic])
 
             def is_replaced(late: Consumer = late, client: object = client) -> bool:
                 late.poll(0.05)
-                return first._consumer is not client
+                return first._client is not client
 
             wait(is_replaced, first)
         wait(lambda: first.joined, first)
@@ -151,19 +151,20 @@ def test_a_lock_is_no_failure_of_its_route_where_a_client_cannot_be_made(
     """As while a certificate is replaced, with half of it there."""
     first = locks()
     wait(lambda: first.held, first)
-    client = first._consumer
+    client = first._client
 
     def refuse(*_: object, **__: object) -> Consumer:
         raise KafkaException(KafkaError(KafkaError._INVALID_ARG, 'no such certificate'))
 
     name = first._properties['group.instance.id']
     with monkeypatch.context() as patched:
-        patched.setattr('ros2_kafka_bridge.kafka.lock.Consumer', refuse)
-        first._given_up = _Useless.SHUT_OUT
+        patched.setattr('ros2_kafka_bridge.kafka.group_client.Consumer', refuse)
+        assert first._client is not None
+        first._client.is_shut_out = True
         wait(lambda: caplog.text.count('cannot join them now') > 2, first)
         assert first.held
-        assert first._consumer is client
-    wait(lambda: first._consumer is not client and first.joined, first)
+        assert first._client is client
+    wait(lambda: first._client is not client and first.joined, first)
     assert first.held
     assert first._properties['group.instance.id'] == name, 'it was shut out once'
 

@@ -43,7 +43,7 @@ def test_a_lock_needs_read_on_its_topic_and_group_and_a_topic_that_somebody_make
     with make() as first, make() as second:
         listen(first)
         second.open()
-        eventually(lambda: hears(first) and hears(second) and first.is_wanted(), 60)
+        eventually(lambda: hears(first) and hears(second) and first.has_standby(), 60)
         assert (first.held, second.held) == (True, False)
 
 

@@ -76,7 +76,7 @@ def test_guarantee_1_what_is_deleted_faster_than_it_is_read_is_counted_once_and_
 
     def read_to(end: int) -> bool:
         read(500)
-        partition = source._partitions.get(0)  # none before it is assigned
+        partition = source._offsets.get(0)  # none before it is assigned
         return partition is not None and partition.end == end
 
     with opened(bench, topic_name) as source:
@@ -220,13 +220,13 @@ def test_a_client_that_does_not_read_what_its_partition_holds_is_given_up(
         return len(taken) >= count
 
     with opened(bench, topic_name) as source:
-        eventually(lambda: read(1) and [part.end for part in source._partitions] == [1, 0], 30)
+        eventually(lambda: read(1) and [part.end for part in source._offsets] == [1, 0], 30)
         # Only now: while it begins, a client may well be slower than that.
         monkeypatch.setattr('ros2_kafka_bridge.kafka.watchdog._STUCK_LOOK_S', 0.3)
         source._member._watchdog.begin()
         source.advance({0: 1})
         assert source.commit_now(patient(30))
-        source._member.client.pause([TopicPartition(topic_name, 0)])
+        source._member.consumer.pause([TopicPartition(topic_name, 0)])
         bench.produce(topic_name, [b'second'], partition=0)
         with pytest.raises(RouteError, match='that the Kafka client does not read: begins anew'):
             poll_on(source)

@@ -46,7 +46,7 @@ def test_a_bridge_that_stops_leaves_its_partitions_to_the_other_one_long_before_
     def has(source: KafkaSource, count: int) -> bool:
         for open_one in opened:
             open_one.poll(10, 0.05)
-        return len(source._partitions) == count
+        return len(source._offsets) == count
 
     opened = [first]
     first.open(Nobody())

@@ -21,11 +21,10 @@ from ros2_kafka_bridge.config.settings import Config, QoS
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import BridgeError, RouteError
-from ros2_kafka_bridge.kafka import admin, lock, member, producer, ranges
-from ros2_kafka_bridge.kafka.commits import Commits
+from ros2_kafka_bridge.kafka import admin, group_client, lock, producer, ranges
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
+from ros2_kafka_bridge.kafka.group_client import GroupClient
 from ros2_kafka_bridge.kafka.lock import GroupLock
-from ros2_kafka_bridge.kafka.partitions import Partitions
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.tail import KafkaTail
 from ros2_kafka_bridge.kafka.topic_id import TopicIds
@@ -36,7 +35,6 @@ from ros2_kafka_bridge.ros.probe import Abilities
 from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.subscription import RosSource
 from ros2_kafka_bridge.ros.types import MessageType, TypeLoader
-from ros2_kafka_bridge.threads import unattended
 from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.wiring import Wiring
 
@@ -53,7 +51,8 @@ Life = Callable[[Library], Iterator[Callable[[], object]]]
 
 @pytest.fixture(autouse=True)
 def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, limit in ((member, '_LEAVE_S'), (lock, '_LEAVE_S'), (lock, '_REQUEST_S')):
+    limits = ((group_client, '_JOIN_S'), (group_client, '_DRAIN_S'), (lock, '_REQUEST_S'))
+    for module, limit in limits:
         monkeypatch.setattr(module, limit, 0.02)
     monkeypatch.setattr(lock, '_AGAIN_S', 0.0)
 
@@ -84,7 +83,6 @@ def kafka_source(client: Library) -> Iterator[Callable[[], object]]:
     yield lambda: source.advance({0: 7})
     yield lambda: source.commit_now(0.01)
     yield lambda: source.advance({0: 8})
-    yield source.commit_before_revoke
     yield lambda: call_back(client, 'on_revoke')
     yield source.close
 
@@ -112,7 +110,7 @@ def group_lock(client: Library) -> Iterator[Callable[[], object]]:
     yield lambda: held.poll(0.0)
     held._health.away = 'away'
     yield held.check
-    yield held.is_wanted
+    yield held.has_standby
     yield held.close
 
 
@@ -175,7 +173,7 @@ def error(code: int) -> MagicMock:
 def of_kafka(monkeypatch: pytest.MonkeyPatch) -> Library:
     """A library whose clients are all one."""
     client = MagicMock()
-    for module in (member, ranges, lock):
+    for module in (group_client, ranges):
         monkeypatch.setattr(module, 'Consumer', lambda *_, **__: client.Consumer() and client)
     monkeypatch.setattr(producer, 'Producer', lambda *_, **__: client.Producer() and client)
     monkeypatch.setattr(admin, 'AdminClient', lambda *_, **__: client.AdminClient() and client)
@@ -290,7 +288,7 @@ def test_a_lock_that_is_open_raises_nothing_as_a_turn_is_asked_for_anywhere(
         let_fail(client, [name], 0, problem)
         held.poll(0.0)
         held.poll(0.0)
-        held.is_wanted()
+        held.has_standby()
         held.close()
         held.poll(0.0)
 
@@ -376,21 +374,23 @@ def test_guarantee_4_a_route_that_cannot_be_made_leaves_no_reader_behind(
         source.close.assert_called_once_with()
 
 
-def test_a_commit_is_waited_for_but_not_without_limit() -> None:
-    client, answers = MagicMock(), threading.Event()
-    client.poll.return_value = None
-    commits = Commits(client, 't', Partitions(), MagicMock(), LOG)
-    commits.within(5.0, {0: 5})
-    client.commit.assert_called_once_with(offsets=[HERE], asynchronous=False)
+def test_a_commit_is_waited_for_but_not_without_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    library, answers = MagicMock(), threading.Event()
+    library.poll.return_value = None
+    monkeypatch.setattr(group_client, 'Consumer', lambda *_, **__: library)
+    client = GroupClient({}, 't', MagicMock(), LOG.logger)
+    client.open()
+    client.commit([HERE], 5.0)
+    library.commit.assert_called_once_with(offsets=[HERE], asynchronous=False)
     refused = KafkaError(KafkaError.GROUP_AUTHORIZATION_FAILED, 'refused')
-    client.commit.side_effect = KafkaException(refused)
+    library.commit.side_effect = KafkaException(refused)
     with pytest.raises(KafkaException, match='refused'):
-        commits.within(5.0, {0: 5})
-    client.commit.side_effect = lambda **_: answers.wait(30)
+        client.commit([HERE], 5.0)
+    library.commit.side_effect = lambda **_: answers.wait(30)
     with pytest.raises(KafkaException, match=r'within 0\.05 s'):
-        commits.within(0.05, {0: 5})
-    assert not unattended.ends_within(0.05, 'close', commits.close_client)
-    client.close.assert_not_called()
+        client.commit([HERE], 0.05)
+    assert not client.end(0.05, leaves=False)
+    library.close.assert_not_called()
     answers.set()
-    commits.close_client()
-    assert client.close.call_count >= 1
+    assert client.end(30.0, leaves=False)
+    assert library.close.call_count >= 1

@@ -6,8 +6,8 @@ from typing import NamedTuple
 from confluent_kafka import OFFSET_BEGINNING, Consumer, KafkaException, TopicPartition
 
 from ros2_kafka_bridge.errors import About
-from ros2_kafka_bridge.kafka.commits import Commits, offsets_of
-from ros2_kafka_bridge.kafka.partitions import Partition
+from ros2_kafka_bridge.kafka.offsets import Offsets, committed_of
+from ros2_kafka_bridge.kafka.partition import Partition
 from ros2_kafka_bridge.kafka.topics import partitions_of
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.logs.text import count
@@ -31,16 +31,19 @@ class Beginnings:
     """Finds where the partitions of a topic begin, and counts what was gone before it was read.
 
     Args:
-        topic: Their topic.
         start: `latest` or `earliest`: where a topic begins that the group never read.
+        offsets: Of the topic.
         log: Where to say what happens.
     """
 
-    def __init__(self, topic: str, start: str, log: logging.LoggerAdapter[logging.Logger]) -> None:
+    def __init__(
+        self, start: str, offsets: Offsets, log: logging.LoggerAdapter[logging.Logger]
+    ) -> None:
         self.lost = 0
         self._counted: dict[int, range] = {}  # the last of what is in `lost`, also of earlier runs
-        self._topic = topic
+        self._topic = offsets.topic
         self._start = start
+        self._offsets = offsets
         self._log = log
         self._occasional = summed(log)
 
@@ -49,18 +52,11 @@ class Beginnings:
         self._start = 'earliest'
         self._counted.clear()
 
-    def find(
-        self,
-        client: Consumer,
-        commits: Commits,
-        partition: Partition,
-        wanted: int | None,
-    ) -> Beginning:
+    def find(self, client: Consumer, partition: Partition, wanted: int | None) -> Beginning:
         """Find where to read on.
 
         Args:
             client: Whom to ask.
-            commits: Its commits.
             partition: Where it stands.
             wanted: The offset that is not there; None where the group has none.
 
@@ -70,12 +66,12 @@ class Beginnings:
         if wanted is not None and wanted < self._bounds(client, partition.number)[0]:
             return _cut_off(partition, wanted)
         everywhere = self._everywhere(client)
-        committed = offsets_of(client.committed(everywhere, timeout=_REQUEST_S))
+        committed = committed_of(client.committed(everywhere, timeout=_REQUEST_S))
         if not committed and partition.next is None:
-            return Beginning(self._first_start(client, commits, everywhere)[partition.number])
+            return Beginning(self._first_start(client, everywhere)[partition.number])
         low, high = self._bounds(client, partition.number)
-        if (at := committed.get(partition.number)) is not None:
-            return self._at_committed(partition, at, low, high)
+        if (told := committed.get(partition.number)) is not None:
+            return self._at_committed(partition, told.offset, low, high)
         if partition.next is not None:  # the offsets of the group went with the topic
             self._say_not_there(partition, max(partition.next, high + 1), low, high)
             return Beginning(low, anew=True)
@@ -104,9 +100,7 @@ class Beginnings:
             TopicPartition(self._topic, number), timeout=_REQUEST_S
         )
 
-    def _first_start(
-        self, client: Consumer, commits: Commits, everywhere: list[TopicPartition]
-    ) -> dict[int, int]:
+    def _first_start(self, client: Consumer, everywhere: list[TopicPartition]) -> dict[int, int]:
         """Resolve `start` once, for every partition, and commit it at once.
 
         Also for partitions that others read: seen from them, a partition without an offset among
@@ -115,7 +109,7 @@ class Beginnings:
         bounds = {p.partition: self._bounds(client, p.partition) for p in everywhere}
         is_latest = self._start == 'latest'
         offsets = {number: high if is_latest else low for number, (low, high) in bounds.items()}
-        commits.within(_REQUEST_S, offsets)
+        self._offsets.commit_within(_REQUEST_S, offsets)
         passed = sum(high - low for low, high in bounds.values()) if is_latest else 0
         self._say_begun(passed)
         return offsets

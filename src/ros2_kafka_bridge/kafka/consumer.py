@@ -1,27 +1,25 @@
 """The records of one Kafka topic, read as a member of a group.
 
-Its place in the group is the matter of `member`, what is committed that of `commits`; where
-partitions stand is in `partitions`.
+Its place in the group is the matter of `member`; where its partitions stand, and what of that is
+committed, that of `offsets`.
 """
 
 import contextlib
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, cast
 
-from confluent_kafka import KafkaError, KafkaException, Message
+from confluent_kafka import KafkaError, Message
 
 from ros2_kafka_bridge.endpoints import Rebalance, Record
-from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.kafka.beginnings import Beginnings
 from ros2_kafka_bridge.kafka.client_health import ClientHealth
-from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic, translate
+from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic, translated
 from ros2_kafka_bridge.kafka.lag import Lag
 from ros2_kafka_bridge.kafka.member import Member
-from ros2_kafka_bridge.kafka.partitions import Partition, Partitions
+from ros2_kafka_bridge.kafka.offsets import Offsets
+from ros2_kafka_bridge.kafka.partition import Partition
 from ros2_kafka_bridge.kafka.properties import Membership, member_name
-from ros2_kafka_bridge.kafka.recorder import with_recording
-from ros2_kafka_bridge.kafka.statistics import with_statistics
 from ros2_kafka_bridge.kafka.topic_id import TopicIds
 from ros2_kafka_bridge.kafka.topic_watch import TopicWatch
 
@@ -56,16 +54,16 @@ class KafkaSource:
             'max.poll.interval.ms': rejoin_ms,
             **member_name(properties, membership),
         }
-        properties = with_recording(with_statistics(own | dict(properties)))
+        properties = own | dict(properties)
         self._topic = topic
         self._about = Client('READ', properties)
         self._health = ClientHealth(f'topic {topic}', log, self._about, reads=True)
-        self._partitions = Partitions()
-        self._beginnings = Beginnings(topic, start, log)
-        self._lag = Lag(topic, self._partitions)
+        self._offsets = Offsets(topic, log)
+        self._beginnings = Beginnings(start, self._offsets, log)
+        self._lag = Lag(self._offsets)
         on_new = self._beginnings.expect_new_topic
-        watch = TopicWatch(topic, ids, self._partitions, log, on_new)
-        self._member = Member(properties, topic, self._partitions, watch, self._health, log)
+        watch = TopicWatch(ids, self._offsets, log, on_new)
+        self._member = Member(properties, self._offsets, watch, self._health, log)
 
     @property
     def lost_upstream(self) -> int:
@@ -103,7 +101,7 @@ class KafkaSource:
         Raises:
             RouteError: librdkafka refuses the properties.
         """
-        with self._translating():
+        with self._translated():
             self._member.join(rebalance)
 
     def poll(self, limit: int, timeout_s: float) -> Sequence[Record]:
@@ -112,7 +110,7 @@ class KafkaSource:
         Raises:
             RouteError: The client is of no use any more.
         """
-        with self._translating():
+        with self._translated():
             self._member.read_on()
             return self._read(limit, timeout_s)
 
@@ -122,17 +120,17 @@ class KafkaSource:
         Raises:
             RouteError: The client is of no use any more.
         """
-        with self._translating():
+        with self._translated():
             self._member.pause()
             return self._read(1, 0.0)
 
     def advance(self, positions: Mapping[int, int]) -> None:
         """Note the next offset to read of partitions: all before it have ended."""
-        self._partitions.advance(positions)
+        self._offsets.advance(positions)
 
     def commit(self) -> None:
         """Commit how far each partition has come, without waiting for it."""
-        self._member.commits.soon()
+        self._offsets.commit()
 
     def commit_now(self, timeout_s: float) -> bool:
         """Commit and wait; False when it was not confirmed in time, or the partitions are lost.
@@ -142,11 +140,7 @@ class KafkaSource:
         """
         if timeout_s > 0 and self._member.is_topic_replaced(at_once=True):
             self._member.forget_old_topic()
-        return self._member.commits.now(timeout_s) and not self._member.is_outside
-
-    def commit_before_revoke(self) -> None:
-        """Commit from inside a rebalance, where polling for the answer is not possible."""
-        self._member.commits.before_revoke()
+        return self._offsets.commit_now(timeout_s) and not self._member.is_outside
 
     def lag(self) -> int | None:
         """How many records of the partitions come behind what has ended.
@@ -159,40 +153,30 @@ class KafkaSource:
         """
         if not (self._member.is_in_group and self._member.hears_ends):
             return None
-        with self._translating():
-            return self._lag.count(self._member.client, ask=self._member.is_paused)
+        with self._translated():
+            return self._lag.count(self._member.consumer, ask=self._member.is_paused)
 
     def close(self) -> None:
         """Leave the group; what is to be committed has been."""
         self._member.leave()
 
-    @contextlib.contextmanager
-    def _translating(self, partition: Partition | None = None) -> Iterator[None]:
-        try:
-            yield
-        except KafkaException as error:
-            raise self._translated(error, partition) from error
-
-    def _translated(self, error: KafkaException, partition: Partition | None) -> BridgeError:
-        where = f'topic {self._topic}'
-        if partition is not None:
-            where = f'{self._topic}[{partition.number}]'
-        return translate(error.args[0], where, self._about)
+    def _translated(self) -> contextlib.AbstractContextManager[None]:
+        return translated(f'topic {self._topic}', self._about)
 
     def _read(self, limit: int, timeout_s: float) -> Sequence[Record]:
         # consume() waits its whole timeout unless all `limit` records come; poll() does not.
         first = self._member.poll(timeout_s)
         if first is None:
             return ()
-        batch, partition = [first], self._partitions.get(first.partition())
+        batch, partition = [first], self._offsets.get(first.partition())
         if limit > 1:
-            batch += self._member.client.consume(limit - 1, 0.0)
-            if self._partitions.get(first.partition()) is not partition:
+            batch += self._member.consumer.consume(limit - 1, 0.0)
+            if self._offsets.get(first.partition()) is not partition:
                 del batch[0]  # handed over meanwhile
-        if self._partitions.are_cut_off or any(message.error() for message in batch):
+        if self._offsets.are_cut_off or any(message.error() for message in batch):
             batch = self._records(batch)
         else:
-            self._partitions.hand_out(batch)
+            self._offsets.hand_out(batch)
             self._health.on_contact()
         # The stubs do not tell that headers are a list; they are.
         return cast('Sequence[Record]', batch)
@@ -201,10 +185,10 @@ class KafkaSource:
         """Pick the records out of what the client tells in their midst, and act on the rest."""
         records = [message for message in batch if message.error() is None]
         # First: a partition is at its end only where these have ended, too.
-        self._partitions.hand_out(records)
-        client = self._member.client
+        self._offsets.hand_out(records)
+        client = self._member.consumer
         for message in batch:
-            if self._member.client is not client:
+            if self._member.consumer is not client:
                 return []  # it has left a topic that is gone: nothing of that counts any more
             error = message.error()
             if error is None:
@@ -212,29 +196,29 @@ class KafkaSource:
                 self._note_reached(message)
             else:
                 self._take_event(message, error)
-        return records if self._member.client is client else []
+        return records if self._member.consumer is client else []
 
     def _take_event(self, message: Message, error: KafkaError) -> None:
         number, offset = message.partition() or 0, message.offset()
         if error.code() == KafkaError._AUTO_OFFSET_RESET:  # noqa: SLF001 (its public name)
-            if number in self._partitions:
-                self._set_beginning(self._partitions[number], offset)
+            if number in self._offsets:
+                self._set_beginning(self._offsets[number], offset)
         elif error.code() == KafkaError._PARTITION_EOF:  # noqa: SLF001
             self._health.on_contact()
             self._note_reached(message)
             if offset is not None:
-                self._partitions.reach_end(number, offset)
+                self._offsets.reach_end(number, offset)
         elif error.code() != KafkaError._MAX_POLL_EXCEEDED:  # noqa: SLF001
             if is_missing_topic(error):
                 self._beginnings.expect_new_topic()
-            self._member.on_error(error)
+            self._member.client.on_error(error)
             self._health.raise_failure()
 
     def _note_reached(self, message: Message) -> None:
         number = message.partition() or 0
-        if number in self._partitions and self._partitions[number].wanted is not None:
+        if number in self._offsets and self._offsets[number].wanted is not None:
             self._beginnings.on_reached(
-                self._member.client, self._partitions[number], message.offset() or 0
+                self._member.consumer, self._offsets[number], message.offset() or 0
             )
 
     def _set_beginning(self, partition: Partition, wanted: int | None) -> None:
@@ -242,10 +226,10 @@ class KafkaSource:
         member = self._member
         if wanted is not None and member.leave_old_topic(at_once=True):
             return
-        with self._translating(partition):
+        with translated(f'{self._topic}[{partition.number}]', self._about):
             partition.end = None
-            beginning = self._beginnings.find(member.client, member.commits, partition, wanted)
+            beginning = self._beginnings.find(member.consumer, partition, wanted)
             if beginning.anew:
-                member.forget_one(partition.number)
-                member.commits.begin({partition.number: beginning.offset})
-            member.begin_at(partition.number, beginning.offset)
+                member.begin_anew_at(partition.number, beginning.offset)
+            else:
+                member.begin_at(partition.number, beginning.offset)

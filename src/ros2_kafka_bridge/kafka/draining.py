@@ -10,22 +10,22 @@ from confluent_kafka import Consumer, KafkaException
 _STEP_S: Final = 0.01
 
 
-def close(client: Consumer, within_s: float, *, has_left: bool) -> None:
-    """Close a client that was told all that waits for it; arguments are those of `drain`."""
-    drain(client, within_s, has_left=has_left)
+def close(client: Consumer, within_s: float) -> None:
+    """Close a client that was told all that waits for it, which may take so long."""
+    drain(client, within_s)
     with contextlib.suppress(KafkaException):  # fatal for the client, and known
         client.close()
 
 
 def poll_while(client: Consumer, condition: Callable[[], bool], within_s: float) -> None:
-    """Let a client work for a moment, without taking records."""
+    """Let a client work for a moment, without taking records; what it raises is as for `drain`."""
     deadline_s = time.monotonic() + within_s
-    with contextlib.suppress(KafkaException):  # fatal for the client, and known
+    with contextlib.suppress(KafkaException, SystemError):
         while condition() and time.monotonic() < deadline_s:
             client.poll(_STEP_S)
 
 
-def drain(client: Consumer, within_s: float, *, has_left: bool) -> None:
+def drain(client: Consumer, within_s: float, *, has_left: bool = False) -> None:
     """Let a client call back all that waits for that; records that come are dropped.
 
     A rebalance that still waits when a client is closed is called back from inside of the close.

@@ -1,11 +1,12 @@
 """One table that says for every Kafka error what is done about it."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
-from confluent_kafka import KafkaError
+from confluent_kafka import KafkaError, KafkaException
 
 from ros2_kafka_bridge.errors import BridgeError, RecordError, RouteError, TransportError
 from ros2_kafka_bridge.kafka.addresses import NamedBroker, broker_in, listed
@@ -149,6 +150,15 @@ def translate(error: KafkaError, where: str, client: Client = UNKNOWN_CLIENT) ->
     """
     problem = explain(error, client, _reason_of_distrust(error, client))
     return problem.kind(f'{where}: {problem.sentence}')
+
+
+@contextmanager
+def translated(where: str, client: Client = UNKNOWN_CLIENT) -> Iterator[None]:
+    """Make the bridge's error of what Kafka's client raises: see `translate`."""
+    try:
+        yield
+    except KafkaException as error:
+        raise translate(error.args[0], where, client) from error
 
 
 def is_missing_topic(error: KafkaError) -> bool:

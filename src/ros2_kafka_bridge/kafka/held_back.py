@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from itertools import starmap
 from typing import Final, NamedTuple
 
-from ros2_kafka_bridge.kafka.partitions import Partitions
+from ros2_kafka_bridge.kafka.offsets import Offsets
 from ros2_kafka_bridge.kafka.statistics import PartitionEnds
 from ros2_kafka_bridge.logs.text import clock_time
 
@@ -39,13 +39,11 @@ class HeldBack:
     """Notices what a reader is not given: for a quota, a transaction, or a leader that is away.
 
     Args:
-        topic: That it reads.
-        partitions: That it has.
+        offsets: Of the partitions that it has.
     """
 
-    def __init__(self, topic: str, partitions: Partitions) -> None:
-        self._topic = topic
-        self._partitions = partitions
+    def __init__(self, offsets: Offsets) -> None:
+        self._offsets = offsets
         self._since: dict[tuple[int, int | None], _Since] = {}  # by partition and first offset
         self._throttled_until_s = 0.0
 
@@ -59,7 +57,7 @@ class HeldBack:
         before = self._since
         held = [(number, told.stable) for number, told in ends.items() if told.is_open]
         unled = [(number, None) for number, told in ends.items() if not told.is_led]
-        here = [place for place in (*held, *unled) if place[0] in self._partitions]
+        here = [place for place in (*held, *unled) if place[0] in self._offsets]
         self._since = {place: before.get(place) or _now() for place in here}
 
     @property
@@ -84,13 +82,13 @@ class HeldBack:
         for_s = time.monotonic() - since.at_s
         if for_s < _SAID_AFTER_S:
             return ''
-        where = f'{self._topic}[{number}]'
+        where = f'{self._offsets.topic}[{number}]'
         if offset is None:
             return (
                 f'{where}: the broker that leads it does not answer, since {since.clock}: does it '
                 'run, and is its advertised.listeners right?'
             )
-        partition = self._partitions.get(number)
+        partition = self._offsets.get(number)
         if partition is None or partition.reached is None or partition.reached < offset:
             return ''
         wait = f'{where}: waits from offset {offset} on for the end of a transaction'

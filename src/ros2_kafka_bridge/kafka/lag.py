@@ -6,7 +6,8 @@ from typing import Final
 
 from confluent_kafka import Consumer, KafkaException, TopicPartition
 
-from ros2_kafka_bridge.kafka.partitions import Partition, Partitions
+from ros2_kafka_bridge.kafka.offsets import Offsets
+from ros2_kafka_bridge.kafka.partition import Partition
 
 _EVERY_S: Final = 5.0
 _FIRST_S: Final = 2.0  # mostly, reading has told by then
@@ -17,13 +18,11 @@ class Lag:
     """Counts what a reader has not read yet, also while it reads nothing.
 
     Args:
-        topic: That it reads.
-        partitions: That it has.
+        offsets: Of the partitions that it has.
     """
 
-    def __init__(self, topic: str, partitions: Partitions) -> None:
-        self._topic = topic
-        self._partitions = partitions
+    def __init__(self, offsets: Offsets) -> None:
+        self._offsets = offsets
         self._look_at_s = time.monotonic() + _FIRST_S
 
     def count(self, client: Consumer, *, ask: bool) -> int | None:
@@ -37,10 +36,10 @@ class Lag:
             ask: Whether to ask the broker where partitions end, every few seconds: a client that
                 does not read hears of it in no other way.
         """
-        if ask or any(partition.next is None for partition in self._partitions):
+        if ask or any(partition.next is None for partition in self._offsets):
             self._look(client, ends=ask)
         total = 0
-        for partition in self._partitions:
+        for partition in self._offsets:
             _, end = client.get_watermark_offsets(self._topic_partition(partition), cached=True)
             end = max(end, -1 if partition.told_end is None else partition.told_end)
             if end < 0 or partition.next is None:
@@ -57,7 +56,7 @@ class Lag:
         if now_s < self._look_at_s:
             return
         self._look_at_s = now_s + _EVERY_S
-        here = self._partitions
+        here = self._offsets
         unread = [self._topic_partition(partition) for partition in here if partition.next is None]
         with contextlib.suppress(KafkaException):  # the broker does not answer: the last ones hold
             if unread:
@@ -69,4 +68,4 @@ class Lag:
                 )
 
     def _topic_partition(self, partition: Partition) -> TopicPartition:
-        return TopicPartition(self._topic, partition.number)
+        return TopicPartition(self._offsets.topic, partition.number)

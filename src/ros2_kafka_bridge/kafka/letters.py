@@ -12,9 +12,9 @@ from confluent_kafka import Consumer, TopicPartition
 from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark, parse
 from ros2_kafka_bridge.endpoints import Record, headers_of
 from ros2_kafka_bridge.errors import RouteError, TransportError
-from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic, translate
+from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic, translate, translated
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview
-from ros2_kafka_bridge.kafka.ranges import BATCH, BOUNDS, RangeReader, held, opened, translated
+from ros2_kafka_bridge.kafka.ranges import BATCH, BOUNDS, RangeReader, held, opened
 from ros2_kafka_bridge.logs.lines import client_log
 
 _REQUEST_S: Final = 5.0
@@ -203,9 +203,10 @@ class LetterReader:
         until_s: float = math.inf,
     ) -> Iterator[Record]:
         """The records at these offsets, as far as they are committed."""
+        place = (topic, partition)
         reader = RangeReader(
             self._client,
-            {(topic, partition): offsets},
+            {place: offsets},
             silent_s=_SILENT_S,
             stopped=lambda: time.monotonic() > until_s,
             batch=batch,
@@ -214,15 +215,17 @@ class LetterReader:
         with translated(f'topic {topic}', self._about):
             # The stubs do not tell that headers are a list; they are.
             yield from cast('Iterator[Record]', iter(reader))
-        for place, at in reader.early_ends.items():
-            self.unseen[place] = LetterPlace(*place, at)
-        for place, reached in reader.left.items():
-            if reader.silence_s > _SILENT_S:
-                raise TransportError(
-                    f'{topic}[{partition}] cannot be read behind {reached}: the broker is away, '
-                    'or another client has not ended its transaction there; try again in a minute'
-                )
-            self.cut = LetterPlace(*place, reached)
+        if place in reader.early_ends:
+            self.unseen[place] = LetterPlace(*place, reader.early_ends[place])
+        if place not in reader.left:
+            return
+        if reader.silence_s > _SILENT_S:
+            raise TransportError(
+                f'{topic}[{partition}] cannot be read behind {reader.left[place]}: the broker is '
+                'away, or another client has not ended its transaction there; try again in a '
+                'minute'
+            )
+        self.cut = LetterPlace(*place, reader.left[place])
 
     def _translated(self, topic: str) -> AbstractContextManager[None]:
         return translated(f'topic {topic} cannot be read', self._about)

@@ -25,21 +25,19 @@ Tried with two and three members, librdkafka 2.x and Apache Kafka 4 (session 6 s
   all brokers were killed. Another takes its place as well.
 """
 
-import contextlib
 import logging
 import time
 from collections.abc import Mapping
 from enum import Enum
-from functools import partial
 from typing import Any, Final, Self
 
-from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
+from confluent_kafka import Consumer, KafkaException
 
 from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
 from ros2_kafka_bridge.kafka.admin import Admin
 from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth
-from ros2_kafka_bridge.kafka.draining import close
-from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic, translate
+from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic, translate, translated
+from ros2_kafka_bridge.kafka.group_client import GroupClient
 from ros2_kafka_bridge.kafka.names import lock_group, lock_topic
 from ros2_kafka_bridge.kafka.properties import (
     Membership,
@@ -47,20 +45,14 @@ from ros2_kafka_bridge.kafka.properties import (
     consumer_properties,
     member_name,
 )
-from ros2_kafka_bridge.kafka.recorder import Recorder, with_recording
-from ros2_kafka_bridge.kafka.statistics import read, with_statistics
-from ros2_kafka_bridge.kafka.tls import check_files
+from ros2_kafka_bridge.kafka.topic_partitions import at
 from ros2_kafka_bridge.kafka.topics import ensure_topic
 from ros2_kafka_bridge.logs.lines import client_log
-from ros2_kafka_bridge.threads import unattended
 
 HEARTBEAT_MS: Final = 1000
 _REQUEST_S: Final = 5.0
 _TOPIC_S: Final = 10.0  # until a topic just made is known
 _AGAIN_S: Final = 0.2
-_LEAVE_S: Final = 2.0
-_LOOK_EVERY_S: Final = 2.0
-_LOOK_S: Final = 0.2
 _CLOSE_S: Final = 2.0
 _NEW_CLIENT_EVERY_S: Final = 1.0
 # Connected, and not told who holds it: a session that ends (6 s) and an election fit in. The next
@@ -110,21 +102,17 @@ class GroupLock:
         self._membership = membership
         own = member_name({}, membership) | {'heartbeat.interval.ms': HEARTBEAT_MS}
         properties = consumer_properties(users, group=self.group, client_id=bridge)
-        self._properties = with_recording(with_statistics(properties | own))
+        self._properties = {**properties, **own}
         self._common = common_properties(kafka, client_id=bridge)
         self._about = Client('READ', self._properties)
         self._log = log
-        self._health = ClientHealth(f'topic {self.topic}', log, self._about)
-        self._consumer: Consumer | None = None
-        self._recorder: Recorder  # of the client
-        self._clients = 0  # made so far: what an old one still says does not count
-        self._given_up: _Useless | None = None  # its client
+        self._health = ClientHealth(f'topic {self.topic}', log, self._about, reads=True)
+        self._client: GroupClient | None = None
         self._new_client_at_s = 0.0
         self._shut_out_s = -_SHORT_LIFE_S  # when it was last
         self._untold_s = _UNTOLD_S
         self._untold_since_s: float | None = None  # connected, and not told who holds it
         self._assigned = False
-        self._look_at_s = 0.0
 
     def __enter__(self) -> Self:
         return self
@@ -144,18 +132,17 @@ class GroupLock:
             RouteError: The topic is not there and cannot be made, or is not as it must be.
             TransportError: Kafka is away.
         """
-        if self._consumer is not None:
+        if self._client is not None:
             return
         ensure_topic(self._common, self.topic)
         self._health.on_open()
         try:
-            self._consumer = self._new_client()
-            self._check_topic(self._consumer)
-            self._join(self._consumer)
-        except (KafkaException, BridgeError) as error:
+            with translated(f'topic {self.topic}', self._about):
+                self._client = self._new_client()
+                self._check_topic(self._client.consumer)
+                self._join(self._client)
+        except BridgeError:
             self.close()
-            if isinstance(error, KafkaException):
-                raise self._translated(error) from error
             raise
 
     def poll(self, timeout_s: float) -> None:
@@ -165,22 +152,26 @@ class GroupLock:
         that another is: both can be at work for that time, but a message is never left to nobody.
         A client that is of no use any more is replaced: that is never a failure of the route.
         """
-        if self._consumer is None:
+        if (client := self._client) is None:
             return
         try:
-            message = self._consumer.poll(timeout_s)
-        except KafkaException as error:
-            self._on_error(self._clients, error.args[0])
-            self._given_up = self._given_up or _Useless.SHUT_OUT
-        else:
-            if message is not None and (problem := message.error()) is not None:
-                self._on_error(self._clients, problem)
+            message = client.consumer.poll(timeout_s)
+            error = None if message is None else message.error()
+        except KafkaException as raised:  # fatal for the client
+            error, client.is_shut_out = raised.args[0], True
+        if error is not None:
+            client.is_shut_out = client.is_shut_out or error.fatal()
+            client.on_error(error)
+        reason = self._find_useless(client)
+        if reason is not None and time.monotonic() >= self._new_client_at_s:
+            self._join_anew(client, reason)
+
+    def _find_useless(self, client: GroupClient) -> _Useless | None:
+        if client.is_shut_out:
+            return _Useless.SHUT_OUT
         if self._health.has_lost_brokers:
-            self._given_up = self._given_up or _Useless.LOST
-        if self._is_untold():
-            self._given_up = self._given_up or _Useless.SILENT
-        if self._given_up and time.monotonic() >= self._new_client_at_s:
-            self._join_anew(self._consumer, self._given_up)
+            return _Useless.LOST
+        return _Useless.SILENT if self._is_untold() else None
 
     def _is_untold(self) -> bool:
         """Whether Kafka has not said for long who holds it, though it could."""
@@ -199,12 +190,8 @@ class GroupLock:
             RouteError: The group or the topic may not be used, or is not there.
         """
         self._health.raise_failure()
-        now_s = time.monotonic()
-        if self.away and self._consumer is not None and now_s >= self._look_at_s:
-            self._look_at_s = now_s + _LOOK_EVERY_S
-            self._health.ask(self._consumer, self.topic, _LOOK_S)
 
-    def is_wanted(self) -> bool:
+    def has_standby(self) -> bool:
         """Whether another bridge stands by; False, with a warning, where Kafka does not tell."""
         deadline_s = time.monotonic() + _REQUEST_S
         problem = ''
@@ -226,33 +213,25 @@ class GroupLock:
 
     def close(self) -> None:
         """Leave it to another."""
-        consumer, self._consumer = self._consumer, None
-        self.held = self.joined = self._assigned = False
-        self._given_up, self._untold_since_s = None, None
-        self._clients += 1
-        if consumer is not None:
-            _end(consumer, _CLOSE_S, leaves=True)
+        client, self._client = self._client, None
+        self._note_new_client()
+        self.held = False
+        if client is not None:
+            client.end(_CLOSE_S, leaves=True)
 
-    def _new_client(self) -> Consumer:
-        check_files(self._properties, f'topic {self.topic}')
-        self._clients += 1
-        self._given_up, self._untold_since_s = None, None
-        self._recorder = Recorder(client_log(__name__))
-        own = {
-            'error_cb': partial(self._on_error, self._clients),
-            'stats_cb': partial(self._on_statistics, self._clients),
-        }
-        return Consumer(self._properties | own, logger=self._recorder)
+    def _new_client(self) -> GroupClient:
+        client = GroupClient(self._properties, self.topic, self._health, client_log(__name__))
+        client.open()
+        return client
 
-    def _join(self, consumer: Consumer) -> None:
-        consumer.subscribe(
-            [self.topic],
-            on_assign=self._on_assign,
-            on_revoke=self._on_revoke,
-            on_lost=self._on_lost,
-        )
+    def _join(self, client: GroupClient) -> None:
+        client.subscribe(self._on_assign, self._on_revoke, self._on_lost)
 
-    def _join_anew(self, old: Consumer, reason: _Useless) -> None:
+    def _note_new_client(self) -> None:
+        self.joined = self._assigned = False
+        self._untold_since_s = None
+
+    def _join_anew(self, old: GroupClient, reason: _Useless) -> None:
         """Put another client in the place of one that would never tell anything.
 
         The holder holds on meanwhile, as it does while Kafka is away. Under the same name it has
@@ -260,29 +239,32 @@ class GroupLock:
         """
         self._log.warning('%s: joins the bridges of this route anew', reason.value)
         if reason is _Useless.SILENT:
-            self._recorder.tell(self._log, _LAST_LINES)
+            old.recorder.tell(self._log, _LAST_LINES)
         now_s = time.monotonic()
         self._new_client_at_s = now_s + _NEW_CLIENT_EVERY_S
         is_shut_out = reason is _Useless.SHUT_OUT
         before = self._properties
         if is_shut_out and now_s - self._shut_out_s < _SHORT_LIFE_S:
             self._properties = {**before, **member_name({}, self._membership)}
-        self._health.on_open()
+        new = None
         try:
             new = self._new_client()
             self._join(new)
         except (KafkaException, BridgeError) as error:  # a file that is being replaced, perhaps
             self._log.warning('cannot join them now: %s', error)
-            self._given_up, self._properties = reason, before
+            self._properties = before
+            if new is not None:
+                new.end(0.0, leaves=False)
             return
-        self._consumer = new
-        self.joined = self._assigned = False
+        self._client = new
+        self._health.on_open()
+        self._note_new_client()
         if is_shut_out:
             self._shut_out_s = now_s
         elif reason is _Useless.SILENT:
             self._untold_s = min(_MOST_UNTOLD_S, 2 * self._untold_s)
         # Not waited for: the lock is looked at in the middle of a route.
-        _end(old, 0.0, leaves=self._properties is not before)
+        old.end(0.0, leaves=self._properties is not before)
 
     def _check_topic(self, consumer: Consumer) -> None:
         deadline_s = time.monotonic() + _TOPIC_S
@@ -315,64 +297,22 @@ class GroupLock:
             '--partitions 1'
         )
 
-    def _on_assign(self, consumer: Consumer, partitions: list[TopicPartition]) -> None:
-        if consumer is not self._consumer:
-            return
+    def _on_assign(self, numbers: frozenset[int]) -> None:
         self._health.on_contact()
         self._health.forget_failure()
         self.joined = True
         self._untold_s = _UNTOLD_S
-        if partitions:
+        if numbers and self._client is not None:
             # From an offset that nobody has to look up, and never read.
-            consumer.incremental_assign(
-                [TopicPartition(self.topic, p.partition, 0) for p in partitions]
-            )
-            consumer.pause(partitions)
+            places = at(self.topic, dict.fromkeys(numbers, 0))
+            self._client.consumer.incremental_assign(places)
+            self._client.consumer.pause(places)
             self._assigned = True
         # An empty list after a loss says that another has it; otherwise that nothing changes.
         self.held = self._assigned
 
-    def _on_revoke(self, consumer: Consumer, _: list[TopicPartition]) -> None:
-        if consumer is self._consumer:
-            self._assigned = self.held = False
+    def _on_revoke(self, _: frozenset[int]) -> None:
+        self._assigned = self.held = False
 
-    def _on_lost(self, consumer: Consumer, _: list[TopicPartition]) -> None:
-        if consumer is self._consumer:
-            self._assigned = self.joined = False
-
-    def _on_error(self, client: int, error: KafkaError) -> None:
-        if client == self._clients:
-            if error.fatal() or error.code() == KafkaError._FATAL:  # noqa: SLF001 (public)
-                self._given_up = self._given_up or _Useless.SHUT_OUT
-            else:
-                self._health.on_error(error)
-
-    def _on_statistics(self, client: int, text: str) -> None:
-        if client == self._clients:
-            self._recorder.on_statistics(text)
-            self._health.on_statistics(read(text))
-
-    def _translated(self, error: KafkaException) -> BridgeError:
-        return translate(error.args[0], f'topic {self.topic}', self._about)
-
-
-def _end(consumer: Consumer, within_s: float, *, leaves: bool) -> None:
-    """End a client; what takes longer is not waited for.
-
-    Args:
-        consumer: The client.
-        within_s: How long to wait for it.
-        leaves: Whether its place is to be free; else the next one of its name has it.
-    """
-
-    def end() -> None:
-        if leaves:
-            # One with a name stays in the group when it closes, but not when it unsubscribes.
-            with contextlib.suppress(KafkaException):  # fatal for the client, and known
-                consumer.unsubscribe()
-        close(consumer, _LEAVE_S, has_left=leaves)
-
-    try:
-        unattended.start('old lock', end).join(within_s)
-    except RuntimeError:  # this process may have no more threads
-        end()
+    def _on_lost(self, _: frozenset[int]) -> None:
+        self._assigned = self.joined = False

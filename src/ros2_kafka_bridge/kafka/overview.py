@@ -23,9 +23,9 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka.admin import Admin
-from ros2_kafka_bridge.kafka.commits import committed_of
 from ros2_kafka_bridge.kafka.errors import is_missing_topic, translate
-from ros2_kafka_bridge.kafka.partitions import Committed
+from ros2_kafka_bridge.kafka.offsets import committed_of
+from ros2_kafka_bridge.kafka.partition import Committed
 from ros2_kafka_bridge.kafka.properties import consumer_properties
 from ros2_kafka_bridge.kafka.topic_id import known_id
 from ros2_kafka_bridge.logs.lines import client_log

@@ -10,7 +10,7 @@ from typing import Any, Final
 from confluent_kafka import Consumer, KafkaError, KafkaException, Message, TopicPartition
 
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.kafka.errors import Client, explain, translate
+from ros2_kafka_bridge.kafka.errors import explain
 from ros2_kafka_bridge.kafka.tls import check_files
 from ros2_kafka_bridge.kafka.topics import partitions_of
 
@@ -160,12 +160,3 @@ def opened(properties: Mapping[str, Any], where: str, log: logging.Logger) -> It
     check_files(properties, where)
     with closing(Consumer({**properties, **READING}, logger=log)) as consumer:
         yield consumer
-
-
-@contextmanager
-def translated(where: str, client: Client) -> Iterator[None]:
-    """Make the bridge's error of what Kafka's client raises: see `errors.translate`."""
-    try:
-        yield
-    except KafkaException as error:
-        raise translate(error.args[0], where, client) from error

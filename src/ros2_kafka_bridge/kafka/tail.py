@@ -10,8 +10,8 @@ from confluent_kafka import Consumer, KafkaException, Message
 
 from ros2_kafka_bridge.endpoints import Record
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic
-from ros2_kafka_bridge.kafka.ranges import BOUNDS, Place, RangeReader, held, opened, translated
+from ros2_kafka_bridge.kafka.errors import Client, is_missing_topic, translated
+from ros2_kafka_bridge.kafka.ranges import BOUNDS, Place, RangeReader, held, opened
 from ros2_kafka_bridge.kafka.topics import partitions_of
 
 # The caller is the thread of a route: while it waits here nothing is taken from ROS.

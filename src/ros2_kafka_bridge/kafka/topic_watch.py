@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
 from ros2_kafka_bridge.errors import About
-from ros2_kafka_bridge.kafka.partitions import Partitions
+from ros2_kafka_bridge.kafka.offsets import Offsets
 from ros2_kafka_bridge.kafka.topic_id import ANSWER_S, Question, TopicId, TopicIds
 
 _SOON_S: Final = 1.0  # no second answer is waited for
@@ -36,24 +36,22 @@ class TopicWatch:
     - `_read`, as `_known`, but forgotten with the client.
 
     Args:
-        topic: That is read.
         ids: Whom to ask.
-        partitions: Those that the reader has.
+        offsets: Of the partitions that the reader has.
         log: Where to say what happens.
         on_new: Called where all that the topic holds is new.
     """
 
     def __init__(
         self,
-        topic: str,
         ids: TopicIds,
-        partitions: Partitions,
+        offsets: Offsets,
         log: logging.LoggerAdapter[logging.Logger],
         on_new: Callable[[], None],
     ) -> None:
-        self._topic = topic
+        self._topic = offsets.topic
         self._ids = ids
-        self._partitions = partitions
+        self._offsets = offsets
         self._log = log
         self._on_new = on_new
         self._known: TopicId | None = None
@@ -94,10 +92,10 @@ class TopicWatch:
         """
         if (now := self._wait_once() if at_once else self._look()) is None:
             return False
-        of = [partition.of for partition in self._partitions]
+        of = [partition.of for partition in self._offsets]
         if self._tell_replaced([self._known, *of], now):
             self._known = now
-            return len(self._partitions) > 0
+            return len(self._offsets) > 0
         self._settle_on(now, of)
         return False
 
@@ -108,9 +106,9 @@ class TopicWatch:
             told: Which topic those of the partitions that have just come are of; None where
                 nobody has said so.
         """
-        held = [self._read, *(it.of for it in self._partitions if it.number not in told)]
+        held = [self._read, *(it.of for it in self._offsets if it.number not in told)]
         for number, of in told.items():
-            self._partitions[number].of = of
+            self._offsets[number].of = of
         if (now := self._wait()) is None:
             self._is_due = True  # nobody waits for the next answer
             return frozenset()
@@ -175,6 +173,6 @@ class TopicWatch:
         if (other := next(others, None)) is not None:
             self._log.warning(_ELSEWHERE, self._topic, other.cluster_id, now.cluster_id)
         self._known = now
-        self._read = now if self._partitions else None
-        for partition in self._partitions:
+        self._read = now if self._offsets else None
+        for partition in self._offsets:
             partition.of = now

@@ -7,6 +7,7 @@ from typing import Final
 from confluent_kafka import OFFSET_END, Consumer, KafkaException, TopicPartition
 
 from ros2_kafka_bridge.errors import RouteError
+from ros2_kafka_bridge.kafka.client_health import ClientHealth
 
 _OUTSIDE_S: Final = 45.0
 _JOINING_S: Final = 8.0  # a session that ends, and an election: what lasts longer is said
@@ -15,6 +16,9 @@ _NOT_LET_IN: Final = (
     'another member, holds it up'
 )
 _NO_ANSWER: Final = 'Kafka does not answer: the bridge waits for its place in the group'
+_LOOK_EVERY_S: Final = 2.0
+_LOOK_S: Final = 0.5
+_LONG_LOOK_S: Final = 1.0  # what is not there is said of Kafka
 _STUCK_LOOK_S = 10.0
 _ANSWER_S: Final = 0.5  # of the broker, behind a fetch
 
@@ -37,6 +41,7 @@ class Watchdog:
             int, int
         ] = {}  # how far those were read that hold more, at the last look
         self._stuck_look_at_s = 0.0
+        self._broker_look_at_s = 0.0
 
     def begin(self) -> None:
         """Note that there is a new client."""
@@ -77,6 +82,17 @@ class Watchdog:
         """Note that the client has lost its partitions."""
         self._outside_since_s = self._joins_since_s = time.monotonic()
         self.is_there = None
+
+    def look_for_broker(self, client: Consumer, health: ClientHealth) -> None:
+        """Ask whether a broker that was away is back: a quiet topic would not tell.
+
+        Whoever waits for the group asks, too: one that stands still looks as if it were there.
+        """
+        now_s = time.monotonic()
+        if (health.away or self.joins_for_long) and now_s >= self._broker_look_at_s:
+            self._broker_look_at_s = now_s + _LOOK_EVERY_S
+            within_s = _LOOK_S if health.away else _LONG_LOOK_S
+            self.is_there = health.ask(client, self._topic, within_s)
 
     def look_whether_outside(self, away: str) -> None:
         """Give up a client that does not find back into its group.

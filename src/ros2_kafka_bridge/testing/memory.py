@@ -3,10 +3,11 @@
 What they take and give is handed on here, so that who uses them imports nothing that is private.
 """
 
+import logging
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Generic
+from typing import Final, Generic
 
 from ros2_kafka_bridge.endpoints import (
     HeaderList,
@@ -21,7 +22,9 @@ from ros2_kafka_bridge.endpoints import (
     Token,
 )
 from ros2_kafka_bridge.errors import BridgeError, RecordTooLargeError
-from ros2_kafka_bridge.kafka.partitions import Partitions
+from ros2_kafka_bridge.kafka.offsets import Offsets
+
+_LOG: Final = logging.LoggerAdapter(logging.getLogger(__name__), {})
 
 __all__ = [
     'HeaderList',
@@ -98,12 +101,12 @@ class MemoryRecordSource:
     held: bool = False
     rebalances: int = 0
     rebalance: Rebalance | None = None
-    _partitions: Partitions = field(default_factory=Partitions)
+    _offsets: Offsets = field(default_factory=lambda: Offsets('memory', _LOG))
 
     @property
     def positions(self) -> dict[int, int]:
         """How far each partition has come."""
-        return self._partitions.positions
+        return self._offsets.positions
 
     def open(self, rebalance: Rebalance) -> None:
         """Join."""
@@ -118,11 +121,11 @@ class MemoryRecordSource:
     def hand_out(self, limit: int) -> Sequence[Record]:
         """Hand out at most `limit` of what waits."""
         records = [self.waiting.popleft() for _ in range(min(limit, len(self.waiting)))]
-        self._partitions.assign(record.partition_number for record in records)
-        self._partitions.hand_out(records)
+        self._offsets.assign(record.partition_number for record in records)
+        self._offsets.hand_out(records)
         if not self.waiting:
             for partition, end in self.ends.items():
-                self._partitions.reach_end(partition, end)
+                self._offsets.reach_end(partition, end)
         return records
 
     def stay(self) -> Sequence[Record]:
@@ -134,38 +137,35 @@ class MemoryRecordSource:
         """Let another have partitions."""
         assert self.rebalance is not None, 'the source is open'
         self.rebalance.lost(partitions)
-        self._partitions.forget(partitions)
+        self._offsets.forget(partitions)
 
     def revoke(self, partitions: frozenset[int]) -> None:
         """Hand partitions over."""
         assert self.rebalance is not None, 'the source is open'
         self.rebalance.revoked(partitions)
-        self._partitions.forget(partitions)
+        self.commit()
+        self._offsets.forget(partitions)
 
     def make_anew(self, partitions: frozenset[int]) -> None:
         """Let partitions be those of a topic that was deleted and made again."""
         assert self.rebalance is not None, 'the source is open'
         self.rebalance.detached(partitions)
-        self._partitions.forget(partitions)
+        self._offsets.forget(partitions)
 
     def advance(self, positions: Mapping[int, int]) -> None:
         """Note how far partitions have come."""
-        self._partitions.advance(positions)
+        self._offsets.advance(positions)
 
     def commit(self) -> None:
         """Remember how far all have come."""
-        self.committed.update(self._partitions.news)
-        self._partitions.note_committed(self.committed)
+        self.committed.update(self._offsets.uncommitted)
+        self._offsets.note_committed(self.committed)
 
     def commit_now(self, timeout_s: float) -> bool:
         """Remember how far all have come."""
         del timeout_s
         self.commit()
         return True
-
-    def commit_before_revoke(self) -> None:
-        """Remember how far all have come."""
-        self.commit()
 
     def lag(self) -> int:
         """Count what waits."""
@@ -174,7 +174,7 @@ class MemoryRecordSource:
     def close(self) -> None:
         """Leave."""
         self.rebalance = None
-        self._partitions.clear()
+        self._offsets.clear()
 
 
 @dataclass

@@ -166,7 +166,7 @@ class RouteRunner:
         tried_s, holder = time.monotonic() - since_s, self._spool_holder
         if self.stop.asked or (tried_s < _FAILING_S and holder is None):
             return False
-        wanted = self.lock.is_wanted()
+        wanted = self.lock.has_standby()
         self._life = self._life.sought(wanted=wanted)
         if not wanted or (holder is not None and self._life.wait.in_vain < _SPOOL_WAITS):
             return False

@@ -29,7 +29,7 @@ class TurnLock(Protocol):
     def poll(self, timeout_s: float) -> None:
         """Learn whether it still is."""
 
-    def is_wanted(self) -> bool:
+    def has_standby(self) -> bool:
         """Whether another bridge stands by."""
         ...
 
@@ -217,7 +217,7 @@ class Term(Stop):
         if not self._successor.is_needed():
             return False
         if not self._over:
-            if not self._lock.is_wanted():
+            if not self._lock.has_standby():
                 return False
             self._lock.close()
             self._left = True

@@ -13,7 +13,7 @@ from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafk
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.overview import Greeting, GroupMembers, Overview, TopicView
-from ros2_kafka_bridge.kafka.partitions import Committed
+from ros2_kafka_bridge.kafka.partition import Committed
 from ros2_kafka_bridge.kafka.topic_id import TopicId
 
 TO_ROS = {'from': {'kafka': 'a', 'group': 'g'}, 'to': {'ros': '/a', 'type': 'std_msgs/msg/String'}}

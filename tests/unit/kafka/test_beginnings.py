@@ -9,7 +9,7 @@ import pytest
 from confluent_kafka import OFFSET_INVALID, KafkaError, KafkaException
 
 from ros2_kafka_bridge.kafka.beginnings import Beginnings
-from ros2_kafka_bridge.kafka.partitions import Partition
+from ros2_kafka_bridge.kafka.partition import Partition
 
 LOG = logging.LoggerAdapter(logging.getLogger('beginnings'), {})
 
@@ -43,12 +43,12 @@ def test_what_a_start_at_the_latest_passes_over_is_counted_and_said_with_the_cur
 ) -> None:
     """The offsets may have expired while the bridge was away: nothing else tells."""
     caplog.set_level(logging.INFO)
-    commits = MagicMock()
-    found = Beginnings('t', 'latest', LOG).find(
-        client([(0, 5), (2, 5)], [OFFSET_INVALID] * 2), commits, Partition(0), None
+    offsets = MagicMock(topic='t')
+    found = Beginnings('latest', offsets, LOG).find(
+        client([(0, 5), (2, 5)], [OFFSET_INVALID] * 2), Partition(0), None
     )
     assert found.offset == 5
-    commits.within.assert_called_once_with(10.0, {0: 5, 1: 5})
+    offsets.commit_within.assert_called_once_with(10.0, {0: 5, 1: 5})
     [text] = caplog.messages
     assert text.startswith(
         'first start of this group: begins at the latest record, and does not read the 8 records '
@@ -65,8 +65,8 @@ def test_a_start_that_passes_over_nothing_warns_of_nothing(
     start: str, bounds: tuple[int, int], caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.WARNING)
-    Beginnings('t', start, LOG).find(
-        client([bounds], [OFFSET_INVALID]), MagicMock(), Partition(0), None
+    Beginnings(start, MagicMock(topic='t'), LOG).find(
+        client([bounds], [OFFSET_INVALID]), Partition(0), None
     )
     assert caplog.messages == []
 
@@ -76,8 +76,8 @@ def test_a_partition_whose_offset_alone_is_gone_says_so_and_loses_nothing(
 ) -> None:
     """As in a group by KIP-848, where that of a quiet partition expires by itself."""
     partition = Partition(0)
-    found = Beginnings('t', 'latest', LOG).find(
-        client([(0, 5), (0, 9)], [OFFSET_INVALID, 8]), MagicMock(), partition, None
+    found = Beginnings('latest', MagicMock(topic='t'), LOG).find(
+        client([(0, 5), (0, 9)], [OFFSET_INVALID, 8]), partition, None
     )
     assert found.offset == 0
     [text] = caplog.messages
@@ -87,17 +87,17 @@ def test_a_partition_whose_offset_alone_is_gone_says_so_and_loses_nothing(
 
 def test_an_offset_that_could_not_be_told_is_none_that_is_missing() -> None:
     """It would be taken for a first start, and all before the latest record be passed over."""
-    commits = MagicMock()
+    offsets = MagicMock(topic='t')
     unknown = KafkaError(KafkaError.UNSTABLE_OFFSET_COMMIT)
     with pytest.raises(KafkaException):
-        Beginnings('t', 'latest', LOG).find(
-            client([(0, 5)], [OFFSET_INVALID], unknown), commits, Partition(0), None
+        Beginnings('latest', offsets, LOG).find(
+            client([(0, 5)], [OFFSET_INVALID], unknown), Partition(0), None
         )
-    commits.within.assert_not_called()
+    offsets.commit_within.assert_not_called()
 
 
 def test_a_topic_of_which_the_broker_tells_an_error_has_no_beginning() -> None:
     asked = client([(0, 5)], [OFFSET_INVALID])
     asked.list_topics.return_value.topics['t'].error = KafkaError(KafkaError.LEADER_NOT_AVAILABLE)
     with pytest.raises(KafkaException):
-        Beginnings('t', 'latest', LOG).find(asked, MagicMock(), Partition(0), None)
+        Beginnings('latest', MagicMock(topic='t'), LOG).find(asked, Partition(0), None)

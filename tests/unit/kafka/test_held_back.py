@@ -11,7 +11,7 @@ from ros2_kafka_bridge.kafka import held_back as under_test
 from ros2_kafka_bridge.kafka import lag
 from ros2_kafka_bridge.kafka.held_back import HeldBack
 from ros2_kafka_bridge.kafka.lag import Lag
-from ros2_kafka_bridge.kafka.partitions import Partitions
+from ros2_kafka_bridge.kafka.offsets import Offsets
 from ros2_kafka_bridge.kafka.statistics import PartitionEnds, read
 
 OPEN = PartitionEnds(stable=10, high=160)
@@ -27,18 +27,18 @@ def clock_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 @pytest.fixture
-def partitions() -> Partitions:
-    made = Partitions()
+def offsets() -> Offsets:
+    made = Offsets('orders', MagicMock())
     made.assign([0, 1])
     made.reach_end(0, 10)
     return made
 
 
 def test_an_open_transaction_is_said_with_its_place_once_it_lasts_and_the_cure_once_it_hangs(
-    partitions: Partitions, clock_s: list[float]
+    offsets: Offsets, clock_s: list[float]
 ) -> None:
     """A job that commits at its checkpoints is well: nobody is to abort what it writes."""
-    held = HeldBack('orders', partitions)
+    held = HeldBack(offsets)
     held.on_ends({0: OPEN, 1: PartitionEnds(7, 7)})
     clock_s[0] += 9
     held.on_ends({0: OPEN})
@@ -57,21 +57,21 @@ def test_an_open_transaction_is_said_with_its_place_once_it_lasts_and_the_cure_o
 
 
 def test_a_transaction_that_is_not_reached_yet_or_another_is_no_reason(
-    partitions: Partitions, clock_s: list[float]
+    offsets: Offsets, clock_s: list[float]
 ) -> None:
-    held = HeldBack('orders', partitions)
+    held = HeldBack(offsets)
     held.on_ends({0: PartitionEnds(90, 160), 1: OPEN, 7: OPEN})
     clock_s[0] += 60
     assert held.reason == '', 'there is more to read before it; and what is not ours'
-    partitions.reach_end(0, 90)
+    offsets.reach_end(0, 90)
     held.on_ends({0: PartitionEnds(120, 160)})
     assert held.reason == '', 'another transaction began just now'
 
 
 def test_a_quota_that_stops_the_client_is_said_and_one_that_slows_it_is_not(
-    partitions: Partitions, clock_s: list[float]
+    offsets: Offsets, clock_s: list[float]
 ) -> None:
-    held = HeldBack('orders', partitions)
+    held = HeldBack(offsets)
     held.on_throttle(0.3)
     assert not held.is_throttled
     held.on_throttle(30.008)
@@ -112,10 +112,10 @@ def test_the_ends_are_read_out_of_the_report_of_the_client() -> None:
 
 
 def test_a_leader_that_is_away_is_said_and_where_its_partition_ends_is_not_known(
-    partitions: Partitions, clock_s: list[float]
+    offsets: Offsets, clock_s: list[float]
 ) -> None:
     """While the other brokers go on: Kafka is not away, and this partition is not read."""
-    held = HeldBack('orders', partitions)
+    held = HeldBack(offsets)
     held.on_ends({0: PartitionEnds(10, 10), 1: PartitionEnds(-1001, -1001, is_led=False)})
     assert (held.hides_ends, held.reason) == (True, '')
     clock_s[0] += 11
@@ -141,19 +141,19 @@ def client(**ends: int) -> Any:
     ],
 )
 def test_the_lag_counts_what_is_held_back_and_is_not_known_where_an_end_is_not(
-    partitions: Partitions, ends: dict[str, int], expected: int | None
+    offsets: Offsets, ends: dict[str, int], expected: int | None
 ) -> None:
-    partitions.reach_end(1, 3)
-    assert Lag('orders', partitions).count(client(**ends), ask=False) == expected
+    offsets.reach_end(1, 3)
+    assert Lag(offsets).count(client(**ends), ask=False) == expected
 
 
 def test_how_far_was_read_is_asked_for_where_a_backlog_hides_it_and_not_known_before(
-    partitions: Partitions, monkeypatch: pytest.MonkeyPatch
+    offsets: Offsets, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """While other partitions are read on: records of this one come late."""
     now_s = [1000.0]
     monkeypatch.setattr(lag, 'time', SimpleNamespace(monotonic=lambda: now_s[0]))
-    counts, broker = Lag('orders', partitions), client(p0=10, p1=50)
+    counts, broker = Lag(offsets), client(p0=10, p1=50)
     broker.committed.return_value = [MagicMock(partition=1, offset=20)]
     assert counts.count(broker, ask=False) is None
     broker.committed.assert_not_called()

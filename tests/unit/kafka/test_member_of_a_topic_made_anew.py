@@ -16,7 +16,7 @@ from confluent_kafka import (
 from told_ids import NEW, OLD, ToldIds
 
 from ros2_kafka_bridge.errors import BridgeError
-from ros2_kafka_bridge.kafka import member
+from ros2_kafka_bridge.kafka import group_client
 from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.topic_id import TopicId
@@ -76,7 +76,7 @@ class House:
 def house(monkeypatch: pytest.MonkeyPatch) -> Callable[..., House]:
     def make(*ids: TopicId | None) -> House:
         made = House(*ids)
-        monkeypatch.setattr(member, 'Consumer', lambda *_, **__: made.next_client())
+        monkeypatch.setattr(group_client, 'Consumer', lambda *_, **__: made.next_client())
         made.source.open(made.route)
         return made
 
@@ -113,7 +113,7 @@ def test_what_was_lost_of_a_topic_that_is_gone_is_not_gone_on_with(
     h.source._member._replace_useless_client(BROKERS_LOST)
     h.assign(stored(20, OLD))
     assert h.assigned == {0: OFFSET_BEGINNING}
-    assert h.source._partitions.positions == {}
+    assert h.source._offsets.positions == {}
     assert not h.committed()
 
 
@@ -180,3 +180,20 @@ def test_offsets_that_cannot_be_asked_for_end_the_run(house: Callable[..., House
     h.assign(stored(20, OLD))
     with pytest.raises(BridgeError, match='the offsets of its group cannot be read'):
         h.source.poll(10, 0.0)
+
+
+def test_a_partition_whose_offsets_went_with_its_topic_is_committed_as_it_begins_anew(
+    house: Callable[..., House],
+) -> None:
+    """Without an offset, the next life would begin where `start` says, and pass over the rest."""
+    h = house(NEW, NEW)
+    h.assign(stored(20, NEW))
+    h.client.poll.return_value = _Record(b'', 20)
+    h.source.poll(1, 0.0)
+    h.source.advance({0: 21})
+    h.client.committed.return_value = [stored(OFFSET_INVALID, None)]
+    h.client.get_watermark_offsets.return_value = (0, 5)
+    h.client.poll.return_value = told(KafkaError._AUTO_OFFSET_RESET, 21)
+    h.source.poll(1, 0.0)
+    assert h.assigned == {0: 0}
+    assert h.committed() == [(0, 0, NEW)]

@@ -12,7 +12,7 @@ from confluent_kafka.admin import TopicDescription  # type: ignore[attr-defined]
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka import admin, overview
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
-from ros2_kafka_bridge.kafka.partitions import Committed
+from ros2_kafka_bridge.kafka.partition import Committed
 from ros2_kafka_bridge.kafka.topic_id import TopicId
 
 

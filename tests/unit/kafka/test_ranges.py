@@ -158,16 +158,8 @@ def test_a_partition_that_ends_early_is_told_or_waited_for() -> None:
 
 
 def test_it_ends_where_nothing_new_comes_for_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    slow: list[list[Message]] = [
-        [],
-        [],
-        [],
-        [told(A, 0)],
-        [],
-        [],
-        [],
-        [told(A, 1), told(A, 2, EOF)],
-    ]
+    slow: list[list[Message]] = [[]] * 3
+    slow += [[told(A, 0)], *slow, [told(A, 1), told(A, 2, EOF)]]
     client = Script(*slow, *[[told(A, -1, AWAY), told(A, 2, EOF)]] * 100)
     monkeypatch.setattr(time, 'monotonic', lambda: client.clock_s)
     reader = reader_of(client, {A: range(3)}, silent_s=5.0, waits=True)

@@ -12,7 +12,7 @@ from told_ids import NEW, OLD, ToldIds
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka import topic_id as under_test
 from ros2_kafka_bridge.kafka import topic_watch
-from ros2_kafka_bridge.kafka.partitions import Partitions
+from ros2_kafka_bridge.kafka.offsets import Offsets
 from ros2_kafka_bridge.kafka.topic_id import ANSWER_S, TopicId, TopicIds
 from ros2_kafka_bridge.kafka.topic_watch import TopicWatch
 
@@ -32,18 +32,18 @@ class House:
 
     def __init__(self, *told: TopicId | None) -> None:
         self.ids = ToldIds(*told)
-        self.partitions = Partitions()
+        self.offsets = Offsets('t', LOG)
         self.on_new = MagicMock()
-        self.watch = TopicWatch('t', self.ids, self.partitions, LOG, self.on_new)
+        self.watch = TopicWatch(self.ids, self.offsets, LOG, self.on_new)
 
     def assign(self, *committed: TopicId | None, first: int = 0) -> frozenset[int]:
         told = dict(enumerate(committed, first))
-        self.partitions.assign(told)
+        self.offsets.assign(told)
         return self.watch.find_gone(told)
 
     @property
     def of(self) -> list[TopicId | None]:
-        return [partition.of for partition in self.partitions]
+        return [partition.of for partition in self.offsets]
 
 
 @pytest.mark.parametrize('committed', [NEW, None, ELSEWHERE])
@@ -86,7 +86,7 @@ def test_a_topic_made_anew_while_it_is_read_needs_another_client() -> None:
     assert house.watch.is_replaced()
     house.on_new.assert_called_once_with()
     house.watch.begin()
-    house.partitions.clear()
+    house.offsets.clear()
     assert house.assign(None, OLD) == frozenset({1}), 'another reader has not noticed'
     assert not house.watch.is_replaced(at_once=True)
 
@@ -104,7 +104,7 @@ def test_partitions_that_come_of_a_topic_made_anew_need_another_client_too(
 def test_a_topic_made_anew_between_two_runs_of_a_route_is_new_though_no_offset_says_so() -> None:
     house = House(OLD, NEW)
     house.assign(None)
-    house.partitions.clear()
+    house.offsets.clear()
     house.watch.begin()
     assert house.assign(None) == frozenset()
     house.on_new.assert_called_once_with()
@@ -163,7 +163,7 @@ def test_a_broker_that_has_not_heard_of_the_new_topic_makes_nothing_begin_again(
     house.assign(None)
     assert house.watch.is_replaced(at_once=True)
     house.watch.begin()
-    house.partitions.clear()
+    house.offsets.clear()
     assert house.assign(NEW) == frozenset(), 'the word of the broker that is cut off'
     assert not house.watch.is_replaced(at_once=True)
     house.on_new.assert_called_once_with()

@@ -22,7 +22,7 @@ class MemoryLock:
         self.polls += 1
         self.held = not self.lost
 
-    def is_wanted(self) -> bool:
+    def has_standby(self) -> bool:
         return self.wanted
 
     def close(self) -> None:
@@ -139,7 +139,7 @@ def test_a_stop_reads_on_for_its_successor_however_long_kafka_takes_to_tell(
         clock.sleep(4.9)
         return True
 
-    monkeypatch.setattr(lock, 'is_wanted', tell_late)
+    monkeypatch.setattr(lock, 'has_standby', tell_late)
     stop = Stop()
     term = Term(stop, lock, MemorySuccessor())
     stop.ask()

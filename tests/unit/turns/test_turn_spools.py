@@ -82,11 +82,11 @@ def test_guarantee_8_a_turn_without_the_spool_goes_back_to_a_bridge_that_stands_
     house.in_use = IN_USE
     waits: list[int] = []
 
-    def is_wanted(_: MemoryLock) -> bool:
+    def has_standby(_: MemoryLock) -> bool:
         waits.append(house.open)
         return True
 
-    monkeypatch.setattr(MemoryLock, 'is_wanted', is_wanted)
+    monkeypatch.setattr(MemoryLock, 'has_standby', has_standby)
 
     def look(_: MemoryLock) -> None:
         if lock.said:

@@ -12,7 +12,7 @@ from ros2_kafka_bridge.kafka.cause import NO_ANSWER
 from ros2_kafka_bridge.kafka.cures import OWN_GROUP
 from ros2_kafka_bridge.kafka.names import lock_group, lock_topic
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, TopicView, records
-from ros2_kafka_bridge.kafka.partitions import Committed
+from ros2_kafka_bridge.kafka.partition import Committed
 from ros2_kafka_bridge.kafka.properties import common_properties
 from ros2_kafka_bridge.kafka.topic_id import TopicId
 from ros2_kafka_bridge.kafka.topic_partitions import in_words

@@ -214,9 +214,6 @@ class LetterSource:
         del timeout_s
         return True
 
-    def commit_before_revoke(self) -> None:
-        """Nobody takes them away."""
-
     def lag(self) -> int:
         """How many have not ended."""
         return self._held - self.ended

@@ -41,7 +41,7 @@ from ros2_kafka_bridge.ros.node import Peer, RosNode, Topic, domain_in_words, mi
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 from ros2_kafka_bridge.ros.types import MessageType
 
-Offsets = Mapping[tuple[str, int], int]
+EndOffsets = Mapping[tuple[str, int], int]
 
 _DOES_IN_KAFKA: Final[Mapping[Direction, Literal['reads', 'writes']]] = {
     Direction.KAFKA_TO_ROS: 'reads',
@@ -141,7 +141,7 @@ def _kafka_topics(overview: Overview) -> tuple[list[KafkaTopic], str]:
 
 
 def _kafka_rates(
-    topics: Iterable[KafkaTopic], before: Offsets, after: Offsets, measured_s: float
+    topics: Iterable[KafkaTopic], before: EndOffsets, after: EndOffsets, measured_s: float
 ) -> dict[str, float]:
     counts = {topic.name: records(topic, before, after) for topic in topics}
     # One that was made anew meanwhile ends before it did.

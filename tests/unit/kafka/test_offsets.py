@@ -9,19 +9,20 @@ from confluent_kafka import KafkaError
 from hypothesis import given, strategies
 from nobody import NO_IDS
 
-from ros2_kafka_bridge.kafka import member
+from ros2_kafka_bridge.kafka import group_client
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
-from ros2_kafka_bridge.kafka.partitions import Committed, Partitions
+from ros2_kafka_bridge.kafka.offsets import Offsets
+from ros2_kafka_bridge.kafka.partition import Committed
 from ros2_kafka_bridge.kafka.topic_id import TopicId
 from ros2_kafka_bridge.testing.memory import MemoryRecord
 
 HERE = frozenset({0, 1})
 
 
-def having(*numbers: int) -> Partitions:
-    partitions = Partitions()
-    partitions.assign(numbers)
-    return partitions
+def having(*numbers: int) -> Offsets:
+    offsets = Offsets('t', MagicMock())
+    offsets.assign(numbers)
+    return offsets
 
 
 def records(*offsets: int, partition: int = 0) -> list[MemoryRecord]:
@@ -29,110 +30,114 @@ def records(*offsets: int, partition: int = 0) -> list[MemoryRecord]:
 
 
 def test_the_first_record_is_the_first_position_and_no_position_is_known_before() -> None:
-    partitions = having(0, 1)
-    assert partitions.positions == {}
-    partitions.hand_out([*records(7, 8), *records(3, partition=1), *records(12)])
-    assert partitions.positions == {0: 7, 1: 3}
+    offsets = having(0, 1)
+    assert offsets.positions == {}
+    offsets.hand_out([*records(7, 8), *records(3, partition=1), *records(12)])
+    assert offsets.positions == {0: 7, 1: 3}
 
 
 def test_guarantee_1_an_end_is_passed_only_when_all_before_it_have_ended() -> None:
-    partitions = having(0)
-    partitions.hand_out(records(4, 5))
-    partitions.reach_end(0, 9)
-    partitions.advance({0: 5})
-    assert partitions.positions == {0: 5}
-    partitions.advance({0: 6})
-    assert partitions.positions == {0: 9}
-    partitions.hand_out(records(9))
-    assert partitions.positions == {0: 9}
+    offsets = having(0)
+    offsets.hand_out(records(4, 5))
+    offsets.reach_end(0, 9)
+    offsets.advance({0: 5})
+    assert offsets.positions == {0: 5}
+    offsets.advance({0: 6})
+    assert offsets.positions == {0: 9}
+    offsets.hand_out(records(9))
+    assert offsets.positions == {0: 9}
 
 
 def test_an_end_before_which_no_record_was_is_passed_and_the_group_is_told() -> None:
     """Marks and aborted records at the end of a partition are no lag for ever."""
-    partitions = having(0)
-    partitions.reach_end(0, 111)
-    assert partitions.news == {0: 111}
-    partitions.note_committed({0: 111})
-    partitions.hand_out(records(111))
-    partitions.reach_end(0, 112)
-    assert partitions.news == {}, 'that record has not ended'
+    offsets = having(0)
+    offsets.reach_end(0, 111)
+    assert offsets.uncommitted == {0: 111}
+    offsets.note_committed({0: 111})
+    offsets.hand_out(records(111))
+    offsets.reach_end(0, 112)
+    assert offsets.uncommitted == {}, 'that record has not ended'
 
 
 def test_an_end_that_comes_later_is_passed_at_once() -> None:
-    partitions = having(0)
-    partitions.hand_out(records(4))
-    partitions.advance({0: 5})
-    partitions.reach_end(0, 6)
-    assert partitions.positions == {0: 6}
+    offsets = having(0)
+    offsets.hand_out(records(4))
+    offsets.advance({0: 5})
+    offsets.reach_end(0, 6)
+    assert offsets.positions == {0: 6}
 
 
 @given(strategies.lists(strategies.sampled_from(['read', 'mark', 'end', 'settle', 'commit'])))
 def test_guarantee_1_a_position_is_never_behind_a_record_that_has_not_ended(
     events: list[str],
 ) -> None:
-    partitions = having(0)
+    offsets = having(0)
     offset, in_flight = 0, list[int]()
     for event in events:
         if event == 'read':
-            partitions.hand_out(records(offset))
+            offsets.hand_out(records(offset))
             in_flight.append(offset)
             offset += 1
         elif event == 'mark':
             offset += 1
         elif event == 'end':
-            partitions.reach_end(0, offset)
+            offsets.reach_end(0, offset)
         elif event == 'settle' and in_flight:
-            partitions.advance({0: in_flight.pop(0) + 1})
+            offsets.advance({0: in_flight.pop(0) + 1})
         elif event == 'commit':
-            partitions.note_committed(partitions.news)
-            assert partitions.news == {}
+            offsets.note_committed(offsets.uncommitted)
+            assert offsets.uncommitted == {}
         if in_flight:
-            assert partitions.positions[0] <= in_flight[0]
+            assert offsets.positions[0] <= in_flight[0]
         elif event == 'end':
-            assert partitions.positions.get(0, offset) == offset
+            assert offsets.positions.get(0, offset) == offset
 
 
 def test_of_a_topic_made_anew_nothing_is_known_but_which_it_is() -> None:
-    partitions = having(0)
-    partitions.hand_out(records(99))
-    partitions.advance({0: 100})
-    partitions.note_committed({0: 100})
-    partitions.begin_anew(ANOTHER)
-    assert (partitions.news, partitions.reached) == ({}, {})
-    assert partitions[0].of == ANOTHER
-    partitions.hand_out(records(3))
-    assert partitions.news == {0: 3}
+    offsets = having(0)
+    offsets.hand_out(records(99))
+    offsets.advance({0: 100})
+    offsets.note_committed({0: 100})
+    client = MagicMock()
+    offsets.use(client)
+    offsets.begin_anew(ANOTHER)
+    [[place], _] = client.commit.call_args.args
+    assert (place.partition, place.offset, place.metadata) == (0, 0, ANOTHER.metadata)
+    assert len(offsets) == 0
+    offsets.assign({0})
+    offsets.hand_out(records(3))
+    assert offsets.uncommitted == {0: 3}
 
 
 def test_an_end_is_passed_where_nothing_was_read_since_a_loss() -> None:
-    partitions = having(0)
-    partitions.advance({0: 5})
-    partitions.reach_end(0, 7)
-    assert partitions.positions == {0: 7}
+    offsets = having(0)
+    offsets.advance({0: 5})
+    offsets.reach_end(0, 7)
+    assert offsets.positions == {0: 7}
 
 
 def test_what_is_heard_of_partitions_that_others_have_counts_for_nothing() -> None:
-    partitions = having(0)
-    partitions.forget({0})
-    partitions.advance({0: 3})
-    partitions.note_committed({0: 3})
-    partitions.reach_end(0, 4)
-    partitions.hand_out(records(1))
-    assert (partitions.positions, partitions.reached, len(partitions)) == ({}, {}, 0)
+    offsets = having(0)
+    offsets.forget({0})
+    offsets.advance({0: 3})
+    offsets.note_committed({0: 3})
+    offsets.reach_end(0, 4)
+    offsets.hand_out(records(1))
+    assert (offsets.positions, offsets.reached, len(offsets)) == ({}, {}, 0)
 
 
 def test_a_loss_leaves_how_far_the_route_had_come_and_only_once() -> None:
-    partitions = having(0, 1)
-    partitions.hand_out(records(4))
-    partitions.note_committed({0: 4})
-    partitions.advance({0: 5})
-    partitions.lose({0, 1})
-    assert (len(partitions), partitions.are_lost, partitions.owe_lost) == (0, True, True)
-    partitions.assign({0, 1})
+    offsets = having(0, 1)
+    offsets.hand_out(records(4))
+    offsets.note_committed({0: 4})
+    offsets.advance({0: 5})
+    offsets.lose({0, 1})
+    assert (len(offsets), offsets.are_lost, offsets.owe_lost) == (0, True, True)
+    offsets.assign({0, 1})
     told = {0: Committed(4, None), 1: Committed(0, None)}
-    assert partitions.resume(told) == partitions.positions == {0: 5}
-    assert not partitions.are_lost
-    assert partitions.resume(told) == {}
+    assert offsets.resume({0, 1}, told) == offsets.positions == {0: 5}
+    assert not offsets.are_lost
+    assert offsets.resume({0, 1}, told) == {}
 
 
 ANOTHER = TopicId('cluster', 'another')
@@ -142,35 +147,35 @@ ANOTHER = TopicId('cluster', 'another')
 def test_a_loss_is_forgotten_where_others_have_committed_or_the_topic_is_another(
     offset: int, now: TopicId | None
 ) -> None:
-    partitions = having(0)
-    partitions.hand_out(records(4))
-    partitions.note_committed({0: 4})
-    partitions.advance({0: 5})
-    partitions.lose({0})
-    partitions.assign({0})
-    partitions[0].of = now
-    assert partitions.resume({0: Committed(offset, None)}) == partitions.positions == {}
-    assert not partitions.are_lost
+    offsets = having(0)
+    offsets.hand_out(records(4))
+    offsets.note_committed({0: 4})
+    offsets.advance({0: 5})
+    offsets.lose({0})
+    offsets.assign({0})
+    offsets[0].of = now
+    assert offsets.resume({0}, {0: Committed(offset, None)}) == offsets.positions == {}
+    assert not offsets.are_lost
 
 
 def test_what_is_committed_says_of_which_topic_it_is() -> None:
-    partitions = having(0, 1)
-    assert partitions.metadata(0) == ''
-    partitions[0].of, partitions[1].of = TopicId('cluster', 'old'), ANOTHER
-    for number, of in ((0, partitions[0].of), (1, ANOTHER), (7, partitions[0].of)):
-        assert TopicId.of_metadata(partitions.metadata(number)) == of
-    partitions.reset(1)
-    assert partitions[1].of == ANOTHER
+    offsets = having(0, 1)
+    assert offsets.metadata(0) == ''
+    offsets[0].of, offsets[1].of = TopicId('cluster', 'old'), ANOTHER
+    for number, of in ((0, offsets[0].of), (1, ANOTHER), (7, offsets[0].of)):
+        assert TopicId.of_metadata(offsets.metadata(number)) == of
+    offsets.begin_at(1, 3)
+    assert (offsets[1].of, offsets.uncommitted) == (ANOTHER, {1: 3})
 
 
 def test_what_was_lost_with_all_committed_is_owed_to_nobody() -> None:
     """As where Kafka is away for longer than the session, at a stop: nothing is repeated."""
-    partitions = having(0, 1)
-    partitions.hand_out(records(4))
-    partitions.advance({0: 5})
-    partitions.note_committed({0: 5})
-    partitions.lose({0, 1})
-    assert (partitions.are_lost, partitions.owe_lost) == (True, False)
+    offsets = having(0, 1)
+    offsets.hand_out(records(4))
+    offsets.advance({0: 5})
+    offsets.note_committed({0: 5})
+    offsets.lose({0, 1})
+    assert (offsets.are_lost, offsets.owe_lost) == (True, False)
 
 
 def told(code: int, offset: int, partition: int = 0) -> MagicMock:
@@ -192,10 +197,10 @@ def source(monkeypatch: pytest.MonkeyPatch) -> Callable[..., KafkaSource]:
     def make(*batch: Any) -> KafkaSource:
         client = MagicMock()
         client.poll.return_value, client.consume.return_value = batch[0], list(batch[1:])
-        monkeypatch.setattr(member, 'Consumer', lambda *_, **__: client)
+        monkeypatch.setattr(group_client, 'Consumer', lambda *_, **__: client)
         made = KafkaSource({'group.id': 'g'}, 't', 'earliest', NO_IDS, MagicMock())
         made.open(MagicMock())
-        made._partitions.assign(HERE)
+        made._offsets.assign(HERE)
         return made
 
     return make
@@ -206,9 +211,9 @@ def test_an_end_behind_records_of_the_same_batch_commits_none_of_them(
 ) -> None:
     reads = source(_Record(b'', 3), _Record(b'', 4), told(KafkaError._PARTITION_EOF, 6))
     assert len(reads.poll(10, 0.0)) == 2
-    assert reads._partitions.positions == {0: 3}
+    assert reads._offsets.positions == {0: 3}
     reads.advance({0: 5})
-    assert reads._partitions.positions == {0: 6}
+    assert reads._offsets.positions == {0: 6}
 
 
 def test_what_was_handed_over_in_the_middle_of_a_batch_is_not_given_to_the_route(
@@ -217,12 +222,12 @@ def test_what_was_handed_over_in_the_middle_of_a_batch_is_not_given_to_the_route
     reads = source(_Record(b'mine no more', 3, 0))
 
     def handed_over(*_: object) -> list[object]:
-        reads._partitions.forget({0})
+        reads._offsets.forget({0})
         return [_Record(b'mine', 7, 1)]
 
-    reads._member.client.consume = handed_over  # type: ignore[method-assign, assignment]
+    reads._member.consumer.consume = handed_over  # type: ignore[method-assign, assignment]
     assert [record.value() for record in reads.poll(10, 0.0)] == [b'mine']
-    assert reads._partitions.positions == {1: 7}
+    assert reads._offsets.positions == {1: 7}
 
 
 def test_what_was_read_before_a_partition_was_lost_and_given_back_counts_for_nothing(
@@ -232,14 +237,14 @@ def test_what_was_read_before_a_partition_was_lost_and_given_back_counts_for_not
     reads = source(told(KafkaError._PARTITION_EOF, 100))
 
     def lost_and_back(*_: object) -> list[object]:
-        reads._partitions.lose({0})
-        reads._partitions.assign({0})
-        reads._partitions.advance({0: 50})
+        reads._offsets.lose({0})
+        reads._offsets.assign({0})
+        reads._offsets.advance({0: 50})
         return []
 
-    reads._member.client.consume = lost_and_back  # type: ignore[method-assign, assignment]
+    reads._member.consumer.consume = lost_and_back  # type: ignore[method-assign, assignment]
     assert reads.poll(10, 0.0) == []
-    assert reads._partitions.positions == {0: 50}
+    assert reads._offsets.positions == {0: 50}
 
 
 def test_how_far_a_reader_is_behind_is_not_known_without_a_place_in_its_group(
@@ -250,7 +255,7 @@ def test_how_far_a_reader_is_behind_is_not_known_without_a_place_in_its_group(
     watchdog.begin()
     assert reads.lag() is None
     watchdog.on_assign()
-    reads._partitions.clear()
+    reads._offsets.clear()
     assert reads.lag() == 0, 'it has none of the partitions'
     watchdog.on_lost()
     assert reads.lag() is None
@@ -266,7 +271,7 @@ def test_an_end_of_which_the_offset_is_not_told_is_not_the_beginning(
     end.offset.return_value = None
     reads = source(end)
     reads.poll(10, 0.0)
-    assert reads._partitions.news == {}
+    assert reads._offsets.uncommitted == {}
 
 
 def test_an_error_that_names_no_partition_of_its_own_counts(
@@ -283,8 +288,8 @@ def test_the_lag_is_not_known_while_kafka_is_away(source: Callable[..., KafkaSou
     reads._member._watchdog.on_assign()
     reads.poll(10, 0.0)
     reads.poll(10, 0.0)
-    reads._partitions.forget({1})
-    reads._member.client.get_watermark_offsets.return_value = (0, 120)  # type: ignore[attr-defined]
+    reads._offsets.forget({1})
+    reads._member.consumer.get_watermark_offsets.return_value = (0, 120)  # type: ignore[attr-defined]
     assert reads.lag() == 20
     reads._health.on_error(KafkaError(KafkaError._ALL_BROKERS_DOWN))
     assert (reads.lag(), reads.answers) == (None, False)
@@ -316,7 +321,8 @@ def test_a_report_of_a_broker_that_is_there_brings_kafka_back(
 ) -> None:
     reads = source(None)
     reads._health.on_error(KafkaError(KafkaError._ALL_BROKERS_DOWN))
-    reads._member._on_statistics('{"brokers": {"x": {"source": "configured", "state": "UP"}}}')
+    report = reads._member.client._on_statistics
+    report('{"brokers": {"x": {"source": "configured", "state": "UP"}}}')
     assert (bool(reads.away), reads.answers) == (True, False)
-    reads._member._on_statistics('{"brokers": {"x": {"nodeid": 1, "state": "UP"}}}')
+    report('{"brokers": {"x": {"nodeid": 1, "state": "UP"}}}')
     assert (bool(reads.away), reads.answers) == (False, True)
