@@ -193,7 +193,9 @@ class Offsets:
         for number, record in last.items():
             if (partition := self._here.get(number)) is not None:
                 if partition.position is None:
-                    partition.position = _first(records, number)
+                    # What is missing before it is not passed over until it was counted.
+                    missing = partition.wanted
+                    partition.position = _first(records, number) if missing is None else missing
                 partition.read = (record.offset() or 0) + 1
 
     def advance(self, positions: Mapping[int, int]) -> None:

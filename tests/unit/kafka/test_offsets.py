@@ -36,6 +36,18 @@ def test_the_first_record_is_the_first_position_and_no_position_is_known_before(
     assert offsets.positions == {0: 7, 1: 3}
 
 
+def test_what_was_deleted_before_it_was_read_is_not_passed_over_until_it_was_counted() -> None:
+    """The reading may fail of another partition first; the next run meets the gap again."""
+    offsets = having(0)
+    offsets.note_committed({0: 2})
+    offsets[0].wanted = 2
+    offsets.hand_out(records(5, 6))
+    assert (offsets.uncommitted, offsets.positions) == ({}, {0: 2})
+    offsets[0].wanted = None
+    offsets.advance({0: 6})
+    assert offsets.uncommitted == {0: 6}
+
+
 def test_guarantee_1_an_end_is_passed_only_when_all_before_it_have_ended() -> None:
     offsets = having(0)
     offsets.hand_out(records(4, 5))
