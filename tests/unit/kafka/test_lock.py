@@ -105,3 +105,25 @@ def test_a_client_that_cannot_join_is_closed_and_the_one_before_it_stays(
     second.close.assert_called_once_with()
     first.close.assert_not_called()
     assert lock.joined
+
+
+def test_a_client_whose_name_was_taken_twice_leaves_it_for_another(
+    lock: GroupLock, library: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The next one of the same name has its place at once, and must not lose it again."""
+    monkeypatch.setattr(under_test, '_NEW_CLIENT_EVERY_S', 0.0)
+    names = [library.properties['group.instance.id']]
+    for _ in range(2):
+        told = MagicMock()
+        told.error.return_value = KafkaError(KafkaError._FATAL, 'of any kind', fatal=True)
+        library.clients[-1].poll.side_effect = [told, *[None] * 10]
+        lock.poll(0.0)
+        names.append(library.properties['group.instance.id'])
+    first, second, _ = library.clients
+    deadline_s = time.monotonic() + 10
+    while not (first.close.called and second.close.called) and time.monotonic() < deadline_s:
+        time.sleep(0.01)
+    assert (first.unsubscribe.called, second.unsubscribe.called) == (False, True)
+    assert names[0] == names[1] != names[2]
+    assert lock._health.away == ''
+    lock.check()
