@@ -380,15 +380,15 @@ def test_a_commit_is_waited_for_but_not_without_limit(monkeypatch: pytest.Monkey
     monkeypatch.setattr(group_client, 'Consumer', lambda *_, **__: library)
     client = GroupClient({}, 't', MagicMock(), LOG.logger)
     client.open()
-    client.commit([HERE], 5.0)
+    client.commit(5.0, [HERE])
     library.commit.assert_called_once_with(offsets=[HERE], asynchronous=False)
     refused = KafkaError(KafkaError.GROUP_AUTHORIZATION_FAILED, 'refused')
     library.commit.side_effect = KafkaException(refused)
     with pytest.raises(KafkaException, match='refused'):
-        client.commit([HERE], 5.0)
+        client.commit(5.0, [HERE])
     library.commit.side_effect = lambda **_: answers.wait(30)
     with pytest.raises(KafkaException, match=r'within 0\.05 s'):
-        client.commit([HERE], 0.05)
+        client.commit(0.05, [HERE])
     assert not client.end(0.05, leaves=False)
     library.close.assert_not_called()
     answers.set()

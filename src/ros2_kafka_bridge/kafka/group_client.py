@@ -104,7 +104,7 @@ class GroupClient:
         )
         self._is_joining = True  # what is called back comes at a poll
 
-    def commit(self, places: Sequence[TopicPartition], within_s: float) -> None:
+    def commit(self, within_s: float, places: Sequence[TopicPartition]) -> None:
         """Commit, and wait until the group has it.
 
         librdkafka waits without any limit for a broker that stands still (SIGSTOP: 75 s and

@@ -260,18 +260,18 @@ class Offsets:
                 client.poll(0.05)
         return not self.uncommitted
 
-    def commit_within(self, seconds: float, offsets: Mapping[int, int]) -> None:
+    def commit_within(self, within_s: float, offsets: Mapping[int, int]) -> None:
         """Commit these, and wait until the group has them.
 
         Raises:
             KafkaException: It was refused, or took too long: then it may still be done.
         """
         try:
-            self._client.commit(self._places(offsets), seconds)
+            self._client.commit(within_s, self._places(offsets))
         except KafkaException as error:
             if not self._note_refusal(error.args[0]):
                 raise
-            self._client.commit(self._places(offsets), seconds)
+            self._client.commit(within_s, self._places(offsets))
 
     def _places(self, offsets: Mapping[int, int]) -> list[TopicPartition]:
         metadata = self.metadata

@@ -113,7 +113,7 @@ def test_of_a_topic_made_anew_nothing_is_known_but_which_it_is() -> None:
     client = MagicMock()
     offsets.use(client)
     offsets.begin_anew(ANOTHER)
-    [[place], _] = client.commit.call_args.args
+    _, [place] = client.commit.call_args.args
     assert (place.partition, place.offset, place.metadata) == (0, 0, ANOTHER.metadata)
     assert len(offsets) == 0
     offsets.assign({0})
