@@ -127,12 +127,23 @@ class Load(NamedTuple):
     queued: int = 0
     limit: int | None = None
 
+    @classmethod
+    def of_all(cls, loads: Iterable['Load']) -> 'Load':
+        """Add up several."""
+        queued, limits = zip(*loads, strict=True)
+        return cls(sum(queued), None if None in limits else sum(limits))
+
 
 class Matches(NamedTuple):
     """The endpoints of a ROS topic on the other side: those that match the route's, and others."""
 
     matched: int = 0
     mismatched: int = 0
+
+    @classmethod
+    def of_all(cls, each: Iterable['Matches']) -> 'Matches':
+        """Add up several."""
+        return cls(*map(sum, zip(*each, strict=True)))
 
 
 class KafkaEnd(Protocol):
@@ -257,7 +268,7 @@ class Offer(NamedTuple):
 
 
 class MessageSource(Protocol):
-    """The messages of one ROS topic, of whatever publishers it has."""
+    """The messages of ROS topics, of whatever publishers they have."""
 
     @property
     def lost_upstream(self) -> int:
@@ -278,7 +289,7 @@ class MessageSource(Protocol):
         """Subscribe."""
 
     def look(self) -> None:
-        """Follow the publishers of the topic; a take does so, too."""
+        """Follow the publishers; a take does so, too."""
 
     def take(self, limit: int, timeout_s: float) -> Sequence[Message]:
         """Wait up to `timeout_s` for messages, then take at most `limit`."""
@@ -310,26 +321,8 @@ class Readers(NamedTuple):
     misread: str = ''
 
 
-class MessageSink(Protocol):
-    """Where messages are published."""
-
-    @property
-    def load(self) -> Load:
-        """What its history holds."""
-        ...
-
-    @property
-    def matches(self) -> Matches:
-        """Its subscribers, as far as the graph knows."""
-        ...
-
-    @property
-    def holders(self) -> Sequence[str]:
-        """Names of the nodes whose acknowledgements it waits for, as far as the graph knows."""
-        ...
-
-    def open(self) -> None:
-        """Make the publisher."""
+class MessageWriter(Protocol):
+    """Where messages are published: one topic."""
 
     def publish(self, cdr: bytes) -> bool:
         """Publish; False: the history is full, nothing was taken, try the same bytes again."""
@@ -339,5 +332,31 @@ class MessageSink(Protocol):
         """Look at the readers."""
         ...
 
+
+class MessageSink(Protocol):
+    """The topics that messages are published on."""
+
+    @property
+    def load(self) -> Load:
+        """What their histories hold."""
+        ...
+
+    @property
+    def matches(self) -> Matches:
+        """Their subscribers, as far as the graph knows."""
+        ...
+
+    @property
+    def reliable_subscribers(self) -> Sequence[str]:
+        """Names of the nodes whose acknowledgements are waited for, as far as the graph knows."""
+        ...
+
+    def writer(self, topic: str) -> MessageWriter:
+        """What publishes on one of them."""
+        ...
+
+    def open(self) -> None:
+        """Make the publishers."""
+
     def close(self) -> None:
-        """Destroy the publisher."""
+        """Destroy the publishers."""

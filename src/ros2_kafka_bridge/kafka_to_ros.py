@@ -103,7 +103,7 @@ class KafkaToRos:
         self._occasional = summed(log)
         self._traces = traces
         self._flight = RecordFlight(route.max_in_flight, route.max_in_flight_bytes)
-        self._publishing = Publishing(self._flight, sink, route)
+        self._publishing = Publishing(self._flight, sink.writer(route.ros_topic), route)
         self._blocked = Blocked()
         self._drained_by_s = math.inf
         self._commit_at_s = 0.0
@@ -301,7 +301,8 @@ class KafkaToRos:
         if obstacle is None or not self._blocked.is_long:
             return ''
         if obstacle.cause is Cause.HISTORY:
-            return f'{obstacle.reason} ({held(self._sink.holders, self._blocked.still_for_s)})'
+            who = held(self._sink.reliable_subscribers, self._blocked.still_for_s)
+            return f'{obstacle.reason} ({who})'
         return obstacle.reason
 
     def _show(self, reason: str) -> None:

@@ -31,11 +31,15 @@ from ros2_kafka_bridge.ros.confirmation import Confirmation, asks_readers
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
-from ros2_kafka_bridge.ros.publisher import RosSink
-from ros2_kafka_bridge.ros.subscription import RosSource
+from ros2_kafka_bridge.ros.sink import RosSink
+from ros2_kafka_bridge.ros.source import RosSource
 from ros2_kafka_bridge.ros.successor import RosSuccessor
+from ros2_kafka_bridge.ros.topic_end import TopicEnd
+from ros2_kafka_bridge.ros.topic_reader import TopicReader
+from ros2_kafka_bridge.ros.topic_writer import TopicWriter
 from ros2_kafka_bridge.ros.types import MessageType
 from ros2_kafka_bridge.ros.used_type import RosEnd, RouteTypes
+from ros2_kafka_bridge.ros.writer_history import WriterHistory
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.flight.messages import MessageEntry
@@ -210,10 +214,9 @@ class Wiring:
         if asks and not self._confirmation.require(stop):
             return None
         topic = route.ros_topic
+        end = TopicEnd(self._node, topic, message_type, route.qos, log)
         room, bounded = self._histories.writers[topic], self._abilities.bounded
-        sink = RosSink(
-            self._node, topic, message_type, route.qos, room, log, asks=asks, bounded=bounded
-        )
+        sink = RosSink({topic: TopicWriter(end, WriterHistory(room, asks=asks, bounded=bounded))})
         decode = decode_of(route, self._config, message_type.layout)
         stack.enter_context(_open(sink))
         return KafkaToRos(
@@ -246,15 +249,13 @@ class Wiring:
         self, message_type: MessageType, route: RosToKafkaRoute, log: Log, stack: ExitStack
     ) -> RosToKafka:
         produced = self._produced(route, log)
-        source = RosSource(
-            self._node,
-            route.ros_topic,
-            message_type,
-            route.qos,
-            log,
+        topic = route.ros_topic
+        reader = TopicReader(
+            TopicEnd(self._node, topic, message_type, route.qos, log),
             has_gid=self._abilities.gid and self._abilities.seq,
             on_offer=produced.look,
         )
+        source = RosSource(self._node, {topic: reader})
         asks = asks_registry(route)
         encode = None if asks else encode_of(route, self._config, message_type.layout)
 
@@ -266,9 +267,9 @@ class Wiring:
                     raise
                 raise RouteError(str(error)) from error  # as where the type is learned
 
-        make_value_key = make_key(route.key, route.ros_topic, message_type.layout)
+        make_value_key = make_key(route.key, topic, message_type.layout)
         headers = self._tracing.headers(
-            make_headers(self._author(route), message_type.name, source.type_hash)
+            make_headers(self._author(route), message_type.name, reader.type_hash)
         )
         # From here on DDS holds the publishers back: nothing behind this line may ask Kafka, or
         # an outage would close the reader again.

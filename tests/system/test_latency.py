@@ -8,7 +8,7 @@ from pathlib import Path
 
 from harness import Bench
 
-from ros2_kafka_bridge.route.settling import SETTLE_S
+from ros2_kafka_bridge.route.readiness import SETTLE_S
 
 ROOT = Path(__file__).parents[2]
 ROUNDS = 2

@@ -19,7 +19,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ros2_kafka_bridge import kafka_to_ros
-from ros2_kafka_bridge.route import pieces, settling
+from ros2_kafka_bridge.route import pieces, readiness
 from ros2_kafka_bridge.testing.memory import MemoryMessageSink, MemoryRecord, Readers
 from ros2_kafka_bridge.threads.stop import Stop
 
@@ -240,7 +240,7 @@ class World:
 def small_and_quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         flights.check_steps(patch)
-        patch.setattr(settling, 'SETTLE_S', 0.0)
+        patch.setattr(readiness, 'SETTLE_S', 0.0)
         patch.setattr(time, 'sleep', lambda _: None)
         patch.setattr(pieces, 'PIECE', BATCH)
         patch.setattr(kafka_to_ros, 'BATCH', BATCH)

@@ -15,9 +15,10 @@ from unittest.mock import DEFAULT, MagicMock
 import pytest
 from confluent_kafka import KafkaError, KafkaException, TopicPartition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from ros_ends import end_of, source_of, writer_of
 
 from ros2_kafka_bridge import wiring as wiring_module
-from ros2_kafka_bridge.config.settings import Config, QoS
+from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import BridgeError, RouteError
@@ -32,8 +33,6 @@ from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import Abilities
-from ros2_kafka_bridge.ros.publisher import RosSink
-from ros2_kafka_bridge.ros.subscription import RosSource
 from ros2_kafka_bridge.ros.types import MessageType, TypeLoader
 from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.wiring import Wiring
@@ -126,7 +125,7 @@ def ros_source(handle: Library) -> Iterator[Callable[[], object]]:
     handle.get_publishers_info_by_topic.return_value = []
     subscription = handle.create_subscription.return_value.handle
     subscription.take_message.return_value = None
-    source = RosSource(RosNode(handle, handle.context), '/t', TYPE, QoS(), LOG)
+    source = source_of(end_of(RosNode(handle, handle.context), TYPE))
     yield source.open
     yield lambda: source.take(10, 0.01)
     yield source.look
@@ -138,14 +137,12 @@ def ros_sink(handle: Library) -> Iterator[Callable[[], object]]:
     handle.get_subscriptions_info_by_topic.return_value = []
     event = handle.EventHandle.return_value
     event.take_event.return_value = MagicMock(current_count=1, total_count=1)
-    sink = RosSink(
-        RosNode(handle, handle.context), '/t', TYPE, QoS(), 5, LOG, asks=True, bounded=True
-    )
-    yield sink.open
-    yield sink.readers
-    yield lambda: sink.publish(b'')
-    yield sink.readers
-    yield sink.close
+    writer = writer_of(end_of(RosNode(handle, handle.context), TYPE))
+    yield writer.open
+    yield writer.readers
+    yield lambda: writer.publish(b'')
+    yield writer.readers
+    yield writer.close
 
 
 def call_back(client: Library, name: str) -> None:
@@ -300,24 +297,22 @@ def test_guarantee_5_a_publisher_that_fails_is_replaced_and_its_readers_are_new(
     handle.get_subscriptions_info_by_topic.return_value = []
     event = handle.EventHandle.return_value
     event.take_event.return_value = MagicMock(current_count=2, total_count=2)
-    sink = RosSink(
-        RosNode(handle, handle.context), '/t', TYPE, QoS(), 5, LOG, asks=True, bounded=True
-    )
-    sink.open()
-    assert sink.readers().come == 2
+    writer = writer_of(end_of(RosNode(handle, handle.context), TYPE))
+    writer.open()
+    assert writer.readers().come == 2
     publisher = handle.create_publisher.return_value
     publisher.publish.side_effect = _rclpy.RCLError('cannot publish data, at ./rcl.c:1')
-    assert not sink.publish(b''), 'a full history is no failure'
+    assert not writer.publish(b''), 'a full history is no failure'
     publisher.publish.side_effect = _rclpy.RCLError('publisher is invalid, at ./rcl.c:1')
     with pytest.raises(RouteError, match=r'^publisher of /t: publisher is invalid$'):
-        sink.publish(b'')
+        writer.publish(b'')
     publisher.publish.side_effect = None
     event.take_event.return_value = MagicMock(current_count=0, total_count=0)
-    after = sink.readers()
+    after = writer.readers()
     assert handle.create_publisher.call_count == 2
     assert (after.matched, after.come, after.lost) == (0, 2, True)
     event.take_event.return_value = MagicMock(current_count=1, total_count=1)
-    assert sink.readers().come == 3, 'it has come anew, and has to settle'
+    assert writer.readers().come == 3, 'it has come anew, and has to settle'
 
 
 def test_a_look_at_the_readers_that_fails_once_costs_no_history_of_a_publisher(
@@ -328,15 +323,13 @@ def test_a_look_at_the_readers_that_fails_once_costs_no_history_of_a_publisher(
     event = handle.EventHandle.return_value
     good = MagicMock(current_count=0, total_count=0)
     bad = _rclpy.RCLError('no')
-    sink = RosSink(
-        RosNode(handle, handle.context), '/t', TYPE, QoS(), 5, LOG, asks=True, bounded=True
-    )
-    sink.open()
+    writer = writer_of(end_of(RosNode(handle, handle.context), TYPE))
+    writer.open()
     for looks, publishers in (([bad, good, bad, good], 1), ([bad, bad, good], 2)):
         event.take_event.side_effect = looks
         for look in looks:
             with contextlib.suppress(RouteError) if look is bad else contextlib.nullcontext():
-                sink.readers()
+                writer.readers()
         assert handle.create_publisher.call_count == publishers
 
 

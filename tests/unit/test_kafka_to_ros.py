@@ -8,7 +8,7 @@ from house_to_ros import IN_2001_MS, MINE, House
 from hypothesis import given, settings, strategies
 
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route import readiness
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Stop
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture(autouse=True)
 def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
 
 
 def test_a_position_moves_on_only_when_its_message_is_confirmed() -> None:
@@ -177,7 +177,7 @@ def test_old_records_are_dropped_and_counted_where_the_route_says_so() -> None:
 def test_the_first_record_does_not_wait_for_readers_that_have_long_been_there(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(settling, 'SETTLE_S', 0.05)
+    monkeypatch.setattr(readiness, 'SETTLE_S', 0.05)
     house = House()
     house.sink.acknowledging = False
     house.steps(1)
@@ -197,7 +197,7 @@ def test_the_first_record_does_not_wait_for_readers_that_have_long_been_there(
 def test_readers_that_come_while_a_route_is_paused_need_not_be_waited_for_later(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(settling, 'SETTLE_S', 0.05)
+    monkeypatch.setattr(readiness, 'SETTLE_S', 0.05)
     house = House()
     house.give(b'a')
     house.rests(1)
@@ -213,11 +213,11 @@ def test_a_reader_that_took_the_place_of_another_gets_time_to_know_of_the_match(
     house.sink.acknowledging = False
     house.give(b'a')
     house.steps()
-    monkeypatch.setattr(settling, 'SETTLE_S', 60.0)
+    monkeypatch.setattr(readiness, 'SETTLE_S', 60.0)
     house.sink.lose_reader()
     house.steps()
     assert house.sink.published == [b'cdr:a']
-    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
     house.steps()
     assert house.sink.published == [b'cdr:a', b'cdr:a']
 
@@ -236,7 +236,7 @@ def test_guarantee_1_no_offset_is_committed_before_all_up_to_it_have_ended(
     events: list[str],
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(settling, 'SETTLE_S', 0.0)
+        patch.setattr(readiness, 'SETTLE_S', 0.0)
         patch.setattr(time, 'sleep', lambda _: None)
         house = House(drain_s=0.005, max_age_s=60, skip_own=True)
         house.sink.matched = 0

@@ -7,7 +7,7 @@ import pytest
 from house_to_ros import IN_2001_MS, House
 
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.route import clock, settling
+from ros2_kafka_bridge.route import clock, readiness
 from ros2_kafka_bridge.testing.memory import MemoryRecord
 
 HOUR_S = 3600.0
@@ -18,7 +18,7 @@ SetClock = Callable[[float], None]
 
 @pytest.fixture(autouse=True)
 def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
 
 
 @pytest.fixture

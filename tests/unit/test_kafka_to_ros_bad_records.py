@@ -8,14 +8,14 @@ import pytest
 from house_to_ros import HASH, House
 
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route import readiness
 from ros2_kafka_bridge.route.counters import State
 from ros2_kafka_bridge.threads.stop import Stop
 
 
 @pytest.fixture(autouse=True)
 def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
 
 
 def test_a_bad_record_becomes_a_dead_letter_and_those_behind_it_wait_for_its_confirmation() -> (

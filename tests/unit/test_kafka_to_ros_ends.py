@@ -10,7 +10,7 @@ from house_to_ros import IN_2001_MS, MINE, House
 from ros2_kafka_bridge import kafka_to_ros
 from ros2_kafka_bridge.endpoints import Record, Reports
 from ros2_kafka_bridge.errors import RouteError, TransportError
-from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route import readiness
 from ros2_kafka_bridge.testing.memory import (
     MemoryRecord,
     MemoryRecordSource,
@@ -20,7 +20,7 @@ from ros2_kafka_bridge.threads.stop import Stop
 
 @pytest.fixture(autouse=True)
 def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
 
 
 @pytest.mark.parametrize('how', ['revoke', 'lose'])

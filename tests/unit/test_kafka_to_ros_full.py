@@ -12,12 +12,12 @@ from hypothesis import given, settings, strategies
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka_to_ros import BATCH
-from ros2_kafka_bridge.route import obstacle, settling
+from ros2_kafka_bridge.route import obstacle, readiness
 
 
 @pytest.fixture(autouse=True)
 def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
 
 
 def test_a_full_history_waits_and_the_same_message_goes_next() -> None:
@@ -33,7 +33,7 @@ def test_a_full_history_waits_and_the_same_message_goes_next() -> None:
 
 
 @pytest.mark.parametrize(
-    ('holders', 'who'),
+    ('nodes', 'who'),
     [
         (['/picker'], '/picker, '),
         (['/a', '/b'], 'one of /a, /b, '),
@@ -42,11 +42,12 @@ def test_a_full_history_waits_and_the_same_message_goes_next() -> None:
     ],
 )
 def test_a_route_that_is_held_says_by_whom_and_since_when(
-    holders: list[str], who: str, monkeypatch: pytest.MonkeyPatch
+    nodes: list[str], who: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(obstacle, 'SAID_AFTER_S', 0.0)
     house = House()
-    house.sink.acknowledging, house.sink.room, house.sink.holders = False, 1, holders
+    house.sink.acknowledging, house.sink.room = False, 1
+    house.sink.reliable_subscribers = nodes
     house.give(b'a', b'b')
     house.steps(2)
     blocked = house.pipeline._blocked
@@ -70,13 +71,14 @@ def test_who_does_not_take_is_not_blamed_for_the_time_of_one_that_has_gone(
     """The one acknowledges nothing and goes, nobody is there for long, and another comes."""
     monkeypatch.setattr(obstacle, 'SAID_AFTER_S', 0.0)
     house = House()
-    house.sink.acknowledging, house.sink.room, house.sink.holders = False, 1, ['/gone']
+    house.sink.acknowledging, house.sink.room = False, 1
+    house.sink.reliable_subscribers = ['/gone']
     house.give(b'a', b'b')
     house.steps(2)
     blocked = house.pipeline._blocked
     blocked._since_s = blocked._moved_s = time.monotonic() - 3600
     house.sink.lose_reader()
-    house.sink.holders = ['/picker']
+    house.sink.reliable_subscribers = ['/picker']
     house.steps(3)
     house.pipeline._telling._at_s = 0.0
     came = datetime.now().astimezone()
@@ -257,7 +259,7 @@ def test_what_is_dropped_in_between_moves_no_position_past_what_has_not_ended(
     events: list[str], random: Random
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(settling, 'SETTLE_S', 0.0)
+        patch.setattr(readiness, 'SETTLE_S', 0.0)
         patch.setattr(time, 'sleep', lambda _: None)
         house = House(when_full='drop_oldest', max_in_flight=1, skip_own=True)
         house.sink.room = 1

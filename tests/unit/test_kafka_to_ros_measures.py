@@ -6,13 +6,13 @@ import pytest
 from house_to_ros import House
 
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route import readiness
 from ros2_kafka_bridge.route.counters import State
 
 
 @pytest.fixture(autouse=True)
 def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
 
 
 def test_the_measures_of_a_snapshot_fit_its_counters() -> None:

@@ -5,12 +5,12 @@ from house_to_kafka import House as ToKafka
 from house_to_ros import House as ToRos
 
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route import readiness
 
 
 @pytest.fixture(autouse=True)
 def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
 
 
 def test_a_record_that_waits_for_its_readers_holds_no_dead_letter() -> None:

@@ -31,7 +31,7 @@ from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.message_types.layout import Field, Layout, Primitive, String
 from ros2_kafka_bridge.process.plan import Rank, Share
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
-from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route import readiness
 from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.labels import KEY_LIMIT_BYTES, make_key
 from ros2_kafka_bridge.route.type_hash import check_nothing
@@ -100,7 +100,7 @@ class House:
 
 @pytest.fixture(autouse=True)
 def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
 
 
 # Records

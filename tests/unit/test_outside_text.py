@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from hypothesis import given, strategies
 from rich.console import Console
+from ros_ends import end_of
 
 from ros2_kafka_bridge.commands.screen import Finding, show_findings, show_line, show_table
-from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.errors import RecordError
 from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.scope import Scope
@@ -20,8 +20,8 @@ from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.logs.text import printable, printable_lines
 from ros2_kafka_bridge.message_types.layout import Field, Layout, Primitive, Sequence, String
 from ros2_kafka_bridge.ros.node import Peer, RosNode
-from ros2_kafka_bridge.ros.publisher import RosSink
-from ros2_kafka_bridge.ros.subscription import RosSource
+from ros2_kafka_bridge.ros.publishers import Publishers
+from ros2_kafka_bridge.ros.subscribers import Subscribers
 from ros2_kafka_bridge.ros.types import MessageType
 
 SCOPE = Scope('topic')
@@ -128,11 +128,11 @@ def test_nodes_that_come_and_go_fill_neither_memory_nor_log(
     peers: list[Peer] = []
     node: Any = SimpleNamespace(subscribers=lambda _: peers)
     message_type = MessageType('p/msg/T', object, Layout('p/msg/T', ()), None)
-    sink = RosSink(node, '/t', message_type, QoS(), 5, LOG, asks=True, bounded=True)
-    source = RosSource(node, '/t', message_type, QoS(), LOG)
+    end = end_of(node, message_type)
+    subscribers, publishers = Subscribers(end), Publishers(end)
     for number in range(50):
         peers = [Peer(f'/{number}', 'p/msg/X', bytes(16), '', 'reliable', 'volatile', None)]
-        sink._look_at_graph()
-        source._say_other_types(peers)
-    assert len(sink._told) == len(source._strangers) == 1
+        subscribers._note(peers)
+        publishers._say_other_types(peers)
+    assert len(subscribers._told) == len(publishers._strangers) == 1
     assert len(caplog.messages) == 10, 'five of each in ten seconds'

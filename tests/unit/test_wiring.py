@@ -22,7 +22,8 @@ def test_a_message_without_a_number_has_no_publisher_to_compare_it_with(
 ) -> None:
     """Cyclone DDS tells the one and not the other."""
     made = MagicMock()
-    monkeypatch.setattr('ros2_kafka_bridge.wiring.RosSource', made)
+    monkeypatch.setattr('ros2_kafka_bridge.wiring.TopicReader', made)
+    monkeypatch.setattr('ros2_kafka_bridge.wiring.RosSource', MagicMock())
     monkeypatch.setattr('ros2_kafka_bridge.wiring.KafkaSink', MagicMock())
     source = {'ros': '/t', 'type': 'std_msgs/msg/String'}
     routes = [{'name': 'r', 'from': source, 'to': {'kafka': 't'}, 'format': 'cdr'}]

@@ -1,13 +1,15 @@
 """Counting the messages of topics for a while, without holding any publisher back."""
 
+import contextlib
 import logging
 import time
 from collections.abc import Mapping
 from typing import Any
 
-from ros2_kafka_bridge.errors import BridgeError, blamed
-from ros2_kafka_bridge.ros.errors import left_behind, translated
+from ros2_kafka_bridge.config.settings import QoS
+from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.ros.node import RosNode
+from ros2_kafka_bridge.ros.topic_end import TopicEnd
 from ros2_kafka_bridge.ros.types import MessageType
 
 _DEPTH = 1000
@@ -29,37 +31,25 @@ def count(node: RosNode, topics: Mapping[str, MessageType], seconds: float) -> d
     Returns:
         Messages per second. A topic that cannot be subscribed to is left out.
     """
-    subscriptions: dict[str, Any] = {}
+    log = logging.LoggerAdapter(logging.getLogger(__name__))
+    made: list[tuple[TopicEnd, Any]] = []
     try:
         for topic, message_type in topics.items():
-            subscription = _subscribe(node, topic, message_type)
-            if subscription is not None:
-                subscriptions[topic] = subscription
+            end = TopicEnd(node, topic, message_type, QoS(), log)
+            with contextlib.suppress(BridgeError):
+                made.append((end, end.subscribe(_qos())))
+        subscriptions = {end.topic: subscription for end, subscription in made}
         counts, measured_s = _count(node, subscriptions, seconds)
     finally:
-        log = logging.LoggerAdapter(logging.getLogger(__name__))
-        for topic, subscription in subscriptions.items():
-            with left_behind(log, f'subscription of {topic}'), node.endpoint_lock:
-                node.handle.destroy_subscription(subscription)
+        for end, subscription in made:
+            end.unsubscribe(subscription)
     return {topic: count / measured_s for topic, count in counts.items()}
 
 
-def _subscribe(node: RosNode, topic: str, message_type: MessageType) -> Any:
-    from rclpy.event_handler import SubscriptionEventCallbacks  # noqa: PLC0415 (heavy)
-    from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: PLC0415
+def _qos() -> Any:
+    from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: PLC0415 (heavy)
 
-    try:
-        with blamed(topic), translated(topic), node.endpoint_lock:
-            return node.handle.create_subscription(
-                message_type.endpoint_class,
-                topic,
-                lambda _: None,
-                QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
-                raw=True,
-                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-            )
-    except BridgeError:
-        return None
+    return QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def _count(

@@ -1,7 +1,7 @@
 """The numbers of the publishers of a topic: no message twice, and every gap counted."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from ros2_kafka_bridge.endpoints import Offer
 from ros2_kafka_bridge.errors import About
@@ -39,7 +39,7 @@ class Sequences:
         self,
         log: logging.LoggerAdapter[logging.Logger],
         topic: str,
-        ask: Callable[[], dict[bytes, Offer]] = dict,
+        ask: Callable[[], Mapping[bytes, Offer]] = dict,
     ) -> None:
         self._publishers: dict[bytes, _Publisher] = {}
         self._occasional = summed(log)
@@ -47,7 +47,7 @@ class Sequences:
         self._ask = ask
         self.lost = 0
 
-    def offers(self, offers: dict[bytes, Offer]) -> None:
+    def offers(self, offers: Mapping[bytes, Offer]) -> None:
         """Learn what each publisher offers."""
         # One that has gone may come back with its history: its number is kept, within a bound.
         gone = [gid for gid in self._publishers if gid not in offers]

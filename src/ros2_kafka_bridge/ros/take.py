@@ -35,15 +35,13 @@ class Waiter:
         if self._wait_set is None or len(subscriptions) > self._size:
             self._size = len(subscriptions)
             self._wait_set = _rclpy.WaitSet(self._size, 0, 0, 0, 0, 0, self._context.handle)
-        wait_set = self._wait_set
+        # One that has failed may hold what is destroyed by then: the next call makes another.
+        wait_set, self._wait_set = self._wait_set, None
         wait_set.clear_entities()
         for subscription in subscriptions:
             wait_set.add_subscription(subscription.handle)
         wait_set.wait(int(timeout_s * 1e9))
-
-    def begin_anew(self) -> None:
-        """Forget the wait set: one that has failed may hold what is destroyed by now."""
-        self._wait_set = None
+        self._wait_set = wait_set
 
 
 def take(subscription: Subscription[Any], limit: int) -> tuple[list[Taken], bool]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
-from ros2_kafka_bridge.endpoints import MessageSink
+from ros2_kafka_bridge.endpoints import MessageWriter
 from ros2_kafka_bridge.route import clock
 from ros2_kafka_bridge.route.counters import Outcome
 from ros2_kafka_bridge.route.flight.flight import Lane
@@ -13,7 +13,7 @@ from ros2_kafka_bridge.route.flight.records import RecordEntry, RecordFlight
 from ros2_kafka_bridge.route.flight.stage import SENT
 from ros2_kafka_bridge.route.obstacle import HISTORY_FULL, PACED, Cause, Obstacle
 from ros2_kafka_bridge.route.pace import Pace
-from ros2_kafka_bridge.route.settling import Settling
+from ros2_kafka_bridge.route.readiness import SubscriberReadiness
 
 _EXPIRED: Final = Obstacle('the first that waits is too old')
 
@@ -23,16 +23,18 @@ class Publishing:
 
     Args:
         flight: Where the entries are.
-        sink: The publisher.
+        writer: Where they are published.
         route: How many readers are waited for, how fast they take, and what is too old.
     """
 
-    def __init__(self, flight: RecordFlight, sink: MessageSink, route: KafkaToRosRoute) -> None:
+    def __init__(
+        self, flight: RecordFlight, writer: MessageWriter, route: KafkaToRosRoute
+    ) -> None:
         self._unconfirmed: deque[RecordEntry] = deque()  # in the order of publishing
         self._flight = flight
-        self._sink = sink
+        self._writer = writer
         publishes = route.when_misread == 'publish'
-        self._settling = Settling(route.min_subscribers, may_misread=publishes)
+        self._readiness = SubscriberReadiness(route.min_subscribers, may_misread=publishes)
         self._paces = route.max_rate is not None
         self._pace = Pace(route.max_rate)
         self._ages = route.max_age_s is not None
@@ -52,7 +54,7 @@ class Publishing:
         if self._ages and (problem := clock.problem()):
             return Obstacle(f'max_age_s: {problem}', Cause.CLOCK), ()
         lane = self._flight.lane
-        if lane.ready and (obstacle := self._settling.obstacle):
+        if lane.ready and (obstacle := self._readiness.obstacle):
             return obstacle, ()
         published: list[RecordEntry] = []
         while (obstacle := self._publish(lane, published)) is _EXPIRED:
@@ -60,7 +62,7 @@ class Publishing:
         return obstacle, published
 
     def _publish(self, lane: Lane[RecordEntry], published: list[RecordEntry]) -> Obstacle | None:
-        publish, ages, paces = self._sink.publish, self._ages, self._paces
+        publish, ages, paces = self._writer.publish, self._ages, self._paces
         count = 0
         try:
             for entry in lane.ready:
@@ -83,8 +85,8 @@ class Publishing:
         Returns:
             How many wait again, for a reader has gone that had not acknowledged them.
         """
-        readers = self._sink.readers()
-        self._settling.look(readers)
+        readers = self._writer.readers()
+        self._readiness.look(readers)
         again = self._publish_again() if readers.lost else 0
         take = self._unconfirmed.popleft
         confirmed = [take() for _ in range(readers.confirmed - self._confirmed)]

@@ -294,12 +294,12 @@ class MemoryMessageSource:
 
 @dataclass
 class MemoryMessageSink:
-    """A `MessageSink` with a history of `room` messages.
+    """A `MessageSink` of one topic, with a history of `room` messages.
 
     Args:
         matched: Readers that are there.
         acknowledging: Whether they acknowledge what is published.
-        holders: Their nodes.
+        reliable_subscribers: Nodes whose acknowledgements it waits for.
         misread: Which of them would misread what is published.
         tells: Whether it is told what they have acknowledged.
     """
@@ -309,7 +309,7 @@ class MemoryMessageSink:
     acknowledging: bool = True
     published: list[bytes] = field(default_factory=list)
     mismatched: int = 0
-    holders: Sequence[str] = ()
+    reliable_subscribers: Sequence[str] = ()
     misread: str = ''
     tells: bool = True
     _come: int = 0
@@ -327,6 +327,11 @@ class MemoryMessageSink:
     def matches(self) -> Matches:
         """Its readers."""
         return Matches(self.matched, self.mismatched)
+
+    def writer(self, topic: str) -> 'MemoryMessageSink':
+        """What publishes on its topic."""
+        del topic
+        return self
 
     def open(self) -> None:
         """Make the publisher."""

@@ -13,7 +13,7 @@ from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.endpoints import Outgoing, RecordSource
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
-from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route import readiness
 from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.flight.records import RecordEntry
 from ros2_kafka_bridge.route.type_hash import check_nothing
@@ -33,7 +33,7 @@ ROUTE: dict[str, Any] = {
 
 @pytest.fixture(autouse=True)
 def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
 
 
 class Readers(MemoryMessageSink):

@@ -21,7 +21,7 @@ from ros2_kafka_bridge.dead_letters.letter import Letter
 from ros2_kafka_bridge.endpoints import RecordSource
 from ros2_kafka_bridge.kafka.transactions import Parcel, Written
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
-from ros2_kafka_bridge.route import settling
+from ros2_kafka_bridge.route import readiness
 from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.flight.records import RecordEntry
 from ros2_kafka_bridge.route.type_hash import check_nothing
@@ -93,7 +93,7 @@ def replay(readers: StoppingReaders, stored: Stored, monkeypatch: pytest.MonkeyP
         opened = cache(lambda route: LetterChannel(route, make, stop))
         yield SimpleNamespace(open=opened)
 
-    monkeypatch.setattr(settling, 'SETTLE_S', 0.0)
+    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
     monkeypatch.setattr(command, 'open_reader', lambda _: nullcontext(stored))
     monkeypatch.setattr(command, 'Transactions', lambda *_: nullcontext(stored))
     monkeypatch.setattr(command, 'open_channels', open_channels)

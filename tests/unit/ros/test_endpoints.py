@@ -8,12 +8,10 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
+from ros_ends import end_of, source_of, writer_of
 
-from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.ros import take
 from ros2_kafka_bridge.ros.node import RosNode
-from ros2_kafka_bridge.ros.publisher import RosSink
-from ros2_kafka_bridge.ros.subscription import RosSource
 from ros2_kafka_bridge.ros.types import load_type
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
@@ -54,15 +52,11 @@ def test_no_two_threads_are_in_a_call_that_takes_the_lock_of_the_middleware(
 
     def use(number: int) -> None:
         begin.wait()
-        topic = f'/t{number}'
-        end = (
-            RosSink(node, topic, TYPE, QoS(), 5, LOG, asks=True, bounded=True)
-            if number % 2
-            else RosSource(node, topic, TYPE, QoS(), LOG)
-        )
+        end = end_of(node, TYPE, f'/t{number}')
+        opened = writer_of(end) if number % 2 else source_of(end)
         for _ in range(3):
-            end.open()
-            end.close()
+            opened.open()
+            opened.close()
 
     with ThreadPoolExecutor(6) as threads:
         list(threads.map(use, range(6)))

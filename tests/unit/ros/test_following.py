@@ -13,14 +13,15 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.type_hash import TypeHash
+from ros_ends import end_of, source_of
 
-from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.endpoints import Offer
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.ros import take as inner
 from ros2_kafka_bridge.ros.node import Peer, _peer
-from ros2_kafka_bridge.ros.subscription import RosSource
+from ros2_kafka_bridge.ros.source import RosSource
+from ros2_kafka_bridge.ros.topic_reader import TopicReader
 from ros2_kafka_bridge.ros.types import MessageType
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
@@ -114,13 +115,18 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
 
 def make(graph: Graph, on_offer: Callable[[Offer], None] = lambda _: None) -> RosSource:
     node: Any = graph
-    source = RosSource(node, '/t', TYPE, QoS(), LOG, on_offer=on_offer)
+    source = source_of(end_of(node, TYPE), on_offer=on_offer)
     source.open()
     return source
 
 
+def reader_of(source: RosSource) -> TopicReader:
+    [reader] = source._readers.values()
+    return reader
+
+
 def look(source: RosSource) -> list[int]:
-    source._graph_at_s = 0.0
+    reader_of(source)._look_at_s = 0.0
     return [message.seq for message in source.take(500, 0.0)]
 
 
@@ -150,7 +156,7 @@ def test_what_was_taken_is_kept_when_an_unknown_publisher_comes_up_and_kafka_is_
     graph.reader('volatile').give(VOLATILE, *range(1, 101))
     graph.reader('volatile').give(LATCHED, 5)
     graph.peers.append(peer(LATCHED, 'transient_local'))
-    source._graph_at_s = float('inf')
+    reader_of(source)._look_at_s = float('inf')
     assert len(source.take(500, 0.0)) == 100
     graph.reader('volatile').give(VOLATILE, 101)
     assert look(source) == [101], 'the others are taken while Kafka is away'
@@ -160,7 +166,7 @@ def test_a_subscription_waits_less_for_kafka_where_no_other_publisher_waits_for_
     graph: Graph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = [100.0]
-    monkeypatch.setattr('ros2_kafka_bridge.ros.subscription.time.monotonic', lambda: clock[0])
+    monkeypatch.setattr('ros2_kafka_bridge.ros.topic_reader.time.monotonic', lambda: clock[0])
     asked: list[str] = []
 
     def away(offer: Offer) -> None:
@@ -194,7 +200,7 @@ def test_a_subscription_that_had_to_wait_for_kafka_opens_when_it_is_back(graph: 
     graph.peers = [peer(LATCHED, 'transient_local')]
     source = make(graph, sometimes)
     assert source.take(10, 0.0) == []
-    source._postponed.clear()
+    reader_of(source)._postponed.clear()
     assert look(source) == []
     graph.reader('transient_local').give(LATCHED, 1, 2)
     assert look(source) == [1, 2]
@@ -319,13 +325,13 @@ def test_what_was_taken_is_kept_where_the_graph_cannot_be_asked_for_its_publishe
     look(source)
     graph.reader('volatile').give(b'U' * 16, 1, 2)
     graph.problem = RouteError('publishers of /t: no')
-    source._graph_at_s = float('inf')
+    reader_of(source)._look_at_s = float('inf')
     for _ in range(2):
         with pytest.raises(RouteError, match='publishers of /t: no'):
             source.take(500, 0.0)
         assert not source.exhausted, 'a stop takes on'
     graph.reader('volatile').give(b'U' * 16, 3)
-    assert source.type_hash(b'W' * 16) is None, 'asked for each message of a batch'
+    assert reader_of(source).type_hash(b'W' * 16) is None, 'asked for each message of a batch'
     with pytest.raises(RouteError, match='publishers of /t: no'):
         source.take(500, 0.0)
     graph.problem = None
@@ -375,5 +381,5 @@ def test_a_publisher_of_another_vendor_has_the_type_hash_of_the_type_here() -> N
     graph = Graph()
     graph.peers = [_peer(told)]
     node: Any = graph
-    source = RosSource(node, '/t', TYPE._replace(type_hash='RIHS01_ab'), QoS(), LOG)
-    assert source.type_hash(VOLATILE) == 'RIHS01_ab'
+    reader = TopicReader(end_of(node, TYPE._replace(type_hash='RIHS01_ab')))
+    assert reader.type_hash(VOLATILE) == 'RIHS01_ab'

@@ -42,7 +42,6 @@ OBJECTS: Final[dict[str, dict[str, str]]] = {
     },
     'probe.py': {'publisher': PUBLISHER},
     'profile_check.py': {'peer.qos': QOS, 'peer.qos.lifespan': DURATION},
-    'publisher.py': {'self._publisher': PUBLISHER},
     'qos.py': {
         'publisher': QOS,
         'subscription': QOS,
@@ -59,6 +58,8 @@ OBJECTS: Final[dict[str, dict[str, str]]] = {
         'self._event': f'{C}.EventHandle',
         'self._context': CONTEXT,
     },
+    'topic_end.py': {'self.handle': PUBLISHER, 'self.node.handle': NODE, 'handle': NODE},
+    'topic_writer.py': {'self._publisher.handle': PUBLISHER},
     'trial.py': {'publisher': PUBLISHER},
     'type_request.py': {'client': 'rclpy.client.Client'},
     'control/lifecycle.py': {

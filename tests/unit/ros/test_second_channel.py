@@ -24,7 +24,8 @@ from ros2_kafka_bridge.message_types.layout import (
 from ros2_kafka_bridge.ros import second_channel
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.second_channel import unheard
-from ros2_kafka_bridge.ros.subscription import RosSource
+from ros2_kafka_bridge.ros.topic_end import TopicEnd
+from ros2_kafka_bridge.ros.topic_reader import TopicReader
 from ros2_kafka_bridge.ros.types import load_type
 
 IMAGE = 'sensor_msgs/msg/Image'
@@ -131,10 +132,10 @@ def test_check_tells_it_with_all_else_of_the_route(monkeypatch: pytest.MonkeyPat
 def test_a_route_from_ros_warns_at_its_start(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, name: str, count: int
 ) -> None:
-    monkeypatch.setattr(RosSource, 'follow', lambda _: None)
+    monkeypatch.setattr(TopicReader, 'follow', lambda _: None)
     log = logging.LoggerAdapter(logging.getLogger('test'), {})
     with caplog.at_level(logging.WARNING):
         node = RosNode(None, None)
-        RosSource(node, '/camera', load_type(name), QoS(), log).open()
+        TopicReader(TopicEnd(node, '/camera', load_type(name), QoS(), log)).open()
     assert [record.levelname for record in caplog.records] == ['WARNING'] * count
     assert caplog.text.count('sensor_msgs/msg/Image holds uint8[]: ') == count

@@ -12,13 +12,14 @@ from unittest.mock import MagicMock
 import pytest
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from ros_ends import end_of
 
-from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.ros.control.node import Namesakes
 from ros2_kafka_bridge.ros.node import RosNode
-from ros2_kafka_bridge.ros.subscription import RosSource
+from ros2_kafka_bridge.ros.source import RosSource
+from ros2_kafka_bridge.ros.topic_reader import TopicReader
 from ros2_kafka_bridge.ros.types import MessageType
 from ros2_kafka_bridge.ros.used_type import wait_for_type
 
@@ -86,7 +87,8 @@ def test_who_was_there_is_taken_from_while_a_stranger_hides_the_others(
 ) -> None:
     handle = MagicMock()
     handle.get_publishers_info_by_topic.return_value = [publisher(b'a' * 16)]
-    source = RosSource(RosNode(handle, handle.context), '/t', TYPE, QoS(), LOG)
+    reader = TopicReader(end_of(RosNode(handle, handle.context), TYPE))
+    source = RosSource(reader._end.node, {'/t': reader})
     source.open()
     handle.get_publishers_info_by_topic.side_effect = error
     gid = {'data': b'a' * 16}
@@ -96,7 +98,7 @@ def test_who_was_there_is_taken_from_while_a_stranger_hides_the_others(
     })  # fmt: skip
     taken = handle.create_subscription.return_value.handle.take_message
     taken.side_effect = [message, None]
-    source.follow()
+    reader.follow()
     assert [one.cdr for one in source.take(10, 0.0)] == [b'cdr']
     assert 'new publishers of /t are not followed' in caplog.text
     # One that nobody can tell of waits: its offer decides what else is to come of it.

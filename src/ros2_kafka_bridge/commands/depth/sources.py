@@ -27,7 +27,9 @@ from ros2_kafka_bridge.process.load import load_checked
 from ros2_kafka_bridge.ros.discovery import hint
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode, domain_in_words, open_node
-from ros2_kafka_bridge.ros.subscription import RosSource
+from ros2_kafka_bridge.ros.source import RosSource
+from ros2_kafka_bridge.ros.topic_end import TopicEnd
+from ros2_kafka_bridge.ros.topic_reader import TopicReader
 from ros2_kafka_bridge.ros.types import MessageType
 from ros2_kafka_bridge.ros.used_type import RosEnd, RouteTypes
 
@@ -172,7 +174,8 @@ def _from_ros(asked: Ros) -> Traffic:
     log = logging.LoggerAdapter(logging.getLogger(__name__))
     histories = Histories({}, {asked.topic: _SAMPLES})
     with open_node(f'depth_{os.getpid()}', None, histories) as node:
-        source = RosSource(node, asked.topic, _type(node, asked.topic), QoS(), log)
+        end = TopicEnd(node, asked.topic, _type(node, asked.topic), QoS(), log)
+        source = RosSource(node, {asked.topic: TopicReader(end)})
         source.open()
         try:
             with waiting(f'Listening to {asked.topic} ({asked.seconds:g} s)'):

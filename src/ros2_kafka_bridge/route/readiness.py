@@ -16,7 +16,7 @@ SETTLE_S: Final = 1.0
 _JUST_COME: Final = Obstacle('a subscriber has come just now, and may not know of the bridge yet')
 
 
-class Settling:
+class SubscriberReadiness:
     """Follows the readers of one topic.
 
     Args:

@@ -6,14 +6,15 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
+from ros_ends import end_of, writer_of
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.message_types.layout import Layout
-from ros2_kafka_bridge.ros import publisher
+from ros2_kafka_bridge.ros import writer_history
 from ros2_kafka_bridge.ros.node import Peer
-from ros2_kafka_bridge.ros.publisher import RosSink
 from ros2_kafka_bridge.ros.qos import profile
+from ros2_kafka_bridge.ros.topic_end import Publisher
 from ros2_kafka_bridge.ros.types import MessageType
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
@@ -34,9 +35,11 @@ class Graph:
         self.strangers = False
         node: Any = SimpleNamespace(subscribers=self._subscribers)
         kind = MessageType(KIND, object, Layout(KIND, ()), type_hash)
-        self.sink = RosSink(node, '/crane', kind, QoS(), ROOM, LOG, asks=asks, bounded=bounded)
-        self.sink._publisher, self.sink._publisher_qos = MagicMock(), profile(QoS())
-        self.sink._events = SimpleNamespace(look=lambda: (self.matched, self.come))
+        end = end_of(node, kind, '/crane')
+        self.writer = writer_of(end, ROOM, asks=asks, bounded=bounded)
+        self.handle = MagicMock()
+        events = SimpleNamespace(look=lambda: (self.matched, self.come))
+        self.writer._publisher = Publisher(self.handle, events)
 
     def _subscribers(self, _topic: str) -> list[Peer]:
         if self.strangers:
@@ -50,7 +53,7 @@ class Graph:
 
     @property
     def misread(self) -> str:
-        return self.sink.readers().misread
+        return self.writer.readers().misread
 
 
 def test_a_subscriber_of_another_definition_is_told_and_waited_out(
@@ -61,7 +64,7 @@ def test_a_subscriber_of_another_definition_is_told_and_waited_out(
     assert graph.misread == ''
     graph.enter('/old', THEIRS)
     assert graph.misread == MISREAD, 'as soon as it has come'
-    assert graph.sink.matches == (2, 0)
+    assert graph.writer.matches == (2, 0)
     [said] = caplog.messages
     assert said == (
         f'/crane: /old subscribes to it as {KIND} {THEIRS}, this route publishes {OURS}: '
@@ -78,7 +81,7 @@ def test_one_that_comes_as_another_goes_is_seen_at_once() -> None:
     assert graph.misread == ''
     graph.matched = 0
     graph.enter('/old', THEIRS)
-    found = graph.sink.readers()
+    found = graph.writer.readers()
     assert found.lost
     assert found.misread == MISREAD
 
@@ -113,12 +116,12 @@ BEST_EFFORT = QoS(reliability='best_effort')
 
 @pytest.fixture
 def _no_age(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(publisher, '_AGE_S', 0.0)
+    monkeypatch.setattr(writer_history, '_AGE_S', 0.0)
 
 
 def ended(graph: Graph, looks: int = 3) -> list[tuple[int, bool]]:
     """What each of some looks tells of what was published: how many, whether acknowledged."""
-    found = [graph.sink.readers() for _ in range(looks)]
+    found = [graph.writer.readers() for _ in range(looks)]
     return [(told.confirmed, told.acknowledged) for told in found]
 
 
@@ -140,8 +143,8 @@ def test_guarantee_6c_only_what_a_reader_acknowledges_counts_as_acknowledged(
     graph = Graph(asks=asks)
     for number, qos in enumerate(readers):
         graph.enter(f'/reader_{number}', OURS, qos=qos)
-    graph.sink.readers()
-    graph.sink.publish(b'a')
+    graph.writer.readers()
+    graph.writer.publish(b'a')
     assert ended(graph) == [(0, False), (1, acknowledged), (1, acknowledged)]
 
 
@@ -149,11 +152,11 @@ def test_guarantee_6c_only_what_a_reader_acknowledges_counts_as_acknowledged(
 def test_guarantee_6c_what_was_published_before_a_reliable_reader_came_it_has_not() -> None:
     graph = Graph()
     graph.enter('/lossy', OURS, qos=BEST_EFFORT)
-    graph.sink.readers()
-    graph.sink.publish(b'before')
+    graph.writer.readers()
+    graph.writer.publish(b'before')
     graph.enter('/reliable', OURS)
     assert ended(graph, 2) == [(0, False), (1, False)]
-    graph.sink.publish(b'then')
+    graph.writer.publish(b'then')
     assert ended(graph, 2) == [(1, True), (2, True)]
 
 
@@ -161,23 +164,23 @@ def test_guarantee_6c_what_was_published_before_a_reliable_reader_came_it_has_no
 def test_guarantee_6c_where_nobody_asks_offsets_follow_the_publication() -> None:
     """And yet what a reader may have lost that has just gone is published again."""
     graph = Graph(asks=False)
-    graph.sink._publisher.wait_for_all_acked.side_effect = AssertionError('it would lie')
+    graph.handle.wait_for_all_acked.side_effect = AssertionError('it would lie')
     graph.enter('/reader', OURS)
-    graph.sink.publish(b'a')
+    graph.writer.publish(b'a')
     assert ended(graph, 2) == [(0, False), (1, False)]
-    graph.sink.publish(b'b')
+    graph.writer.publish(b'b')
     graph.matched = 0
-    assert graph.sink.readers().lost
+    assert graph.writer.readers().lost
 
 
 @pytest.mark.usefixtures('_no_age')
 def test_guarantee_6c_who_reads_is_not_known_where_the_graph_cannot_be_read() -> None:
     graph = Graph()
     graph.enter('/reader', OURS)
-    graph.sink.readers()
+    graph.writer.readers()
     graph.strangers = True
-    graph.sink._graph_at_s = 0.0
-    graph.sink.publish(b'a')
+    graph.writer._subscribers._look_at_s = 0.0
+    graph.writer.publish(b'a')
     assert ended(graph, 2) == [(0, False), (1, False)]
 
 
@@ -189,13 +192,13 @@ def test_where_no_history_is_bounded_no_more_are_published_until_all_are_acknowl
     """A steady stream would have no pause, and no offset would ever follow."""
     graph = Graph(bounded=bounded)
     graph.enter('/reader', OURS)
-    acknowledges = graph.sink._publisher.wait_for_all_acked
+    acknowledges = graph.handle.wait_for_all_acked
     acknowledges.return_value = False
-    graph.sink.readers()
-    assert [graph.sink.publish(b'x') for _ in range(8)].count(True) == taken
-    assert graph.sink.readers().confirmed == 0
-    assert graph.sink.load == (ROOM, ROOM)
-    assert Graph(asks=False, bounded=False).sink.load == (0, None), 'nothing bounds it'
+    graph.writer.readers()
+    assert [graph.writer.publish(b'x') for _ in range(8)].count(True) == taken
+    assert graph.writer.readers().confirmed == 0
+    assert graph.writer.load == (ROOM, ROOM)
+    assert Graph(asks=False, bounded=False).writer.load == (0, None), 'nothing bounds it'
     acknowledges.return_value = True
-    assert [graph.sink.readers().confirmed for _ in range(2)][-1] == taken
-    assert graph.sink.publish(b'x')
+    assert [graph.writer.readers().confirmed for _ in range(2)][-1] == taken
+    assert graph.writer.publish(b'x')

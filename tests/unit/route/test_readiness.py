@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings, strategies
 
 from ros2_kafka_bridge.endpoints import Readers
-from ros2_kafka_bridge.route import settling
-from ros2_kafka_bridge.route.settling import SETTLE_S, Settling
+from ros2_kafka_bridge.route import readiness
+from ros2_kafka_bridge.route.readiness import SETTLE_S, SubscriberReadiness
 
 
 class Topic:
@@ -24,7 +24,7 @@ class Topic:
         self.lost = False
         self.misread = ''
         self.lost_with: list[float] = []  # those that were there when the last loss was told
-        self.settling = Settling(needed)
+        self.readiness = SubscriberReadiness(needed)
 
     def enter(self) -> None:
         self.there.append(self.now_s)
@@ -39,11 +39,11 @@ class Topic:
             len(self.there), self.come, lost=self.lost, confirmed=0, acknowledged=True,
             misread=self.misread,
         )  # fmt: skip
-        self.settling.look(readers)
+        self.readiness.look(readers)
         if self.lost:
             self.lost_with = list(self.there)
         self.lost = False
-        obstacle = self.settling.obstacle
+        obstacle = self.readiness.obstacle
         return None if obstacle is None else obstacle.reason
 
     def knows(self, came_s: float) -> bool:
@@ -53,7 +53,7 @@ class Topic:
 @pytest.fixture
 def topic(monkeypatch: pytest.MonkeyPatch) -> Topic:
     made = Topic(1)
-    monkeypatch.setattr(settling, 'time', SimpleNamespace(monotonic=lambda: made.now_s))
+    monkeypatch.setattr(readiness, 'time', SimpleNamespace(monotonic=lambda: made.now_s))
     return made
 
 
@@ -72,7 +72,7 @@ def test_nothing_is_published_while_a_reader_would_misread_it(
     monkeypatch: pytest.MonkeyPatch, needed: int
 ) -> None:
     topic = Topic(needed)
-    monkeypatch.setattr(settling, 'time', SimpleNamespace(monotonic=lambda: topic.now_s))
+    monkeypatch.setattr(readiness, 'time', SimpleNamespace(monotonic=lambda: topic.now_s))
     topic.enter()
     topic.look()
     topic.now_s += SETTLE_S
@@ -85,7 +85,7 @@ def test_nothing_is_published_while_a_reader_would_misread_it(
 
 
 def test_it_is_published_all_the_same_where_the_route_says_so() -> None:
-    lenient = Settling(0, may_misread=True)
+    lenient = SubscriberReadiness(0, may_misread=True)
     lenient.look(
         Readers(
             1, 1, lost=False, confirmed=0, acknowledged=True, misread='/picker would misread it'
@@ -152,7 +152,7 @@ def test_the_one_that_is_left_may_be_the_one_that_came_last(topic: Topic) -> Non
 
 
 def test_nobody_is_waited_for_where_none_is_needed() -> None:
-    assert Settling(0).obstacle is None
+    assert SubscriberReadiness(0).obstacle is None
 
 
 EVENTS = strategies.lists(
@@ -172,7 +172,7 @@ def test_guarantee_1_nothing_is_published_before_enough_readers_know_of_their_ma
 ) -> None:
     topic = Topic(needed)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(settling, 'time', SimpleNamespace(monotonic=lambda: topic.now_s))
+        patch.setattr(readiness, 'time', SimpleNamespace(monotonic=lambda: topic.now_s))
         for event, is_seen in events:
             if event == 'enter':
                 topic.enter()

@@ -1,0 +1,93 @@
+"""Who subscribes to a topic, as far as the ROS graph tells, and gets nothing, or misreads."""
+
+import time
+from collections.abc import Sequence
+from typing import Any, Final
+
+from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.logs.lines import summed
+from ros2_kafka_bridge.ros.node import Peer
+from ros2_kafka_bridge.ros.qos import mismatch, profile
+from ros2_kafka_bridge.ros.topic_end import TopicEnd
+
+_GRAPH_S: Final = 1.0
+_NO_NODE: Final = 'a reader that is no ROS node'
+_SAME_VERSION: Final = 'install the same version of the package on both sides'
+
+
+class Subscribers:
+    """The subscribers of one topic, looked at once a second, and as soon as one comes or goes.
+
+    Args:
+        end: What the route has at the topic.
+    """
+
+    def __init__(self, end: TopicEnd) -> None:
+        self.mismatched = 0
+        self.misread = ''  # who would misread what is published, and the cure
+        self.reliable: Sequence[str] = ()  # nodes that acknowledge what they get
+        self._end = end
+        self._occasional = summed(end.log)
+        self._told: set[tuple[str, str]] = set()  # of those in the graph
+        self._look_at_s = 0.0
+        self._come_known = 0  # by the last look that told who
+
+    def look(self, come: int, *, at_once: bool) -> None:
+        """Look at who they are, if it is time for that, and say who gets nothing, or misreads.
+
+        Args:
+            come: How many have come by now.
+            at_once: Whether one has come or gone.
+        """
+        now_s = time.monotonic()
+        if now_s < self._look_at_s and not at_once:
+            return
+        self._look_at_s = now_s + _GRAPH_S
+        try:
+            peers = self._end.node.subscribers(self._end.topic)
+        except BridgeError as error:
+            # Of those who have come since the last look that could be, nothing is known.
+            if come != self._come_known and self._end.message_type.type_hash:
+                self.misread = f'perhaps a subscriber would misread: {error}'
+            self.reliable = ()  # whether one of them acknowledges is not known, either
+            self._occasional.warning(f'{error}')
+        else:
+            self._come_known = come
+            self._note(peers)
+
+    def _note(self, peers: Sequence[Peer]) -> None:
+        here = {peer.node for peer in peers}
+        self._told = {(node, what) for node, what in self._told if node in here}
+        offered = profile(self._end.qos)
+        matching = [peer for peer in peers if self._matches(peer, offered)]
+        self.mismatched = len(peers) - len(matching)
+        who = ', '.join(sorted({peer.node for peer in matching if self._misreads(peer)}))
+        kind = self._end.message_type.name
+        self.misread = f'{who} would misread {kind}: {_SAME_VERSION}' if who else ''
+        waited_for = [peer for peer in matching if peer.reliability != 'best_effort']
+        self.reliable = sorted({peer.node if peer.named else _NO_NODE for peer in waited_for})
+
+    def _matches(self, peer: Peer, offered: Any) -> bool:
+        """Whether it gets what is published; what is wrong with it is said."""
+        here = self._end.message_type
+        if peer.message_type != here.name:
+            self._tell(peer, f'subscribes to it as {peer.message_type}: no match')
+            return False
+        if reason := mismatch(offered, peer.qos):
+            self._tell(peer, f'does not match, give this route the qos it asks for: {reason}')
+            return False
+        if self._misreads(peer):
+            kind = f'{here.name} {peer.type_hash}, this route publishes {here.type_hash}'
+            self._tell(peer, f'subscribes to it as {kind}: {_SAME_VERSION}')
+        if peer.reliability == 'best_effort':
+            self._tell(peer, 'reads best effort: nothing tells what it has received')
+        return True
+
+    def _misreads(self, peer: Peer) -> bool:
+        here = self._end.message_type
+        return peer.misreads(here.name, here.type_hash)
+
+    def _tell(self, peer: Peer, what: str) -> None:
+        if peer.named and (peer.node, what) not in self._told:
+            self._told.add((peer.node, what))
+            self._occasional.warning(f'{self._end.topic}: {peer.node} {what}')

@@ -1,0 +1,147 @@
+"""Publishing to one topic of ROS, and knowing what has arrived."""
+
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+from ros2_kafka_bridge.endpoints import Load, Matches, Readers
+from ros2_kafka_bridge.ros.errors import translate
+from ros2_kafka_bridge.ros.qos import profile
+from ros2_kafka_bridge.ros.subscribers import Subscribers
+from ros2_kafka_bridge.ros.topic_end import TopicEnd
+from ros2_kafka_bridge.ros.writer_history import WriterHistory
+
+_MOST_FAULTS: Final = 2  # a single look that fails costs no history
+
+
+class _Seen(NamedTuple):
+    """The readers that the middleware has matched, also with publishers that were replaced.
+
+    Args:
+        matched: How many there are.
+        come: How many have come since the start.
+    """
+
+    matched: int = 0
+    come: int = 0
+
+    @property
+    def gone(self) -> int:
+        """How many have gone since the start."""
+        return self.come - self.matched
+
+
+class TopicWriter:
+    """Publishes on one topic.
+
+    Args:
+        end: What the route has at the topic.
+        history: Counts what its readers have got.
+    """
+
+    def __init__(self, end: TopicEnd, history: WriterHistory) -> None:
+        self._end = end
+        self._history = history
+        self._subscribers = Subscribers(end)
+        self._publisher: Any = None  # a `Publisher` while it is open
+        self._seen = _Seen()
+        self._come_before = 0  # to publishers that this one has replaced
+        self._faults = 0
+
+    @property
+    def load(self) -> Load:
+        """What its history holds, as far as its readers have told."""
+        return self._history.load
+
+    @property
+    def matches(self) -> Matches:
+        """Its subscribers at the last look."""
+        return Matches(self._seen.matched, self._subscribers.mismatched)
+
+    @property
+    def reliable_subscribers(self) -> Sequence[str]:
+        """Names of the nodes whose acknowledgements it waits for, as far as the graph knows."""
+        return self._subscribers.reliable
+
+    def open(self) -> None:
+        """Make the publisher.
+
+        Raises:
+            RouteError: ROS refuses it, for example for another type on the same topic.
+        """
+        self._publisher = self._end.advertise(profile(self._end.qos))
+
+    def close(self) -> None:
+        """Destroy the publisher."""
+        publisher, self._publisher = self._publisher, None
+        if publisher is not None:
+            self._end.withdraw(publisher)
+
+    def publish(self, cdr: bytes) -> bool:
+        """Publish; False: the history is full, nothing was taken, try the same bytes again.
+
+        Raises:
+            RouteError: ROS has failed. Another publisher takes the place of this one.
+        """
+        if self._history.is_full:
+            return False
+        try:
+            self._publisher.handle.publish(cdr)
+        except Exception as error:
+            if 'cannot publish data' in str(error):  # a full history has no class of its own
+                return False
+            self._faults = _MOST_FAULTS
+            if known := translate(error, self._where):
+                raise known from error
+            raise
+        self._history.published += 1
+        return True
+
+    def readers(self) -> Readers:
+        """Look at the readers.
+
+        Raises:
+            RouteError: ROS has failed. Where it fails again, another publisher takes the place of
+                this one.
+        """
+        if self._faults >= _MOST_FAULTS:
+            self._open_anew()
+        try:
+            lost = self._look()
+        except Exception as error:  # not `translated`, which costs a microsecond
+            self._faults += 1
+            if known := translate(error, self._where):
+                raise known from error
+            raise
+        self._faults = 0
+        history, (matched, come) = self._history, self._seen
+        return Readers(
+            matched, come, lost=lost, confirmed=history.confirmed,
+            acknowledged=not lost and history.is_acknowledged, misread=self._subscribers.misread,
+        )  # fmt: skip
+
+    @property
+    def _where(self) -> str:
+        return f'publisher of {self._end.topic}'
+
+    def _look(self) -> bool:
+        """Look at who is there and at what they have; tells whether one has gone."""
+        matched, come = self._publisher.events.look()
+        before, seen = self._seen, _Seen(matched, self._come_before + come)
+        self._subscribers.look(seen.come, at_once=seen != before)
+        self._seen = seen
+        if seen.gone != before.gone:
+            self._history.begin_again()
+            return True
+        has_reader = bool(self._subscribers.reliable)
+        self._history.look(self._publisher.all_acknowledged, has_reader=has_reader)
+        return False
+
+    def _open_anew(self) -> None:
+        """Put another publisher in the place of one that has failed.
+
+        Its readers have to come again: what the old one had published counts for nothing.
+        """
+        self.close()
+        self._come_before = self._seen.come
+        self.open()
+        self._faults = 0
