@@ -45,6 +45,7 @@ class TopicWriter:
         self._publisher: Any = None  # a `Publisher` while it is open
         self._seen = _Seen()
         self._come_before = 0  # to publishers that this one has replaced
+        self._is_replaced = False  # since the last look
         self._faults = 0
 
     @property
@@ -82,7 +83,7 @@ class TopicWriter:
         Raises:
             RouteError: ROS has failed. Another publisher takes the place of this one.
         """
-        if self._history.is_full:
+        if self._publisher is None or self._history.is_full:
             return False
         try:
             self._publisher.handle.publish(cdr)
@@ -129,12 +130,14 @@ class TopicWriter:
         before, seen = self._seen, _Seen(matched, self._come_before + come)
         self._subscribers.look(seen.come, at_once=seen != before)
         self._seen = seen
-        if seen.gone != before.gone:
-            self._history.begin_again()
-            return True
         has_reader = bool(self._subscribers.reliable)
-        self._history.look(self._publisher.all_acknowledged, has_reader=has_reader)
-        return False
+        # One that nobody has heard of may have come to the publisher that was replaced.
+        if lost := self._is_replaced or seen.gone != before.gone:
+            self._history.begin_again(has_reader=has_reader)
+        else:
+            self._history.look(self._publisher.all_acknowledged, has_reader=has_reader)
+        self._is_replaced = False
+        return lost
 
     def _open_anew(self) -> None:
         """Put another publisher in the place of one that has failed.
@@ -144,4 +147,4 @@ class TopicWriter:
         self.close()
         self._come_before = self._seen.come
         self.open()
-        self._faults = 0
+        self._is_replaced, self._faults = True, 0

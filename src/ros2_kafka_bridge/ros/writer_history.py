@@ -52,9 +52,14 @@ class WriterHistory:
         held = self.published - self._acknowledged
         return Load(held if limit is None else min(held, limit), limit)
 
-    def begin_again(self) -> None:
-        """Count from here: a reader has gone, and nobody knows what it had."""
+    def begin_again(self, *, has_reader: bool) -> None:
+        """Count from here: a reader has gone, and nobody knows what it had.
+
+        Args:
+            has_reader: As of `look`.
+        """
         self.published = self.confirmed = self._acknowledged = 0
+        self._will_be_acknowledged, self._had_reader = False, has_reader
 
     def look(self, all_acknowledged: Callable[[], bool], *, has_reader: bool) -> None:
         """Confirm what has aged, if it is time for that, and see what is acknowledged by now.
