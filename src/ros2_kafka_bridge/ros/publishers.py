@@ -26,7 +26,7 @@ class Publishers:
         self._end = end
         self._hashes: dict[bytes, str] = {}
         self._asked_at_s = 0.0
-        self._mismatched: set[bytes] = set()  # of those in the graph
+        self._mismatched: set[bytes] = set()
         self._strangers: set[tuple[str, str]] = set()  # of those in the graph
         self._occasional = summed(end.log)
 
@@ -37,10 +37,11 @@ class Publishers:
             BridgeError: The graph cannot be asked; what it told last stays.
         """
         peers = self._end.node.publishers(self._end.topic)
-        self._say_other_types(peers)
-        self._say_mismatches(peers)
         if len(self._hashes) > _MOST_HASHES:
             self._hashes.clear()
+            self._mismatched.clear()
+        self._say_other_types(peers)
+        self._say_mismatches(peers)
         # Those that have gone stay: what they sent may still be in line.
         self._hashes |= {peer.gid: peer.type_hash for peer in peers}
         right = [peer for peer in peers if peer.message_type == self._end.message_type.name]
@@ -69,7 +70,6 @@ class Publishers:
         return Offer(fixed.reliability or peer.reliability, fixed.durability or peer.durability)
 
     def _say_mismatches(self, peers: Sequence[Peer]) -> None:
-        self._mismatched &= {peer.gid for peer in peers}
         for peer in peers:
             if peer.gid in self._hashes:
                 continue

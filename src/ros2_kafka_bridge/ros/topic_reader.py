@@ -72,7 +72,7 @@ class TopicReader:
         self._has_gid = has_gid
         self._on_offer = on_offer
         self._publishers = Publishers(end)
-        self._sequences = Sequences(end.log, end.topic, self._publishers.look)
+        self._sequences = Sequences(end.log, end.topic, self._learn)
         self._subscriptions: dict[Offer, _Subscription] = {}
         self._postponed: dict[Offer, float] = {}  # since when
         self._unread: list[tuple[Offer, list[Taken]]] = []  # taken, behind an unknown publisher
@@ -136,19 +136,24 @@ class TopicReader:
 
     def follow(self) -> None:
         """Look at the graph and subscribe to what is offered."""
-        now_s = time.monotonic()
-        self._look_at_s = now_s + _GRAPH_S
+        self._look_at_s = time.monotonic() + _GRAPH_S
         offers = self._offers()
-        self._sequences.offers(offers)
         wanted = self._wanted(set(offers.values()))
         # The new one opens before the old one closes: nothing falls between them, but where Kafka
         # has to be asked first.
-        others = wanted & self._subscriptions.keys()
-        wait_s = _POSTPONED_S if others else _POSTPONED_ALONE_S
-        for offer in sorted(wanted - self._subscriptions.keys()):
-            if now_s >= self._postponed.get(offer, -math.inf) + wait_s:
-                self._subscribe(offer)
+        self._open_wanted(wanted)
+        self._sequences.offers(offers)
         self._close_unwanted(wanted)
+
+    def _learn(self) -> Mapping[bytes, Offer]:
+        """Look who publishes, as a message of an unknown one is taken: in the midst of a batch.
+
+        What is in Kafka already is looked for before it counts: another vendor than Fast DDS
+        sends the history of a TRANSIENT_LOCAL publisher to a VOLATILE subscription, too.
+        """
+        offers = self._publishers.look()
+        self._open_wanted(self._wanted(set(offers.values())))
+        return offers
 
     def _offers(self) -> Mapping[bytes, Offer]:
         try:
@@ -175,6 +180,13 @@ class TopicReader:
         weakest = Offer(min(o.reliability for o in offers), max(o.durability for o in offers))
         return {weakest}
 
+    def _open_wanted(self, wanted: AbstractSet[Offer]) -> None:
+        others = wanted & self._subscriptions.keys()
+        wait_s = _POSTPONED_S if others else _POSTPONED_ALONE_S
+        for offer in sorted(wanted - self._subscriptions.keys()):
+            if time.monotonic() >= self._postponed.get(offer, -math.inf) + wait_s:
+                self._subscribe(offer)
+
     def _subscribe(self, offer: Offer) -> None:
         from ros2_kafka_bridge.ros.take import take  # noqa: PLC0415 (heavy)
 
@@ -189,6 +201,7 @@ class TopicReader:
             return
         handle = self._end.subscribe(profile(self._end.qos, *offer))
         self._subscriptions[offer] = _Subscription(handle, partial(take, handle))
+        self.exhausted = False
         self._end.log.info('subscribes to %s (%s, %s)', self._end.topic, *offer)
 
     def _close_unwanted(self, wanted: AbstractSet[Offer]) -> None:

@@ -162,6 +162,21 @@ def test_what_was_taken_is_kept_when_an_unknown_publisher_comes_up_and_kafka_is_
     assert look(source) == [101], 'the others are taken while Kafka is away'
 
 
+def test_guarantee_8_kafka_is_asked_before_an_unknown_publisher_of_a_history_counts(
+    graph: Graph,
+) -> None:
+    """Cyclone DDS sends a history to a volatile subscription, too."""
+    asked: list[Offer] = []
+    source = make(graph, asked.append)
+    graph.reader('volatile').give(LATCHED, *range(1, 4))
+    graph.peers.append(peer(LATCHED, 'transient_local'))
+    reader_of(source)._look_at_s = float('inf')
+    assert [message.seq for message in source.take(500, 0.0)] == [1, 2, 3]
+    assert asked == [('reliable', 'volatile'), ('reliable', 'transient_local')]
+    graph.reader('transient_local').give(LATCHED, *range(1, 5))
+    assert [message.seq for message in source.take(500, 0.0)] == [4]
+
+
 def test_a_subscription_waits_less_for_kafka_where_no_other_publisher_waits_for_its_take(
     graph: Graph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
