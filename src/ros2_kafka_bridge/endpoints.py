@@ -311,6 +311,7 @@ class Readers(NamedTuple):
         acknowledged: Whether there is a reader that acknowledges, and the middleware tells.
         misread: Who would read the fields of what is published now into others, and what would
             help; empty where nobody does.
+        foreign: Whether one is of another vendor of DDS, as far as that is known.
     """
 
     matched: int
@@ -319,6 +320,7 @@ class Readers(NamedTuple):
     confirmed: int
     acknowledged: bool
     misread: str = ''
+    foreign: bool = False
 
 
 class MessageWriter(Protocol):

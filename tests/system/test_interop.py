@@ -1,12 +1,15 @@
 """The bridge among nodes whose DDS is of another vendor (Cyclone DDS)."""
 
+import contextlib
 import re
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 from harness import Bench, eventually, headers, lines, to_kafka, to_ros, totals, values
+from leave import Leave
 from patience import patient
 
 TUNING = Path(__file__).parents[2] / 'docs' / 'tuning.md'
@@ -47,6 +50,41 @@ def test_a_reader_of_another_vendor_gets_all_once_and_in_order_guarantees_1_3(
         assert bridge.end() == 0
     assert lines(file) == NUMBERS
     assert totals(bridge)['confirmed'] == COUNT
+
+
+def test_readers_of_another_vendor_that_come_after_the_bridge_miss_nothing_guarantee_1(
+    bench: Bench, topic_name: str
+) -> None:
+    """They know of the bridge a second after it knows of them, and more."""
+    files = [bench.place / f'received_{number}' for number in range(4)]
+    topics = [f'/orders_{number}' for number in range(4)]
+    bench.produce(topic_name, [number.encode() for number in NUMBERS])
+    config = bench.config([to_ros(topic_name, topic, topic[1:]) for topic in topics])
+    with bench.bridge(config) as bridge, contextlib.ExitStack() as stack:
+        for topic in topics:
+            bridge.wait_for(f'{topic[1:]}: reads {topic_name}')
+        for topic, file in zip(topics, files, strict=True):
+            stack.enter_context(bench.script('cyclone_reader.py', topic, str(file)))
+        for file in files:
+            eventually(lambda file=file: len(lines(file)) >= COUNT, 60, partial(lines, file))
+        assert bridge.end() == 0
+    assert [lines(file) for file in files] == [NUMBERS] * 4
+
+
+def test_the_history_of_a_writer_of_another_vendor_is_known_again_guarantee_8(
+    bench: Bench, topic_name: str
+) -> None:
+    """It sends it to a volatile subscription, too: to the first one, before it is known."""
+    count, restarts, leave = 200, 6, Leave(bench.place)
+    config = bench.config([to_kafka('/orders', topic_name)])
+    options = ('--latched', *leave.options, '--count', str(count + restarts))
+    with bench.script('cyclone_writer.py', '/orders', *options):
+        for run in range(restarts):
+            with bench.bridge(config) as bridge:
+                leave.up_to(count + run)
+                bench.records(topic_name, count + run)
+                assert bridge.end() == 0
+            assert totals(bridge, 'to_kafka')['confirmed'] == (1 if run else count)
 
 
 def test_large_messages_of_a_writer_of_another_vendor_come_whole(

@@ -12,6 +12,7 @@ from ros2_kafka_bridge.ros.topic_end import TopicEnd
 
 _GRAPH_S: Final = 1.0
 _NO_NODE: Final = 'a reader that is no ROS node'
+_FAST_DDS: Final = b'\x01\x0f'  # a GUID begins with the vendor (RTPS 2.5, 9.3.1.5)
 _SAME_VERSION: Final = 'install the same version of the package on both sides'
 
 
@@ -24,6 +25,7 @@ class Subscribers:
 
     def __init__(self, end: TopicEnd) -> None:
         self.mismatched = 0
+        self.same_vendor = 0  # how many of those that match are known to be of Fast DDS
         self.misread = ''  # who would misread what is published, and the cure
         self.reliable: Sequence[str] = ()  # nodes that acknowledge what they get
         self._end = end
@@ -50,6 +52,7 @@ class Subscribers:
             if come != self._come_known and self._end.message_type.type_hash:
                 self.misread = f'perhaps a subscriber would misread: {error}'
             self.reliable = ()  # whether one of them acknowledges is not known, either
+            self.same_vendor = 0
             self._occasional.warning(f'{error}')
         else:
             self._come_known = come
@@ -61,6 +64,7 @@ class Subscribers:
         offered = profile(self._end.qos)
         matching = [peer for peer in peers if self._matches(peer, offered)]
         self.mismatched = len(peers) - len(matching)
+        self.same_vendor = sum(peer.gid.startswith(_FAST_DDS) for peer in matching)
         who = ', '.join(sorted({peer.node for peer in matching if self._misreads(peer)}))
         kind = self._end.message_type.name
         self.misread = f'{who} would misread {kind}: {_SAME_VERSION}' if who else ''

@@ -118,6 +118,7 @@ class TopicWriter:
         return Readers(
             matched, come, lost=lost, confirmed=history.confirmed,
             acknowledged=not lost and history.is_acknowledged, misread=self._subscribers.misread,
+            foreign=matched > self._subscribers.same_vendor,
         )  # fmt: skip
 
     @property

@@ -13,6 +13,9 @@ from ros2_kafka_bridge.endpoints import Readers
 from ros2_kafka_bridge.route.obstacle import Obstacle
 
 SETTLE_S: Final = 1.0
+# Fast DDS tells a reader of another vendor of the writer with the next heartbeat of its discovery,
+# which comes once a second: 1.1 s after the match at most, and a second more for each packet lost.
+FOREIGN_SETTLE_S: Final = 3.0
 _JUST_COME: Final = Obstacle('a subscriber has come just now, and may not know of the bridge yet')
 
 
@@ -29,6 +32,7 @@ class SubscriberReadiness:
         self._may_misread = may_misread
         self._come = 0
         self._misread = ''
+        self._settle_s = SETTLE_S
         self._came_s: deque[float] = deque()  # when those that are there came, the oldest first
         self._last_at_loss_s = 0.0  # when the last of those came that outlived one that went
 
@@ -37,6 +41,7 @@ class SubscriberReadiness:
         new = max(readers.come - self._come, readers.matched - len(self._came_s))
         self._come = readers.come
         self._misread = readers.misread
+        self._settle_s = FOREIGN_SETTLE_S if readers.foreign else SETTLE_S
         self._came_s.extend([time.monotonic()] * min(new, readers.matched))
         # Which one has gone is not told. The one that came last may be the one that stays.
         while len(self._came_s) > readers.matched:
@@ -55,6 +60,6 @@ class SubscriberReadiness:
             return Obstacle(f'{there} of {self._needed} subscribers are there')
         if self._needed:
             came_s = max(self._came_s[self._needed - 1], self._last_at_loss_s)
-            if time.monotonic() < came_s + SETTLE_S:
+            if time.monotonic() < came_s + self._settle_s:
                 return _JUST_COME
         return None

@@ -46,8 +46,15 @@ class Graph:
             raise RouteError('somebody tells what cannot be read')
         return self.peers
 
-    def enter(self, node: str, type_hash: str, kind: str = KIND, qos: QoS | None = None) -> None:
-        self.peers.append(Peer.of_qos(node, kind, bytes(16), type_hash, profile(qos or QoS())))
+    def enter(
+        self,
+        node: str,
+        type_hash: str,
+        kind: str = KIND,
+        qos: QoS | None = None,
+        gid: bytes = bytes(16),
+    ) -> None:
+        self.peers.append(Peer.of_qos(node, kind, gid, type_hash, profile(qos or QoS())))
         self.matched += 1
         self.come += 1
 
@@ -109,6 +116,23 @@ def test_one_whose_qos_does_not_match_gets_nothing_to_misread() -> None:
     graph = Graph()
     graph.enter('/old', THEIRS, qos=QoS(durability='transient_local'))
     assert graph.misread == ''
+
+
+def test_readers_are_of_another_vendor_until_all_that_are_matched_are_known_not_to_be() -> None:
+    fast_dds, cyclone = bytes.fromhex('010f') + bytes(14), bytes.fromhex('0110') + bytes(14)
+    graph = Graph()
+    assert not graph.writer.readers().foreign
+    graph.enter('/here', OURS, gid=fast_dds)
+    assert not graph.writer.readers().foreign
+    graph.matched, graph.come = 2, 2
+    assert graph.writer.readers().foreign, 'the graph does not show it yet'
+    graph.enter('/there', OURS, gid=cyclone)
+    graph.matched, graph.come = 2, 2
+    graph.writer._subscribers._look_at_s = 0.0
+    assert graph.writer.readers().foreign
+    del graph.peers[1]
+    graph.matched = 1
+    assert not graph.writer.readers().foreign
 
 
 BEST_EFFORT = QoS(reliability='best_effort')

@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies
 
 from ros2_kafka_bridge.endpoints import Readers
 from ros2_kafka_bridge.route import readiness
-from ros2_kafka_bridge.route.readiness import SETTLE_S, SubscriberReadiness
+from ros2_kafka_bridge.route.readiness import FOREIGN_SETTLE_S, SETTLE_S, SubscriberReadiness
 
 
 class Topic:
@@ -23,6 +23,7 @@ class Topic:
         self.come = 0
         self.lost = False
         self.misread = ''
+        self.foreign = False
         self.lost_with: list[float] = []  # those that were there when the last loss was told
         self.readiness = SubscriberReadiness(needed)
 
@@ -37,7 +38,7 @@ class Topic:
     def look(self) -> str | None:
         readers = Readers(
             len(self.there), self.come, lost=self.lost, confirmed=0, acknowledged=True,
-            misread=self.misread,
+            misread=self.misread, foreign=self.foreign,
         )  # fmt: skip
         self.readiness.look(readers)
         if self.lost:
@@ -55,6 +56,15 @@ def topic(monkeypatch: pytest.MonkeyPatch) -> Topic:
     made = Topic(1)
     monkeypatch.setattr(readiness, 'time', SimpleNamespace(monotonic=lambda: made.now_s))
     return made
+
+
+def test_a_reader_of_another_vendor_has_to_have_been_there_for_longer(topic: Topic) -> None:
+    topic.enter()
+    topic.foreign = True
+    assert topic.look() is not None
+    for until_s, knows in ((SETTLE_S, False), (FOREIGN_SETTLE_S - 0.01, False), (3.0, True)):
+        topic.now_s = 100.0 + until_s
+        assert (topic.look() is None) == knows, until_s
 
 
 def test_a_reader_counts_once_it_has_been_there_for_a_while(topic: Topic) -> None:
