@@ -17,7 +17,7 @@ from ros2_kafka_bridge.ros.qos import profile
 KIND: Final = 'acme_msgs/msg/Crane'
 OURS: Final = 'RIHS01_aa'
 ROOM: Final = 5
-RELIABLE: Final = ('reliable', 'misreads', 'unnamed', 'bridge')
+RELIABLE: Final = ('reliable', 'misreads', 'unnamed', 'bridge', 'foreign')
 MATCHING: Final = (*RELIABLE, 'best effort')
 READERS: Final = (*MATCHING, 'other type', 'other qos')
 DISCOVERY_S: Final = 3 / 1024
@@ -61,7 +61,7 @@ class Reader:
             node_namespace='/',
             node_name=self.node[1:],
             topic_type='acme_msgs/msg/Hook' if self.kind == 'other type' else KIND,
-            endpoint_gid=[self.number] * 16,
+            endpoint_gid=[1, 0x10 if self.kind == 'foreign' else 0x0F] + 14 * [self.number],
             qos_profile=profile(_QOS.get(self.kind, QoS())),
             topic_type_hash='RIHS01_bb' if self.kind in {'misreads', 'bridge'} else OURS,
         )

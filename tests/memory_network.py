@@ -74,6 +74,12 @@ class Publisher:
         )
 
     @property
+    def sends_to(self) -> tuple[str, ...]:
+        """Who gets its history: with another vendor than Fast DDS, also who does not ask."""
+        asking = (self.offer.durability,) if self.offer.durability != 'volatile' else ()
+        return ('volatile', *asking) if asking and self.number % 2 else asking
+
+    @property
     def is_there(self) -> bool:
         return self.is_near and not self.has_gone
 
@@ -238,7 +244,7 @@ class Network:
         )
 
     def _send_history(self, publisher: Publisher, reader: Reader) -> None:
-        if reader.offer.durability == 'transient_local':
+        if reader.offer.durability in publisher.sends_to:
             for seq in publisher.history:
                 self._send(publisher, seq, reader)
 

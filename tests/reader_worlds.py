@@ -15,7 +15,7 @@ from ros_ends import end_of
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.endpoints import Message, Offer
-from ros2_kafka_bridge.errors import BridgeError, TransportError
+from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
 from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.source import RosSource
@@ -27,6 +27,7 @@ NAME = 'p/msg/T'
 HASH = 'RIHS01_' + '77' * 32
 MOST_PUBLISHERS = 6
 POSTPONED_S = 10.5
+AWAY, REFUSES = TransportError('Kafka is away'), RouteError('the topic may not be read')
 OFFERS = [
     Offer(reliability, durability)
     for reliability in ('reliable', 'best_effort')
@@ -37,11 +38,7 @@ OF_THE_SOURCE = frozenset({'take', 'wait', 'look', 'hash', 'take fails'})
 OF_A_PUBLISHER = frozenset({'publish', 'leaves', 'shown', 'far', 'near'})
 
 
-class Data:
-    __doc__ = NAME
-
-
-TYPE = MessageType(NAME, Data, Layout(NAME, ()), HASH)
+TYPE = MessageType(NAME, type('Data', (), {'__doc__': NAME}), Layout(NAME, ()), HASH)
 
 
 def make_reader(
@@ -84,7 +81,8 @@ class World:
         self.source = RosSource(RosNode(network, network), {'/t': self.reader})
         self._qos = qos
         self._has_gid = has_gid
-        self._is_open = self._closes = self._asks_hash = self._kafka_is_away = False
+        self._is_open = self._closes = self._asks_hash = False
+        self._kafka: BridgeError | None = None  # what it says, where it does not answer
         self._may_open: Offer | None = None
         self._answered: dict[Offer, float] = {}  # whether Kafka has, or until when it is not asked
         self._known: set[Publisher] = set()  # that the graph has told, ever, for following
@@ -114,11 +112,12 @@ class World:
             self._known |= set(self.network.told)
 
     def _asked(self, offer: Offer) -> None:
-        if self._kafka_is_away:
+        if self._kafka is not None and offer.durability == 'transient_local':
             self.network.clock.sleep(1.0)
-            until_s = self.network.clock.monotonic() + POSTPONED_S
-            self._answered[offer] = max(until_s, self._answered.get(offer, 0.0))
-            raise TransportError('Kafka is away')
+            if self._kafka is AWAY:
+                until_s = self.network.clock.monotonic() + POSTPONED_S
+                self._answered[offer] = max(until_s, self._answered.get(offer, 0.0))
+            raise self._kafka
         self._may_open, self._answered[offer] = offer, math.inf
 
     def _created(self, reader: Reader) -> None:
@@ -144,8 +143,10 @@ class World:
         """Whether nobody else has to bring it: through that of another offer it need not count."""
         publisher, seq = sample.publisher, sample.seq
         if not self._has_gid:
-            others = [other for other in self.network.open_readers if other is not reader]
-            return not any(is_match(publisher.offer, other.offer) for other in others)
+            offers = [it.offer for it in self.network.open_readers if it is not reader]
+            # Where Kafka cannot be asked for a while, a history comes again.
+            is_kept = publisher.offer.durability == 'transient_local'
+            return not is_kept and not any(is_match(publisher.offer, it) for it in offers)
         return self._own(publisher) == reader.offer and seq > self._top[publisher]
 
     def _taken(self, reader: Reader, sample: Sample) -> None:
@@ -272,8 +273,7 @@ class World:
             case 'well':
                 network.refuses = network.sticks = network.waits_fail = False
             case _:
-                assert what in {'away', 'back'}
-                self._kafka_is_away = what == 'away'
+                self._kafka = {'away': AWAY, 'refuses': REFUSES, 'back': None}[what]
 
     def opens(self) -> None:
         """Open the source, where ROS does not refuse it."""
@@ -340,7 +340,8 @@ class World:
         try:
             self.source.look()
         except BridgeError:
-            assert self.network.refuses or isinstance(self.network.trouble, RCLError)
+            refuses = self.network.refuses or self._kafka is REFUSES
+            assert refuses or isinstance(self.network.trouble, RCLError)
 
     def _ask_hash(self, publisher: Publisher) -> None:
         self.network.clock.sleep(0.03)  # it asks no more often
@@ -357,7 +358,7 @@ class World:
         """All is well again; it becomes quiet, and all has come."""
         network = self.network
         network.heal()
-        self._kafka_is_away = False
+        self._kafka = None
         for publisher in network.publishers:
             network.come_near(publisher)
             network.show(publisher)

@@ -219,6 +219,9 @@ class World:
         assert told.lost == (gone > self._gone or len(dds.writers) > self._writers)
         self._gone, self._writers = gone, len(dds.writers)
         assert self.writer.matches == (told.matched, self._mismatched)
+        matching = [it for it in dds.answer or () if it.kind in MATCHING]
+        has_foreign = any(it.kind == 'foreign' for it in matching)
+        assert told.foreign == (has_foreign or told.matched > len(matching))
         assert bool(told.misread) == bool(self._misread)
         assert all(name in told.misread for name in self._misread)
         waited_for = {it.holder for it in dds.answer or () if it.kind in RELIABLE}

@@ -311,7 +311,7 @@ class Readers(NamedTuple):
         acknowledged: Whether there is a reader that acknowledges, and the middleware tells.
         misread: Who would read the fields of what is published now into others, and what would
             help; empty where nobody does.
-        foreign: Whether one is of another vendor of DDS, as far as that is known.
+        foreign: Whether one is of another vendor of DDS than the bridge, or may be.
     """
 
     matched: int
@@ -327,7 +327,7 @@ class MessageWriter(Protocol):
     """Where messages are published: one topic."""
 
     def publish(self, cdr: bytes) -> bool:
-        """Publish; False: the history is full, nothing was taken, try the same bytes again."""
+        """Publish; False: there is no room, nothing was taken, try the same bytes again."""
         ...
 
     def readers(self) -> Readers:

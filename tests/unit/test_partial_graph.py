@@ -46,7 +46,7 @@ def client(monkeypatch: pytest.MonkeyPatch) -> None:
     """This process is a client of a discovery server."""
     monkeypatch.setenv('ROS_DISCOVERY_SERVER', '127.0.0.1:11811')
     monkeypatch.delenv('ROS_SUPER_CLIENT', raising=False)
-    monkeypatch.setattr(discovery, 'middleware', lambda: 'rmw_fastrtps_cpp')
+    monkeypatch.setattr(discovery, 'is_fastdds', lambda: True)
 
 
 class Node:

@@ -9,12 +9,11 @@ from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.ros.fastdds_profile import discovery_protocol, user_profile
-from ros2_kafka_bridge.ros.node import middleware
+from ros2_kafka_bridge.ros.node import is_fastdds
 
 ANNOUNCED_S: Final = 4.0
 """In which whoever is there is seen: Fast DDS announces a participant every 3 s."""
 
-_FASTDDS: Final = 'rmw_fastrtps'
 _SERVER: Final = 'ROS_DISCOVERY_SERVER'
 _RANGE: Final = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 _YES: Final = frozenset({'TRUE', 'true', 'True', '1'})  # as Fast DDS spells it
@@ -111,7 +110,7 @@ def _out_of_reach(environ: Mapping[str, str]) -> str | None:
 
 
 def _way(environ: Mapping[str, str]) -> _Way:
-    if not middleware().startswith(_FASTDDS):
+    if not is_fastdds():
         return _Way('')
     if environ.get(_RANGE) == 'OFF':  # counts before all others, the DDS profile too
         return _Way('OFF', _RANGE)

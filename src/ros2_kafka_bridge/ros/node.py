@@ -234,6 +234,11 @@ def middleware() -> str:
     return str(rclpy.utilities.get_rmw_implementation_identifier())
 
 
+def is_fastdds() -> bool:
+    """Whether the middleware in use is rmw_fastrtps."""
+    return middleware().startswith(_FASTDDS)
+
+
 @contextmanager
 def open_node(name: str, domain_id: int | None, histories: Histories) -> Iterator[RosNode]:
     """Join the ROS graph with a node that has endpoints only.
@@ -278,7 +283,7 @@ def open_made(
             place = 'ROS' if users is None else f'ROS, with the DDS profile {users}'
             with _profile(histories, users), translated(place):
                 node = _joined(rclpy, make, domain_id, stack)
-                if middleware().startswith(_FASTDDS):
+                if is_fastdds():
                     check_profile(node, users)
         yield node
 

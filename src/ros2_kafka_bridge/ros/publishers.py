@@ -38,8 +38,7 @@ class Publishers:
         """
         peers = self._end.node.publishers(self._end.topic)
         if len(self._hashes) > _MOST_HASHES:
-            self._hashes.clear()
-            self._mismatched.clear()
+            self._forget_all_but({peer.gid for peer in peers})
         self._say_other_types(peers)
         self._say_mismatches(peers)
         # Those that have gone stay: what they sent may still be in line.
@@ -47,7 +46,9 @@ class Publishers:
         right = [peer for peer in peers if peer.message_type == self._end.message_type.name]
         matched = sum(peer.gid not in self._mismatched for peer in right)
         self.matches = Matches(matched, len(peers) - matched)
-        self.offers = {peer.gid: self._offer(peer) for peer in right}
+        self.offers = {
+            peer.gid: self.followed(Offer(peer.reliability, peer.durability)) for peer in right
+        }
         return self.offers
 
     def type_hash(self, gid: bytes) -> str | None:
@@ -65,15 +66,20 @@ class Publishers:
             return None
         return self._hashes.get(gid) or self._end.message_type.type_hash or ''
 
-    def _offer(self, peer: Peer) -> Offer:
+    def followed(self, offer: Offer) -> Offer:
+        """What is asked of those who offer that: what the route fixes is not followed."""
         fixed = self._end.qos
-        return Offer(fixed.reliability or peer.reliability, fixed.durability or peer.durability)
+        return Offer(fixed.reliability or offer.reliability, fixed.durability or offer.durability)
+
+    def _forget_all_but(self, here: set[bytes]) -> None:
+        self._hashes = {gid: known for gid, known in self._hashes.items() if gid in here}
+        self._mismatched &= here
 
     def _say_mismatches(self, peers: Sequence[Peer]) -> None:
         for peer in peers:
             if peer.gid in self._hashes:
                 continue
-            reason = mismatch(peer.qos, profile(self._end.qos, *self._offer(peer)))
+            reason = mismatch(peer.qos, profile(self._end.qos, peer.reliability, peer.durability))
             if reason:
                 self._mismatched.add(peer.gid)
                 self._occasional.error(

@@ -9,9 +9,8 @@ from typing import Final
 from ros2_kafka_bridge.message_types.installed import package_version
 from ros2_kafka_bridge.message_types.layout import Array, Kind, Layout, Primitive, Sequence
 from ros2_kafka_bridge.ros.installation import rclpy_major, rclpy_version
-from ros2_kafka_bridge.ros.node import middleware
+from ros2_kafka_bridge.ros.node import is_fastdds
 
-_FASTDDS: Final = 'rmw_fastrtps'
 _LYRICAL: Final = 10
 _CURED: Final = (9, 5)
 
@@ -20,7 +19,7 @@ def unheard(layout: Layout) -> str:
     """Say that messages of a type may not come from ROS; empty where nothing is known of that."""
     if not _has_buffer(layout) or (rclpy_major(rclpy_version()) or 0) < _LYRICAL:
         return ''
-    if not middleware().startswith(_FASTDDS) or _is_cured():
+    if not is_fastdds() or _is_cured():
         return ''
     return (
         f'{layout.type_name} holds uint8[]: rmw_fastrtps 9.4.6 and newer, before 9.5.0, may send '

@@ -1,18 +1,18 @@
-"""Who subscribes to a topic, as far as the ROS graph tells, and gets nothing, or misreads."""
+"""Who subscribes to a topic, as far as the ROS graph tells, and who gets nothing, or misreads."""
 
-import time
+import math
 from collections.abc import Sequence
 from typing import Any, Final
 
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.logs.lines import summed
-from ros2_kafka_bridge.ros.node import Peer
+from ros2_kafka_bridge.ros.node import Peer, is_fastdds
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 from ros2_kafka_bridge.ros.topic_end import TopicEnd
 
 _GRAPH_S: Final = 1.0
 _NO_NODE: Final = 'a reader that is no ROS node'
-_FAST_DDS: Final = b'\x01\x0f'  # a GUID begins with the vendor (RTPS 2.5, 9.3.1.5)
+_FASTDDS: Final = b'\x01\x0f'  # a GUID begins with its vendor (RTPS 2.5, 9.3.1.5)
 _SAME_VERSION: Final = 'install the same version of the package on both sides'
 
 
@@ -25,7 +25,7 @@ class Subscribers:
 
     def __init__(self, end: TopicEnd) -> None:
         self.mismatched = 0
-        self.same_vendor = 0  # how many of those that match are known to be of Fast DDS
+        self.alike = 0.0  # as many that match are known to be of the bridge's own vendor
         self.misread = ''  # who would misread what is published, and the cure
         self.reliable: Sequence[str] = ()  # nodes that acknowledge what they get
         self._end = end
@@ -34,14 +34,14 @@ class Subscribers:
         self._look_at_s = 0.0
         self._come_known = 0  # by the last look that told who
 
-    def look(self, come: int, *, at_once: bool) -> None:
+    def look(self, now_s: float, come: int, *, at_once: bool) -> None:
         """Look at who they are, if it is time for that, and say who gets nothing, or misreads.
 
         Args:
+            now_s: By the monotonic clock.
             come: How many have come by now.
             at_once: Whether one has come or gone.
         """
-        now_s = time.monotonic()
         if now_s < self._look_at_s and not at_once:
             return
         self._look_at_s = now_s + _GRAPH_S
@@ -52,7 +52,7 @@ class Subscribers:
             if come != self._come_known and self._end.message_type.type_hash:
                 self.misread = f'perhaps a subscriber would misread: {error}'
             self.reliable = ()  # whether one of them acknowledges is not known, either
-            self.same_vendor = 0
+            self.alike = _alike(())
             self._occasional.warning(f'{error}')
         else:
             self._come_known = come
@@ -64,7 +64,7 @@ class Subscribers:
         offered = profile(self._end.qos)
         matching = [peer for peer in peers if self._matches(peer, offered)]
         self.mismatched = len(peers) - len(matching)
-        self.same_vendor = sum(peer.gid.startswith(_FAST_DDS) for peer in matching)
+        self.alike = _alike(matching)
         who = ', '.join(sorted({peer.node for peer in matching if self._misreads(peer)}))
         kind = self._end.message_type.name
         self.misread = f'{who} would misread {kind}: {_SAME_VERSION}' if who else ''
@@ -95,3 +95,13 @@ class Subscribers:
         if peer.named and (peer.node, what) not in self._told:
             self._told.add((peer.node, what))
             self._occasional.warning(f'{self._end.topic}: {peer.node} {what}')
+
+
+def _alike(matching: Sequence[Peer]) -> float:
+    """How many are of the bridge's own vendor: less than none where one is not.
+
+    Other middlewares than Fast DDS tell no vendor.
+    """
+    if not is_fastdds():
+        return math.inf
+    return len(matching) if all(peer.gid.startswith(_FASTDDS) for peer in matching) else -1

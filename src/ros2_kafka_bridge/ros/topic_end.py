@@ -1,4 +1,4 @@
-"""What a route has at one topic of ROS, and how an endpoint of it is made and destroyed."""
+"""Makes and destroys the endpoints that a route has at one topic of ROS."""
 
 import logging
 from contextlib import ExitStack
@@ -11,8 +11,8 @@ from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.types import MessageType
 
 
-class Publisher(NamedTuple):
-    """A publisher.
+class OwnPublisher(NamedTuple):
+    """A publisher of the bridge.
 
     Args:
         handle: That of rclpy.
@@ -70,7 +70,7 @@ class TopicEnd(NamedTuple):
         with left_behind(self.log, f'subscription of {self.topic}'), self.node.endpoint_lock:
             self.node.handle.destroy_subscription(subscription)
 
-    def advertise(self, qos: Any) -> Publisher:
+    def advertise(self, qos: Any) -> OwnPublisher:
         """Make a publisher of that QoS.
 
         Raises:
@@ -92,9 +92,9 @@ class TopicEnd(NamedTuple):
             undo.callback(handle.destroy_publisher, publisher)
             events = MatchEvents(publisher)
             undo.pop_all()
-            return Publisher(publisher, events)
+            return OwnPublisher(publisher, events)
 
-    def withdraw(self, publisher: Publisher) -> None:
+    def withdraw(self, publisher: OwnPublisher) -> None:
         """Destroy a publisher, or leave it behind and say so."""
         where = f'publisher of {self.topic}'
         with left_behind(self.log, where):

@@ -1,5 +1,6 @@
 """Taking from one topic of ROS: subscriptions that follow its publishers."""
 
+import contextlib
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -114,14 +115,12 @@ class TopicReader:
     def type_hash(self, gid: bytes) -> str | None:
         """REP-2011 hash of what a publisher sends; None where the graph does not show it (yet).
 
-        Asked in the middle of a batch, where no message may be lost for it: an error is told by
-        the next take.
+        Asked in the midst of a batch, where no message may be lost for it: what keeps it from
+        asking, the next look tells.
         """
-        try:
+        with contextlib.suppress(BridgeError):
             return self._publishers.type_hash(gid)
-        except BridgeError as error:
-            self._failure = error
-            return None
+        return None
 
     # Following the publishers
 
@@ -142,7 +141,7 @@ class TopicReader:
         # The new one opens before the old one closes: nothing falls between them, but where Kafka
         # has to be asked first.
         self._open_wanted(wanted)
-        self._sequences.offers(offers)
+        self._sequences.offers(offers)  # now: what Kafka has of them is known, or cannot be
         self._close_unwanted(wanted)
 
     def _learn(self) -> Mapping[bytes, Offer]:
@@ -168,12 +167,8 @@ class TopicReader:
 
     def _wanted(self, offers: AbstractSet[Offer]) -> AbstractSet[Offer]:
         if not offers:
-            fixed = self._end.qos
-            default = Offer(
-                fixed.reliability or DEFAULT.reliability, fixed.durability or DEFAULT.durability
-            )
             # A topic without publishers keeps what it has: they may come back.
-            return set(self._subscriptions) or {default}
+            return set(self._subscriptions) or {self._publishers.followed(DEFAULT)}
         if self._has_gid:
             return offers
         # Without the publisher of a message, two subscriptions could not be told apart.

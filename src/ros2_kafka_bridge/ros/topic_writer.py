@@ -1,33 +1,17 @@
 """Publishing to one topic of ROS, and knowing what has arrived."""
 
+import time
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 from ros2_kafka_bridge.endpoints import Load, Matches, Readers
 from ros2_kafka_bridge.ros.errors import translate
 from ros2_kafka_bridge.ros.qos import profile
 from ros2_kafka_bridge.ros.subscribers import Subscribers
-from ros2_kafka_bridge.ros.topic_end import TopicEnd
+from ros2_kafka_bridge.ros.topic_end import OwnPublisher, TopicEnd
 from ros2_kafka_bridge.ros.writer_history import WriterHistory
 
 _MOST_FAULTS: Final = 2  # a single look that fails costs no history
-
-
-class _Seen(NamedTuple):
-    """The readers that the middleware has matched, also with publishers that were replaced.
-
-    Args:
-        matched: How many there are.
-        come: How many have come since the start.
-    """
-
-    matched: int = 0
-    come: int = 0
-
-    @property
-    def gone(self) -> int:
-        """How many have gone since the start."""
-        return self.come - self.matched
 
 
 class TopicWriter:
@@ -42,8 +26,9 @@ class TopicWriter:
         self._end = end
         self._history = history
         self._subscribers = Subscribers(end)
-        self._publisher: Any = None  # a `Publisher` while it is open
-        self._seen = _Seen()
+        self._publisher: OwnPublisher | None = None
+        self._matched = 0  # readers that are there
+        self._come = 0  # readers that have come, also to publishers that were replaced
         self._come_before = 0  # to publishers that this one has replaced
         self._is_replaced = False  # since the last look
         self._faults = 0
@@ -56,7 +41,7 @@ class TopicWriter:
     @property
     def matches(self) -> Matches:
         """Its subscribers at the last look."""
-        return Matches(self._seen.matched, self._subscribers.mismatched)
+        return Matches(self._matched, self._subscribers.mismatched)
 
     @property
     def reliable_subscribers(self) -> Sequence[str]:
@@ -78,15 +63,18 @@ class TopicWriter:
             self._end.withdraw(publisher)
 
     def publish(self, cdr: bytes) -> bool:
-        """Publish; False: the history is full, nothing was taken, try the same bytes again.
+        """Publish; False: nothing was taken, try the same bytes again.
+
+        The history is full, or there is no publisher, which the next look at the readers makes.
 
         Raises:
             RouteError: ROS has failed. Another publisher takes the place of this one.
         """
-        if self._publisher is None or self._history.is_full:
+        publisher, history = self._publisher, self._history
+        if publisher is None or history.published - history.acknowledged >= history.most:
             return False
         try:
-            self._publisher.handle.publish(cdr)
+            publisher.handle.publish(cdr)
         except Exception as error:
             if 'cannot publish data' in str(error):  # a full history has no class of its own
                 return False
@@ -94,7 +82,7 @@ class TopicWriter:
             if known := translate(error, self._where):
                 raise known from error
             raise
-        self._history.published += 1
+        history.published += 1
         return True
 
     def readers(self) -> Readers:
@@ -114,12 +102,16 @@ class TopicWriter:
                 raise known from error
             raise
         self._faults = 0
-        history, (matched, come) = self._history, self._seen
+        history, subscribers = self._history, self._subscribers
         return Readers(
-            matched, come, lost=lost, confirmed=history.confirmed,
-            acknowledged=not lost and history.is_acknowledged, misread=self._subscribers.misread,
-            foreign=matched > self._subscribers.same_vendor,
-        )  # fmt: skip
+            self._matched,
+            self._come,
+            lost,
+            history.confirmed,
+            history.is_acknowledged,
+            subscribers.misread,
+            self._matched > subscribers.alike,
+        )
 
     @property
     def _where(self) -> str:
@@ -127,17 +119,20 @@ class TopicWriter:
 
     def _look(self) -> bool:
         """Look at who is there and at what they have; tells whether one has gone."""
-        matched, come = self._publisher.events.look()
-        before, seen = self._seen, _Seen(matched, self._come_before + come)
-        self._subscribers.look(seen.come, at_once=seen != before)
-        self._seen = seen
+        now_s, publisher = time.monotonic(), self._publisher
+        assert publisher is not None, 'it is open'
+        matched, come_here = publisher.events.look()
+        come = self._come_before + come_here
+        has_changed = matched != self._matched or come != self._come
+        self._subscribers.look(now_s, come, at_once=has_changed)
         has_reader = bool(self._subscribers.reliable)
         # One that nobody has heard of may have come to the publisher that was replaced.
-        if lost := self._is_replaced or seen.gone != before.gone:
+        lost = self._is_replaced or come - matched != self._come - self._matched
+        self._matched, self._come, self._is_replaced = matched, come, False
+        if lost:
             self._history.begin_again(has_reader=has_reader)
         else:
-            self._history.look(self._publisher.all_acknowledged, has_reader=has_reader)
-        self._is_replaced = False
+            self._history.look(now_s, publisher.all_acknowledged, has_reader=has_reader)
         return lost
 
     def _open_anew(self) -> None:
@@ -146,6 +141,6 @@ class TopicWriter:
         Its readers have to come again: what the old one had published counts for nothing.
         """
         self.close()
-        self._come_before = self._seen.come
+        self._come_before = self._come
         self.open()
         self._is_replaced, self._faults = True, 0

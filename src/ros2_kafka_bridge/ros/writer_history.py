@@ -11,7 +11,6 @@ acknowledged.
 """
 
 import math
-import time
 from collections.abc import Callable
 
 from ros2_kafka_bridge.endpoints import Load
@@ -30,26 +29,21 @@ class WriterHistory:
 
     def __init__(self, room: int, *, asks: bool, bounded: bool) -> None:
         self.published = 0
+        self.acknowledged = 0
         self.confirmed = 0
-        self.is_acknowledged = False  # by a reader, what is confirmed
+        self.is_acknowledged = False  # whether a reader has acknowledged what is confirmed
+        self.most = room if asks and not bounded else math.inf  # that may be under way
         self._room = room
         self._asks = asks
         self._bounded = bounded
-        self._most = room if asks and not bounded else math.inf
-        self._acknowledged = 0
         self._will_be_acknowledged = self._had_reader = False
         self._look_at_s = 0.0
-
-    @property
-    def is_full(self) -> bool:
-        """Whether nothing may be published until more is acknowledged."""
-        return self.published - self._acknowledged >= self._most
 
     @property
     def load(self) -> Load:
         """What the history holds, as far as its readers have told."""
         limit = self._room if self._asks or self._bounded else None
-        held = self.published - self._acknowledged
+        held = self.published - self.acknowledged
         return Load(held if limit is None else min(held, limit), limit)
 
     def begin_again(self, *, has_reader: bool) -> None:
@@ -58,25 +52,28 @@ class WriterHistory:
         Args:
             has_reader: As of `look`.
         """
-        self.published = self.confirmed = self._acknowledged = 0
-        self._will_be_acknowledged, self._had_reader = False, has_reader
+        self.published = self.confirmed = self.acknowledged = 0
+        self.is_acknowledged = self._will_be_acknowledged = False
+        self._had_reader = has_reader
 
-    def look(self, all_acknowledged: Callable[[], bool], *, has_reader: bool) -> None:
+    def look(
+        self, now_s: float, all_acknowledged: Callable[[], bool], *, has_reader: bool
+    ) -> None:
         """Confirm what has aged, if it is time for that, and see what is acknowledged by now.
 
         Args:
+            now_s: By the monotonic clock.
             all_acknowledged: Asks the middleware.
             has_reader: Whether somebody is there who acknowledges.
         """
-        now_s = time.monotonic()
         if now_s < self._look_at_s:
             return
         self._look_at_s = now_s + _AGE_S
-        self.confirmed, self.is_acknowledged = self._acknowledged, self._will_be_acknowledged
+        self.confirmed, self.is_acknowledged = self.acknowledged, self._will_be_acknowledged
         if not self._asks or all_acknowledged():
-            self._acknowledged = self.published
+            self.acknowledged = self.published
         elif self._bounded:
-            self._acknowledged = max(self._acknowledged, self.published - self._room)
+            self.acknowledged = max(self.acknowledged, self.published - self._room)
         # What was published since the last look went to who was there by then.
         self._will_be_acknowledged = self._asks and self._had_reader and has_reader
         self._had_reader = has_reader

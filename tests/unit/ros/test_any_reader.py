@@ -11,7 +11,7 @@ KINDS = {
     'publish': 20, 'publisher': 5, 'leaves': 4, 'shown': 6, 'graph': 5, 'far': 1, 'near': 2,
     'time': 6, 'take': 24, 'wait': 5, 'look': 5, 'hash': 3,
     'take fails': 5, 'no subscription': 1, 'sticks': 1, 'no waiting': 2, 'well': 3,
-    'stranger': 2, 'no graph': 2, 'graph again': 4, 'away': 2, 'back': 4,
+    'stranger': 2, 'no graph': 2, 'graph again': 4, 'away': 2, 'refuses': 1, 'back': 4,
 }  # fmt: skip
 FIRST = {'publisher': 4, 'publish': 2, 'graph': 2, 'away': 1}
 

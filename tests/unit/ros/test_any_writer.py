@@ -7,7 +7,7 @@ from writer_worlds import Event, a_world
 # How often each happens, beside the others.
 KINDS = {
     'publish': 14, 'look': 12, 'looks': 4, 'flows': 3, 'ticks': 14, 'time': 2,
-    'reliable': 6, 'best effort': 2, 'misreads': 1, 'unnamed': 1, 'bridge': 1,
+    'reliable': 6, 'best effort': 2, 'misreads': 1, 'unnamed': 1, 'bridge': 1, 'foreign': 2,
     'other type': 1, 'other qos': 1,
     'acknowledges': 6, 'dies': 5, 'is replaced': 2,
     'graph stands': 1, 'graph is unreadable': 1, 'graph is well': 2,

@@ -26,7 +26,7 @@ FINDS = """
 
 @pytest.fixture(autouse=True)
 def fast_dds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(discovery, 'middleware', lambda: 'rmw_fastrtps_cpp')
+    monkeypatch.setattr(discovery, 'is_fastdds', lambda: True)
 
 
 def written(place: Path, rtps: str) -> str:
@@ -88,7 +88,7 @@ def test_with_a_range_of_off_no_server_is_asked_whoever_names_it(
 def test_other_middlewares_look_at_none_of_these_variables(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(discovery, 'middleware', lambda: 'rmw_cyclonedds_cpp')
+    monkeypatch.setattr(discovery, 'is_fastdds', lambda: False)
     assert partial_view(CLIENT) is None
     assert why_nobody(CLIENT | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}) is None
 

@@ -59,7 +59,7 @@ OBJECTS: Final[dict[str, dict[str, str]]] = {
         'self._context': CONTEXT,
     },
     'topic_end.py': {'self.handle': PUBLISHER, 'self.node.handle': NODE, 'handle': NODE},
-    'topic_writer.py': {'self._publisher.handle': PUBLISHER},
+    'topic_writer.py': {'publisher.handle': PUBLISHER},
     'trial.py': {'publisher': PUBLISHER},
     'type_request.py': {'client': 'rclpy.client.Client'},
     'control/lifecycle.py': {

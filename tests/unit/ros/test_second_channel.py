@@ -41,7 +41,9 @@ def lyrical(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 def on(monkeypatch: pytest.MonkeyPatch, version: str, middleware: str) -> None:
     monkeypatch.setattr(second_channel, 'rclpy_version', lambda: version)
-    monkeypatch.setattr(second_channel, 'middleware', lambda: middleware)
+    monkeypatch.setattr(
+        second_channel, 'is_fastdds', lambda: middleware.startswith('rmw_fastrtps')
+    )
 
 
 @pytest.mark.usefixtures('lyrical')

@@ -14,7 +14,7 @@ from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.ros import writer_history
 from ros2_kafka_bridge.ros.node import Peer
 from ros2_kafka_bridge.ros.qos import profile
-from ros2_kafka_bridge.ros.topic_end import Publisher
+from ros2_kafka_bridge.ros.topic_end import OwnPublisher
 from ros2_kafka_bridge.ros.types import MessageType
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
@@ -39,7 +39,7 @@ class Graph:
         self.writer = writer_of(end, ROOM, asks=asks, bounded=bounded)
         self.handle = MagicMock()
         events = SimpleNamespace(look=lambda: (self.matched, self.come))
-        self.writer._publisher = Publisher(self.handle, events)
+        self.writer._publisher = OwnPublisher(self.handle, events)
 
     def _subscribers(self, _topic: str) -> list[Peer]:
         if self.strangers:
@@ -130,9 +130,14 @@ def test_readers_are_of_another_vendor_until_all_that_are_matched_are_known_not_
     graph.matched, graph.come = 2, 2
     graph.writer._subscribers._look_at_s = 0.0
     assert graph.writer.readers().foreign
+    graph.matched, graph.come = 1, 2
+    assert graph.writer.readers().foreign, 'it may be the one that is matched'
     del graph.peers[1]
-    graph.matched = 1
+    graph.writer._subscribers._look_at_s = 0.0
     assert not graph.writer.readers().foreign
+    graph.strangers = True
+    graph.writer._subscribers._look_at_s = 0.0
+    assert graph.writer.readers().foreign, 'who they are is not known'
 
 
 BEST_EFFORT = QoS(reliability='best_effort')
