@@ -12,6 +12,7 @@ from ros2_kafka_bridge.ros import take
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.sink import RosSink
 from ros2_kafka_bridge.ros.source import RosSource
+from ros2_kafka_bridge.ros.topic_end import OwnPublisher
 from ros2_kafka_bridge.ros.types import load_type
 
 
@@ -113,5 +114,9 @@ def test_a_sink_tells_of_all_its_topics() -> None:
     assert sink.matches == Matches(3, 0)
     assert sink.reliable_subscribers == ['/logger', '/robot_1', '/robot_2']
     assert sink.writer('/b') is writers['/b']
+    for writer in writers.values():
+        writer._publisher = OwnPublisher(MagicMock(), MagicMock())
+    sink.close()
+    assert handle.destroy_publisher.call_count == 2
     unbounded = writer_of(ends[0], asks=False, bounded=False)
     assert RosSink({'/a': unbounded, '/b': writers['/b']}).load.limit is None
