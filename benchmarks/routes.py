@@ -96,7 +96,7 @@ def measure(servers: str, routes: int) -> Result:
         at = programs(place, DOMAIN, direct)
         stack.enter_context(topics(servers, [name for way in WAYS for name in names[way]]))
         file = place / 'routes.yaml'
-        file.write_text(_file(servers, mark, half))
+        file.write_text(bridge_file(servers, mark, half))
         begun_s = time.monotonic()
         with at.python('check', *BRIDGE, 'check', str(file)) as check:
             check.wait(END_S)
@@ -139,7 +139,8 @@ BRIDGE: Final = ('-m', 'ros2_kafka_bridge')
 PEER: Final = ('-m', 'benchmarks.many_topics')
 
 
-def _file(servers: str, mark: str, half: int) -> str:
+def bridge_file(servers: str, mark: str, half: int) -> str:
+    """The configuration of a bridge with so many routes each way."""
     parts = [HEAD.format(servers=servers)]
     for number in range(half):
         parts += [form.format(mark=mark, number=number) for form in (TO_ROS, TO_KAFKA)]

@@ -1,0 +1,130 @@
+"""What a bridge takes that has nothing to do, beside the same number of bare clients.
+
+    python -m benchmarks.idle --routes 2 50
+
+Half of the routes go each way. A node with as many endpoints, consumers and producers stands
+beside the bridge, and both are looked at over the same seconds.
+"""
+
+import argparse
+import json
+import signal
+import sys
+import tempfile
+import time
+import uuid
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from confluent_kafka import KafkaException
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.machine import machine, versions
+from benchmarks.processes import programs, usage
+from benchmarks.routes import bridge_file
+from benchmarks.topics import topics
+from rig.processes import ProcessError, direct
+from ros2_kafka_bridge.errors import ConfigError, TransportError
+from ros2_kafka_bridge.testing.local_kafka import LocalKafka
+
+DOMAIN: Final = 223
+START_S: Final = 300.0
+SETTLE_S: Final = 8.0
+
+
+class Result(NamedTuple):
+    """What both took, in cores: CPU seconds for each second.
+
+    Args:
+        routes: Of the bridge, half of them each way.
+        bare: As many clients of Kafka and endpoints of ROS, and no bridge.
+    """
+
+    routes: int
+    bridge: float
+    bare: float
+
+    @property
+    def ratio(self) -> float:
+        """How many times the bare clients the bridge takes."""
+        return self.bridge / self.bare
+
+
+def measure(servers: str, routes: int, seconds: float) -> Result:
+    """Let both stand idle beside each other."""
+    mark = f'idle_{uuid.uuid4().hex[:8]}'
+    half = routes // 2
+    names = [f'{mark}.{way}.{number}' for way in ('to_ros', 'to_kafka') for number in range(half)]
+    with ExitStack() as stack:
+        place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='idle-')))
+        at = programs(place, DOMAIN, direct)
+        stack.enter_context(topics(servers, names))
+        file = place / 'idle.yaml'
+        file.write_text(bridge_file(servers, mark, half))
+        bridge = stack.enter_context(at.bridge('bridge', file))
+        bridge.wait_for(' reads ', START_S, half)
+        bridge.wait_for(' subscribes to ', START_S, half)
+        words = '-m', 'benchmarks.bare_clients', servers, mark, f'/bare_{mark}', str(half)
+        bare = stack.enter_context(at.python('bare', *words))
+        bare.wait_for('ready', START_S)
+        time.sleep(SETTLE_S)
+        begun_s = time.monotonic()
+        before = [usage(process.pid).cpu_s for process in (bridge, bare)]
+        time.sleep(seconds)
+        after = [usage(process.pid).cpu_s for process in (bridge, bare)]
+        took_s = time.monotonic() - begun_s
+        each = [(b - a) / took_s for a, b in zip(before, after, strict=True)]
+        return Result(2 * half, *each)
+
+
+def show(results: Sequence[Result], console: Console) -> None:
+    """Print the table."""
+    table = Table('routes', 'the bridge, % of a core', 'bare clients', 'ratio')
+    for one in results:
+        table.add_row(
+            f'{one.routes:,}', f'{100 * one.bridge:.2f}', f'{100 * one.bare:.2f}',
+            f'{one.ratio:.2f}',
+        )  # fmt: skip
+    console.print(table)
+    here = machine()
+    console.print(f'{here.cores} cores of {here.cpu}, {here.memory_gib} GiB')
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure and print; returns the exit status."""
+    parser = argparse.ArgumentParser(
+        prog='python -m benchmarks.idle', description='Lets bridges stand idle.'
+    )
+    parser.add_argument('--routes', type=int, nargs='+', default=[2, 50])
+    parser.add_argument('--seconds', type=float, default=20.0, help='default: %(default)s')
+    parser.add_argument('--json', type=Path, help='write all of it into this file, too')
+    options = parser.parse_args(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    console = Console(highlight=False)
+    try:
+        with LocalKafka() as kafka:
+            results = [
+                measure(kafka.bootstrap_servers, routes, options.seconds)
+                for routes in options.routes
+            ]
+    except KeyboardInterrupt:
+        return 130
+    except (ConfigError, TransportError, ProcessError, TimeoutError, KafkaException) as error:
+        console.print(str(error), style='red')
+        return 1
+    show(results, console)
+    if options.json:
+        told = {
+            'machine': machine()._asdict(),
+            'versions': versions(is_local_kafka=True),
+            'results': [one._asdict() for one in results],
+        }
+        options.json.write_text(json.dumps(told, indent=2) + '\n', encoding='utf-8')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
