@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import pytest
 from confluent_kafka import KafkaError
+from fake_waits import let_waits_pass
 from group_routes import Route
 from memory_client import MemoryClient
 from memory_kafka import Gap, Kafka, Log, Stored, Told
@@ -350,6 +351,7 @@ def a_world(partitions: int, start: str) -> Iterator[World]:
         patch.setattr('ros2_kafka_bridge.threads.unattended.start', _awaited)
         patch.setattr('time.monotonic', clock.monotonic)
         patch.setattr('time.sleep', clock.sleep)
+        let_waits_pass(patch, clock.sleep)
         world.begin()
         yield world
 

@@ -1,5 +1,6 @@
 """How a running bridge is told to stop."""
 
+import math
 import os
 import signal
 import stat
@@ -9,8 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
+from ros2_kafka_bridge.threads.wakeup import Wakeup
+
 SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_STEP_S: Final = 0.05
 
 
 class Stop:
@@ -18,16 +20,29 @@ class Stop:
 
     Plain attributes, no lock: a signal handler that interrupts the holder of a lock would wait
     for ever.
+
+    Args:
+        wakeup: Ends the waits of the thread that is to stop.
     """
 
-    def __init__(self) -> None:
+    look_s = math.inf  # how long that thread may go without a look
+
+    def __init__(self, wakeup: Wakeup | None = None) -> None:
+        self.wakeup = wakeup or Wakeup()
         self._drain = False
         self._now = False
+        self._parts: tuple[Wakeup, ...] = ()
 
     def ask(self) -> None:
         """Ask for a drain; asked a second time, for an end at once."""
         self._now = self._now or self._drain
         self._drain = True
+        for wakeup in (self.wakeup, *self._parts):
+            wakeup.ring()
+
+    def wake_also(self, part: Wakeup) -> None:
+        """Note what else ends the waits of those who are to stop."""
+        self._parts = (*self._parts, part)
 
     def on_signal(self, number: int, _frame: Any = None) -> None:
         """Ask, as the handler of a signal."""
@@ -89,8 +104,15 @@ class Stop:
         """Wait until a drain is asked for, at most `timeout_s`; tells whether it was."""
         deadline_s = time.monotonic() + timeout_s
         while not self.look() and (left_s := deadline_s - time.monotonic()) > 0:
-            time.sleep(min(_STEP_S, left_s))
+            self.wait_for_any(min(self.look_s, left_s))
         return self.look()  # the last one may have taken long
+
+    def wait_for_any(self, timeout_s: float) -> None:
+        """Wait until a drain is asked for, or the wakeup was rung for anything else."""
+        if self.wakeup.wait(timeout_s) and not self.asked:
+            self.wakeup.clear()
+            if self.asked:  # in between: another that waits for this stop needs it
+                self.wakeup.ring()
 
 
 class Part(Stop):
@@ -103,6 +125,7 @@ class Part(Stop):
     def __init__(self, whole: Stop) -> None:
         super().__init__()
         self._whole = whole
+        whole.wake_also(self.wakeup)
 
     @property
     def asked(self) -> bool:

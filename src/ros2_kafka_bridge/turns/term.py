@@ -87,8 +87,10 @@ class Standby(Stop):
         lock: Not held, at the beginning.
     """
 
+    look_s = _LOOK_S
+
     def __init__(self, stop: Stop, lock: TurnLock) -> None:
-        super().__init__()
+        super().__init__(stop.wakeup)
         self._stop = stop
         self._lock = lock
         self._listener = _Listener(lock)
@@ -126,8 +128,10 @@ class Term(Stop):
         successor: Who is to go on after a stop.
     """
 
+    look_s = _LOOK_S
+
     def __init__(self, stop: Stop, lock: TurnLock, successor: Successor) -> None:
-        super().__init__()
+        super().__init__(stop.wakeup)
         self._stop = stop
         self._lock = lock
         self._listener = _Listener(lock)

@@ -1,6 +1,7 @@
 """A route that runs by a lock stops when the bridge does, or when the lock is lost."""
 
 import pytest
+from fake_waits import let_waits_pass
 
 from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.turns.term import Standby, Term
@@ -52,6 +53,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     monkeypatch.setattr('ros2_kafka_bridge.turns.overlap.time', clock)
     monkeypatch.setattr('ros2_kafka_bridge.turns.term.time', clock)
     monkeypatch.setattr('ros2_kafka_bridge.threads.stop.time', clock)
+    let_waits_pass(monkeypatch, clock.sleep)
     return clock
 
 
