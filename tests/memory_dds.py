@@ -7,12 +7,15 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from threading import Lock
 from types import SimpleNamespace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.ros.qos import profile
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.ros.graph import Graph
 
 KIND: Final = 'acme_msgs/msg/Crane'
 OURS: Final = 'RIHS01_aa'
@@ -153,11 +156,13 @@ class Dds:
         room: Of the histories of writers; None where nothing bounds them.
         tells: Whether it can be believed what it tells of arrivals.
         lock: To be held while an endpoint is made or destroyed.
+        graph: That of the node.
     """
 
     room: int | None
     tells: bool
     lock: Lock = field(default_factory=Lock)
+    graph: Graph = field(init=False)
     now_s: float = 1000.0
     readers: list[Reader] = field(default_factory=list)
     come: int = 0

@@ -1,5 +1,6 @@
 """A DDS network in memory: publishers of a topic, subscriptions of one node, and its graph."""
 
+import select
 from collections import deque
 from dataclasses import dataclass, field
 from random import Random
@@ -12,12 +13,13 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.type_hash import TypeHash
 
 from ros2_kafka_bridge.endpoints import Offer
+from ros2_kafka_bridge.threads.wakeup import Wakeup
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 RCLError = rclpy_implementation.RCLError
-WAITS_S = 0.01
+UNTOLD_S = 0.01
 
 
 def is_match(offered: Offer, asked: Offer) -> bool:
@@ -113,6 +115,7 @@ class Reader:
         self.fails_after = 0  # so many messages
         self.failures = 0  # to come
         self.failed = 0  # in a row, until now
+        self.wakeup: Wakeup | None = None  # rung as something comes
         self._network = network
         self._lines: dict[Publisher, deque[Sample]] = {}
 
@@ -129,6 +132,11 @@ class Reader:
 
     def put(self, sample: Sample) -> None:
         self._lines.setdefault(sample.publisher, deque()).append(sample)
+        self.ring()
+
+    def ring(self) -> None:
+        if self.wakeup is not None and self._lines:
+            self.wakeup.ring()
 
     def take_message(self, msg_type: type, raw: bool) -> object:  # noqa: FBT001 (rclpy's)
         assert raw
@@ -150,33 +158,31 @@ class Reader:
         return self._network.told_of(sample)
 
 
-class WaitSet:
-    """Waits until one of its readers has something, or time has passed."""
+class Poll:
+    """That of the kernel, but time passes in the network: what comes meanwhile, and when it ends.
 
-    def __init__(self, network: 'Network', size: int) -> None:
+    Args:
+        network: In which something may come before the wait begins, or as it has just ended.
+    """
+
+    def __init__(self, network: 'Network') -> None:
         self._network = network
-        self._size = size
-        self._readers: list[Reader] = []
-        self._has_failed = False
+        self._poll = select.epoll()
+        self.register = self._poll.register
 
-    def clear_entities(self) -> None:
-        self._readers.clear()
-
-    def add_subscription(self, handle: Reader) -> None:
-        assert handle.is_open
-        assert len(self._readers) < self._size
-        self._readers.append(handle)
-
-    def wait(self, timeout_ns: int) -> None:
-        assert not self._has_failed, 'a wait set that has failed is used again'
-        meanwhile, self._network.meanwhile = self._network.meanwhile, None
-        if self._network.waits_fail:
-            self._has_failed = True
-            raise RCLError('wait set is invalid')
-        if meanwhile is not None:
-            meanwhile()
-        if not any(reader.cache for reader in self._readers):
-            self._network.clock.sleep(timeout_ns / 1e9)
+    def poll(self, timeout_s: float) -> list[tuple[int, int]]:
+        network = self._network
+        comes, network.meanwhile = network.meanwhile, lambda: None
+        if network.random.random() < 0.7:
+            comes()
+            comes = network.meanwhile
+        found = self._poll.poll(0.0)
+        if not found:
+            is_empty = not any(reader.cache for reader in network.open_readers)
+            assert is_empty or timeout_s <= UNTOLD_S, 'it sleeps beside what has come'
+            network.clock.sleep(timeout_s)
+        comes()
+        return found
 
 
 class Network:
@@ -194,16 +200,16 @@ class Network:
         self.publishers: list[Publisher] = []
         self.readers: list[Reader] = []
         self.told: list[Publisher] = []  # by the graph, last
-        self.followed: list[Publisher] = []  # the same, but where a hash alone was asked for
-        self.ever_told: set[Publisher] = set()
+        self.followed: list[Publisher] = []  # the same, as the source has acted on it
         self.trouble: Exception | None = None  # of the graph
-        self.refuses = self.sticks = self.waits_fail = False
-        self.meanwhile: Callable[[], None] | None = None  # while somebody waits
+        self.told_trouble: Exception | None = None  # the same, as it was asked last
+        self.refuses = self.sticks = self.is_mute = False
+        self.meanwhile: Callable[[], None] = lambda: None  # while somebody waits
         self.on_taken: Callable[[Reader, Sample], None]
         self.on_told: Callable[[], None]
         self.on_created: Callable[[Reader], None]
         self.on_destroyed: Callable[[Reader], None]
-        self._has_gid = has_gid
+        self.has_gid = has_gid
 
     @property
     def open_readers(self) -> list[Reader]:
@@ -212,7 +218,7 @@ class Network:
     def told_of(self, sample: Sample) -> tuple[bytes, dict[str, Any]]:
         gid, seq = sample.publisher.gid, sample.seq
         told: dict[str, Any] = {'publication_sequence_number': seq, 'source_timestamp': 1000 * seq}
-        if self._has_gid:
+        if self.has_gid:
             told |= {'publisher_gid': {'data': gid}}
         return b'%d:%d' % (sample.publisher.number, seq), told
 
@@ -257,21 +263,57 @@ class Network:
         """Let the graph catch up with a publisher."""
         publisher.is_shown = publisher.is_there
 
+    def happens(self, what: str) -> None:
+        """Let something fail from now on, or be well again."""
+        match what:
+            case 'graph':  # catches up
+                for publisher in self.publishers:
+                    self.show(publisher)
+            case 'stranger':
+                self.trouble = UnicodeDecodeError('utf-8', b'\xff', 0, 1, 'invalid start byte')
+            case 'no graph':
+                self.trouble = RCLError('no graph')
+            case 'graph again':
+                self.trouble = None
+            case 'no subscription':
+                self.refuses = True
+            case 'sticks':
+                self.sticks = True
+            case 'no ringing':
+                self.is_mute = True
+            case _:
+                assert what == 'well'
+                self.refuses = self.sticks = self.is_mute = False
+
     def heal(self) -> None:
         """End all failures."""
         self.trouble = None
-        self.refuses = self.sticks = self.waits_fail = False
+        self.refuses = self.sticks = self.is_mute = False
         for reader in self.readers:
             reader.failures = reader.fails_after = 0
+
+    # What rcl does
+
+    def notify(self, reader: Reader, wakeup: Wakeup) -> bool:
+        assert reader.is_open
+        if not self.is_mute:
+            reader.wakeup = wakeup
+            reader.ring()
+        return not self.is_mute
+
+    def notify_nobody(self, reader: Reader) -> bool:
+        assert reader.is_open
+        reader.wakeup = None
+        return True
 
     # The handle of the node
 
     def get_publishers_info_by_topic(self, topic: str) -> list[TopicEndpointInfo]:
         assert topic == '/t'
+        self.told_trouble = self.trouble
         if self.trouble is not None:
             raise self.trouble
         self.told = [it for it in self.publishers if it.is_shown]
-        self.ever_told |= set(self.told)
         self.on_told()
         return [publisher.info for publisher in self.told]
 
@@ -292,6 +334,7 @@ class Network:
 
     def destroy_subscription(self, reader: Reader) -> None:
         assert reader.is_open, 'destroyed twice'
+        assert reader.wakeup is None, 'it may ring for ever'
         reader.is_open = False
         self.on_destroyed(reader)
         if self.sticks:

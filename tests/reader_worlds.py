@@ -2,24 +2,23 @@
 
 import logging
 import math
+import select
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Literal, NamedTuple
 
 import pytest
-from memory_network import Network, Publisher, RCLError, Reader, Sample, WaitSet, is_match
-from rclpy.impl.implementation_singleton import rclpy_implementation
-from ros_ends import end_of
+from memory_network import Network, Poll, Publisher, RCLError, Reader, Sample, is_match
+from ros_ends import end_of, source_of, still_node
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.endpoints import Message, Offer
 from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
 from ros2_kafka_bridge.message_types.layout import Layout
-from ros2_kafka_bridge.ros.node import RosNode
-from ros2_kafka_bridge.ros.source import RosSource
-from ros2_kafka_bridge.ros.topic_reader import TopicReader
+from ros2_kafka_bridge.ros import arrivals, rcl
 from ros2_kafka_bridge.ros.types import MessageType
 
 LOG = logging.LoggerAdapter(logging.getLogger('reader'), {})
@@ -28,6 +27,7 @@ HASH = 'RIHS01_' + '77' * 32
 MOST_PUBLISHERS = 6
 POSTPONED_S = 10.5
 AWAY, REFUSES = TransportError('Kafka is away'), RouteError('the topic may not be read')
+KAFKA = {'away': AWAY, 'refuses': REFUSES, 'back': None}
 OFFERS = [
     Offer(reliability, durability)
     for reliability in ('reliable', 'best_effort')
@@ -39,15 +39,6 @@ OF_A_PUBLISHER = frozenset({'publish', 'leaves', 'shown', 'far', 'near'})
 
 
 TYPE = MessageType(NAME, type('Data', (), {'__doc__': NAME}), Layout(NAME, ()), HASH)
-
-
-def make_reader(
-    network: Network, qos: QoS, on_offer: Callable[[Offer], None], *, has_gid: bool
-) -> TopicReader:
-    """Make what is tested, over a network in memory."""
-    node: Any = RosNode(network, network)
-    end = end_of(node, TYPE)._replace(qos=qos, log=LOG)
-    return TopicReader(end, has_gid=has_gid, on_offer=on_offer)
 
 
 class Event(NamedTuple):
@@ -68,24 +59,27 @@ class World:
     """One source over a network, and what has become of each message.
 
     Args:
+        network: All of it.
         qos: What the route fixes.
-        seed: Of the order among publishers.
-        has_gid: Whether the middleware tells the publisher of a message.
     """
 
-    def __init__(self, qos: QoS, seed: int, *, has_gid: bool) -> None:
-        self.network = network = Network(seed, has_gid=has_gid)
+    def __init__(self, network: Network, qos: QoS) -> None:
+        self.network, has_gid = network, network.has_gid
         network.on_taken, network.on_told = self._taken, self._told
         network.on_created, network.on_destroyed = self._created, self._destroyed
-        self.reader = make_reader(network, qos, self._asked, has_gid=has_gid)
-        self.source = RosSource(RosNode(network, network), {'/t': self.reader})
+        self.end = end_of(still_node(network, network), TYPE)._replace(qos=qos, log=LOG)
+        self.source = source_of(self.end, has_gid=has_gid, on_offer=self._asked)
+        [self.reader] = self.source._readers.values()
         self._qos = qos
         self._has_gid = has_gid
-        self._is_open = self._closes = self._asks_hash = False
+        self._is_open = self._closes = False
+        self._asks: Literal['source', 'hash', 'graph'] = 'source'
         self._kafka: BridgeError | None = None  # what it says, where it does not answer
         self._may_open: Offer | None = None
         self._answered: dict[Offer, float] = {}  # whether Kafka has, or until when it is not asked
-        self._known: set[Publisher] = set()  # that the graph has told, ever, for following
+        self._read: list[Publisher] = []  # what the graph has told, as the source has it
+        self._ever_read: set[Publisher] = set()
+        self._known: set[Publisher] = set()  # the same, but where a hash alone was asked for
         self._handed: dict[Publisher, list[int]] = defaultdict(list)
         self._owed: dict[Publisher, set[int]] = defaultdict(set)
         self._top: Counter[Publisher] = Counter()  # as its own subscription gave
@@ -107,9 +101,25 @@ class World:
         return {weakest}
 
     def _told(self) -> None:
-        if not self._asks_hash:
-            self.network.followed = self.network.told
-            self._known |= set(self.network.told)
+        """What the graph has answered to the source; what it tells by itself waits."""
+        if self._asks == 'graph':
+            return
+        self._read = told = self.network.told
+        self._ever_read |= set(told)
+        if self._asks == 'source':
+            self.network.followed = told
+            self._known |= set(told)
+
+    def _acts(self) -> None:
+        """The source reads what the graph has told, and acts on it."""
+        if self.network.told_trouble is None:
+            self._told()
+
+    def _graph_tells(self) -> None:
+        """Some time after it has changed, which may be long."""
+        self._asks = 'graph'
+        self.end.node.graph.look()
+        self._asks = 'source'
 
     def _asked(self, offer: Offer) -> None:
         if self._kafka is not None and offer.durability == 'transient_local':
@@ -128,7 +138,7 @@ class World:
         offers = [other.offer for other in self.network.open_readers]
         if self._closes or (reader.failed > 1 and reader.offer in offers):  # made anew
             return
-        if isinstance(self.network.trouble, ValueError):
+        if isinstance(self.network.told_trouble, ValueError):
             # It goes on with what it has followed last, and may have been told of others since.
             return
         wanted = self._wanted(self.network.followed)
@@ -165,7 +175,7 @@ class World:
         self._untold[message.cdr] -= 1
         before = self._handed[publisher]
         if self._has_gid:
-            if not before and publisher in self.network.told:
+            if not before and publisher in self._read:
                 answered = self._answered.get(self._own(publisher), 0.0)
                 assert self.network.clock.monotonic() <= answered, 'it may be in Kafka already'
             assert not before or before[-1] < seq, f'{seq} of {number} comes behind {before}'
@@ -187,13 +197,11 @@ class World:
         """Look at all that must be true at any time."""
         readers = [reader.offer for reader in self.network.open_readers]
         assert len(readers) == len(set(readers)), readers
-        told, matches = self.network.told, self.source.matches
+        told = self._read
         of_type = [it for it in told if it.type_name == NAME]
         unmatched = [it for it in of_type if not is_match(it.offer, self._own(it))]
-        assert matches == (
-            len(of_type) - len(unmatched),
-            len(told) - len(of_type) + len(unmatched),
-        )
+        matched = len(of_type) - len(unmatched)
+        assert self.source.matches == (matched, len(told) - matched)
         if self._has_gid:
             ranges = [(it[-1] - it[0] + 1, len(it)) for it in self._handed.values() if it]
             lost = sum(all_of_them - handed for all_of_them, handed in ranges)
@@ -212,14 +220,15 @@ class World:
             self._comes(where, how)
         elif what == 'time':
             network.clock.sleep(PASSES_S[how - 1])
-        elif what == 'graph':
-            for publisher in network.publishers:
-                network.show(publisher)
+        elif what == 'graph tells':
+            self._graph_tells()
         elif what in OF_A_PUBLISHER:
             if network.publishers:
                 self._befalls(what, network.publishers[where % len(network.publishers)], how)
+        elif what in KAFKA:
+            self._kafka = KAFKA[what]
         else:
-            self._breaks(what)
+            network.happens(what)
 
     def _comes(self, where: int, how: int) -> None:
         network = self.network
@@ -255,26 +264,6 @@ class World:
                 assert what == 'near'
                 self.network.come_near(publisher)
 
-    def _breaks(self, what: str) -> None:
-        network = self.network
-        match what:
-            case 'stranger':
-                network.trouble = UnicodeDecodeError('utf-8', b'\xff', 0, 1, 'invalid start byte')
-            case 'no graph':
-                network.trouble = RCLError('no graph')
-            case 'graph again':
-                network.trouble = None
-            case 'no subscription':
-                network.refuses = True
-            case 'sticks':
-                network.sticks = True
-            case 'no waiting':
-                network.waits_fail = True
-            case 'well':
-                network.refuses = network.sticks = network.waits_fail = False
-            case _:
-                self._kafka = {'away': AWAY, 'refuses': REFUSES, 'back': None}[what]
-
     def opens(self) -> None:
         """Open the source, where ROS does not refuse it."""
         self.network.heal()
@@ -294,7 +283,7 @@ class World:
                     publisher = publishers[where % len(publishers)]
                     self.network.meanwhile = partial(self.network.publish, publisher, how)
                 self._take(10, 0.5)
-                self.network.meanwhile = None
+                self.network.meanwhile = lambda: None
             case 'look':
                 for _ in range(1 + where % 3):
                     self._look()
@@ -312,6 +301,7 @@ class World:
         was_exhausted, known = self.source.exhausted, set(self._known)
         waited = sum(count > 0 for count in self._untold.values())
         heard = {publisher for publisher, handed in self._handed.items() if handed}
+        self._acts()
         try:
             messages = self.source.take(limit, timeout_s)
         except BridgeError:
@@ -321,7 +311,7 @@ class World:
         most = max(limit, len(self.network.open_readers))
         assert len(messages) <= most + waited
         for publisher in {self._handed_over(message) for message in messages}:
-            is_known = publisher in heard | self.network.ever_told or not self._has_gid
+            is_known = publisher in heard | self._ever_read or not self._has_gid
             assert is_known or self.network.trouble is None, 'it waits until the graph can tell'
             if not self._can_tell(publisher) or publisher in heard - known:
                 self._blind[publisher] = self._handed[publisher][-1]
@@ -337,19 +327,20 @@ class World:
         return not any(reader.cache for reader in self.network.open_readers)
 
     def _look(self) -> None:
+        self._acts()
         try:
             self.source.look()
         except BridgeError:
             refuses = self.network.refuses or self._kafka is REFUSES
-            assert refuses or isinstance(self.network.trouble, RCLError)
+            assert refuses or isinstance(self.network.told_trouble, RCLError)
 
     def _ask_hash(self, publisher: Publisher) -> None:
         self.network.clock.sleep(0.03)  # it asks no more often
-        self._asks_hash = True
+        self._asks = 'hash'
         told = self.reader.type_hash(publisher.gid)
-        self._asks_hash = False
+        self._asks = 'source'
         known = HASH if publisher.type_hash is None else f'RIHS01_{publisher.type_hash.hex()}'
-        assert told == (known if publisher in self.network.ever_told else None)
+        assert told == (known if publisher in self._ever_read else None)
         assert told is not None or not self._can_tell(publisher)
 
     # The end
@@ -361,7 +352,8 @@ class World:
         self._kafka = None
         for publisher in network.publishers:
             network.come_near(publisher)
-            network.show(publisher)
+        network.happens('graph')
+        self._graph_tells()
         self._becomes_quiet()
         told = [publisher for publisher in network.publishers if publisher.is_shown]
         assert network.told == told
@@ -392,9 +384,11 @@ class World:
 def a_world(qos: QoS, seed: int, *, has_gid: bool) -> Iterator[World]:
     """A world whose time passes only where somebody waits."""
     with pytest.MonkeyPatch.context() as patch:
-        world = World(qos, seed, has_gid=has_gid)
-        network = world.network
+        network = Network(seed, has_gid=has_gid)
+        kernel = SimpleNamespace(epoll=lambda: Poll(network), EPOLLIN=select.EPOLLIN)
+        patch.setattr(arrivals, 'select', kernel)
+        patch.setattr(rcl, 'notify', network.notify)
+        patch.setattr(rcl, 'notify_nobody', network.notify_nobody)
         patch.setattr('time.monotonic', network.clock.monotonic)
         patch.setattr('time.sleep', network.clock.sleep)
-        patch.setattr(rclpy_implementation, 'WaitSet', lambda size, *_: WaitSet(network, size))
-        yield world
+        yield World(network, qos)

@@ -9,19 +9,18 @@ import pytest
 from memory_dds import KIND, MATCHING, OURS, READERS, RELIABLE, ROOM, Dds, MatchedEvent, Reader
 from memory_dds import Writer as DdsWriter
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
-from ros_ends import end_of, writer_of
+from ros_ends import end_of, still_node, writer_of
 
 from ros2_kafka_bridge.endpoints import Readers
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.message_types.layout import Layout
-from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.topic_writer import TopicWriter
 from ros2_kafka_bridge.ros.types import MessageType
 
 LOG = logging.LoggerAdapter(logging.getLogger('writer'), {})
 TICK_S: Final = 1 / 1024  # floats add it without a rest
 AGE_S: Final = 0.05
-GRAPH_S: Final = 1.0
+SETTLES_S: Final = 1.0
 STEP_S: Final = 60 * TICK_S
 MOST_READERS: Final = 4
 UNREADABLE: Final = (
@@ -33,8 +32,9 @@ UNREADABLE: Final = (
 
 def make_writer(dds: Dds, *, asks: bool) -> TopicWriter:
     """Make what is tested, over a middleware in memory."""
-    node = RosNode(dds, None)
+    node = still_node(dds)
     dds.lock = node.endpoint_lock
+    dds.graph = node.graph
     kind = MessageType(KIND, object, Layout(KIND, ()), OURS)
     bounded = dds.room is not None
     return writer_of(end_of(node, kind)._replace(log=LOG), ROOM, asks=asks, bounded=bounded)
@@ -96,13 +96,17 @@ class World:
         self._failures = self._failed_looks = 0  # of this publisher, of all since one was well
         self._gone = 0  # by the last look
         self._seen = (0, 0)  # how many have come and gone, as events have told
-        self._taken = self._asked = 0  # events, and looks at the graph, by the last look
-        self._ask_at_s = 0.0
+        self._taken = self._asked = 0  # events, and questions to the graph, by the last look
         self._come_known = self._mismatched = 0  # as the graph could be read last
         self._misread: set[str] = set()
         self._lags = False  # whether the graph ever did
         self._age_at_s = 0.0
         self._had = [False, False, False]  # a reader that acknowledges, at looks of an age
+
+    def opens(self) -> None:
+        """Open the publisher, which asks who is there."""
+        self.writer.open()
+        self._asked = self.dds.asked
 
     # What must be true of a message
 
@@ -189,17 +193,15 @@ class World:
         self._is_broken = self._failures >= 2
 
     def _look_at_graph(self) -> None:
-        """It is asked as somebody comes or goes, else once a second."""
+        """It is asked as somebody comes or goes; else what it has told of itself counts."""
         dds, before = self.dds, self._seen
         took, self._taken = dds.taken > self._taken, dds.taken
         asked, self._asked = dds.asked > self._asked, dds.asked
         if took and dds.writer is not None:
             come = sum(writer.seen[1] for writer in dds.writers)
             self._seen = (come, come - dds.writer.seen[0])
-        is_due = dds.now_s >= self._ask_at_s
-        assert asked == (took and (is_due or self._seen != before))
-        if asked:
-            self._ask_at_s = dds.now_s + GRAPH_S
+        assert asked == (took and self._seen != before)
+        if took:
             self._note_graph(self._seen[0])
 
     def _note_graph(self, come: int) -> None:
@@ -316,6 +318,8 @@ class World:
 
     def _befalls_graph(self, what: str, how: int) -> None:
         match what:
+            case 'graph tells':
+                self._graph_tells()
             case 'graph stands':
                 self._lags, self.dds.frozen = True, list(self.dds.readers)
             case 'graph is unreadable':
@@ -323,6 +327,11 @@ class World:
             case _:
                 assert what == 'graph is well'
                 self.dds.frozen = self.dds.problem = None
+
+    def _graph_tells(self) -> None:
+        """Some time after it has changed, which may be long."""
+        self.dds.graph.look()
+        self._asked = self.dds.asked
 
     # The end
 
@@ -332,7 +341,8 @@ class World:
         dds.faults.clear()
         dds.frozen = dds.problem = None
         dds.join('reliable', 0.0)
-        dds.pass_time(GRAPH_S)
+        dds.pass_time(SETTLES_S)
+        self._graph_tells()
         for _ in range(4):  # it replaces what failed, and hears of all
             self._passes()
         if self._bounded:
@@ -374,5 +384,5 @@ def a_world(*, asks: bool, bounded: bool) -> Iterator[World]:
         patch.setattr(LOG.logger, 'disabled', True)
         patch.setattr(_rclpy, 'EventHandle', MatchedEvent)
         patch.setattr('time.monotonic', lambda: world.dds.now_s)
-        world.writer.open()
+        world.opens()
         yield world

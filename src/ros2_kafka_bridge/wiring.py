@@ -27,6 +27,7 @@ from ros2_kafka_bridge.kafka.tail import KafkaTail
 from ros2_kafka_bridge.kafka.topic_id import TopicIds
 from ros2_kafka_bridge.kafka.topics import ensure_topic
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
+from ros2_kafka_bridge.ros.arrivals import Arrivals, enough_files
 from ros2_kafka_bridge.ros.confirmation import Confirmation, asks_readers
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode
@@ -106,12 +107,7 @@ class Wiring:
         self._topic_ids = TopicIds(common_properties(config.kafka, client_id=config.name))
 
     def make(
-        self,
-        route: AnyRoute,
-        log: Log,
-        stop: Stop,
-        stack: ExitStack,
-        say: Say = lambda _: None,
+        self, route: AnyRoute, log: Log, stop: Stop, stack: ExitStack, say: Say = lambda _: None
     ) -> Pipeline | None:
         """Make what runs a route; None where a stop came while its type was waited for.
 
@@ -181,6 +177,7 @@ class Wiring:
             self._topic_ids,
             log,
             self._config.membership,
+            stop.wakeup,
         )
         pipeline = self.to_ros(route, source, log, stop, stack, say)
         if pipeline is not None and route.max_rate is None:
@@ -214,7 +211,7 @@ class Wiring:
         if asks and not self._confirmation.require(stop):
             return None
         topic = route.ros_topic
-        end = TopicEnd(self._node, topic, message_type, route.qos, log)
+        end = TopicEnd(self._node, topic, message_type, route.qos, log, stop.wakeup.ring)
         room, bounded = self._histories.writers[topic], self._abilities.bounded
         sink = RosSink({topic: TopicWriter(end, WriterHistory(room, asks=asks, bounded=bounded))})
         decode = decode_of(route, self._config, message_type.layout)
@@ -238,7 +235,7 @@ class Wiring:
         if message_type is None:
             return None
         try:
-            return self._of_type(message_type, route, log, stack)
+            return self._of_type(message_type, route, log, stop, stack)
         except ConfigError as error:
             if route.type_name is not None:
                 raise
@@ -246,30 +243,29 @@ class Wiring:
             raise RouteError(str(error)) from error
 
     def _of_type(
-        self, message_type: MessageType, route: RosToKafkaRoute, log: Log, stack: ExitStack
+        self, kind: MessageType, route: RosToKafkaRoute, log: Log, stop: Stop, stack: ExitStack
     ) -> RosToKafka:
         produced = self._produced(route, log)
-        topic = route.ros_topic
-        reader = TopicReader(
-            TopicEnd(self._node, topic, message_type, route.qos, log),
-            has_gid=self._abilities.gid and self._abilities.seq,
-            on_offer=produced.look,
-        )
-        source = RosSource(self._node, {topic: reader})
+        topic, has_gid = route.ros_topic, self._abilities.gid and self._abilities.seq
+        end = TopicEnd(self._node, topic, kind, route.qos, log, stop.wakeup.ring)
+        with enough_files():
+            arrivals = Arrivals(stop.wakeup)
+            reader = TopicReader(end, arrivals, has_gid=has_gid, on_offer=produced.look)
+        source = RosSource(arrivals, {topic: reader})
         asks = asks_registry(route)
-        encode = None if asks else encode_of(route, self._config, message_type.layout)
+        encode = None if asks else encode_of(route, self._config, kind.layout)
 
         def make_encode() -> Encode:
             try:
-                return encode or encode_of(route, self._config, message_type.layout)
+                return encode or encode_of(route, self._config, kind.layout)
             except ConfigError as error:
                 if route.type_name is not None:
                     raise
                 raise RouteError(str(error)) from error  # as where the type is learned
 
-        make_value_key = make_key(route.key, topic, message_type.layout)
+        make_value_key = make_key(route.key, topic, kind.layout)
         headers = self._tracing.headers(
-            make_headers(self._author(route), message_type.name, reader.type_hash)
+            make_headers(self._author(route), kind.name, reader.type_hash)
         )
         # From here on DDS holds the publishers back: nothing behind this line may ask Kafka, or
         # an outage would close the reader again.
@@ -282,11 +278,11 @@ class Wiring:
             make_encode,
             make_value_key,
             headers,
-            check_message_of(route, message_type.layout),
+            check_message_of(route, kind.layout),
             self._dead_letters(route, log),
             self._backlog(route, log),
             log,
-            self._tracing.messages(route, message_type.name),
+            self._tracing.messages(route, kind.name),
         )
         if pipeline.spool is not None:
             stack.callback(pipeline.spool.let_go)

@@ -10,12 +10,13 @@ import logging
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from unittest.mock import DEFAULT, MagicMock
 
 import pytest
 from confluent_kafka import KafkaError, KafkaException, TopicPartition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
-from ros_ends import end_of, source_of, writer_of
+from ros_ends import end_of, source_of, still_node, writer_of
 
 from ros2_kafka_bridge import wiring as wiring_module
 from ros2_kafka_bridge.config.settings import Config
@@ -24,12 +25,12 @@ from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.kafka import admin, group_client, lock, producer, ranges
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
-from ros2_kafka_bridge.kafka.group_client import GroupClient
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.tail import KafkaTail
 from ros2_kafka_bridge.kafka.topic_id import TopicIds
 from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.ros import rcl
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import Abilities
@@ -125,7 +126,7 @@ def ros_source(handle: Library) -> Iterator[Callable[[], object]]:
     handle.get_publishers_info_by_topic.return_value = []
     subscription = handle.create_subscription.return_value.handle
     subscription.take_message.return_value = None
-    source = source_of(end_of(RosNode(handle, handle.context), TYPE))
+    source = source_of(end_of(still_node(handle, handle.context), TYPE))
     yield source.open
     yield lambda: source.take(10, 0.01)
     yield source.look
@@ -137,12 +138,28 @@ def ros_sink(handle: Library) -> Iterator[Callable[[], object]]:
     handle.get_subscriptions_info_by_topic.return_value = []
     event = handle.EventHandle.return_value
     event.take_event.return_value = MagicMock(current_count=1, total_count=1)
-    writer = writer_of(end_of(RosNode(handle, handle.context), TYPE))
+    writer = writer_of(end_of(still_node(handle, handle.context), TYPE))
     yield writer.open
     yield writer.readers
     yield lambda: writer.publish(b'')
     yield writer.readers
     yield writer.close
+
+
+def ros_graph(handle: Library) -> Iterator[Callable[[], object]]:
+    """A graph that tells of its changes."""
+    handle.get_publishers_info_by_topic.return_value = []
+    node, told, views = RosNode(handle, handle.context), threading.Event(), []
+
+    def watch() -> None:
+        views.append(node.graph.watch(partial(node.publishers, '/t'), told.set))
+
+    yield watch
+    yield lambda: views[0].peers
+    handle.get_publishers_info_by_topic.return_value = [MagicMock(endpoint_gid=[7])]
+    yield lambda: told.wait(2.0) or pytest.fail('a change is not told')
+    yield lambda: node.graph.forget(views[0])
+    yield node.graph.close
 
 
 def call_back(client: Library, name: str) -> None:
@@ -180,6 +197,10 @@ def of_kafka(monkeypatch: pytest.MonkeyPatch) -> Library:
 def of_ros(monkeypatch: pytest.MonkeyPatch) -> Library:
     """A library with one node."""
     handle = MagicMock()
+    handle.rcl.rcl_subscription_set_on_new_message_callback.return_value = 0
+    handle.rcl.rcl_wait_set_add_guard_condition.return_value = 0
+    monkeypatch.setattr(rcl, '_rcl', lambda: handle.rcl)
+    monkeypatch.setattr(_rclpy, 'GuardCondition', handle.GuardCondition)
     monkeypatch.setattr(_rclpy, 'WaitSet', handle.WaitSet)
     monkeypatch.setattr(_rclpy, 'EventHandle', handle.EventHandle)
     return handle
@@ -244,7 +265,8 @@ ENDS = [
     pytest.param(of_kafka, kafka_sink, 7, id='kafka sink'),
     pytest.param(of_kafka, group_lock, 10, id='lock'),
     pytest.param(of_kafka, end_of_topic, 4, id='end of a topic'),
-    pytest.param(of_ros, ros_source, 8, id='ros source'),
+    pytest.param(of_ros, ros_source, 5, id='ros source'),
+    pytest.param(of_ros, ros_graph, 8, id='ros graph'),
     pytest.param(of_ros, ros_sink, 7, id='ros sink'),
 ]
 
@@ -297,7 +319,7 @@ def test_guarantee_5_a_publisher_that_fails_is_replaced_and_its_readers_are_new(
     handle.get_subscriptions_info_by_topic.return_value = []
     event = handle.EventHandle.return_value
     event.take_event.return_value = MagicMock(current_count=2, total_count=2)
-    writer = writer_of(end_of(RosNode(handle, handle.context), TYPE))
+    writer = writer_of(end_of(still_node(handle, handle.context), TYPE))
     writer.open()
     assert writer.readers().come == 2
     publisher = handle.create_publisher.return_value
@@ -323,7 +345,7 @@ def test_a_look_at_the_readers_that_fails_once_costs_no_history_of_a_publisher(
     event = handle.EventHandle.return_value
     good = MagicMock(current_count=0, total_count=0)
     bad = _rclpy.RCLError('no')
-    writer = writer_of(end_of(RosNode(handle, handle.context), TYPE))
+    writer = writer_of(end_of(still_node(handle, handle.context), TYPE))
     writer.open()
     for looks, publishers in (([bad, good, bad, good], 1), ([bad, bad, good], 2)):
         event.take_event.side_effect = looks
@@ -365,25 +387,3 @@ def test_guarantee_4_a_route_that_cannot_be_made_leaves_no_reader_behind(
             wiring.make(config.routes[0], LOG, Stop(), stack)
         source.open.assert_called_once_with()
         source.close.assert_called_once_with()
-
-
-def test_a_commit_is_waited_for_but_not_without_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    library, answers = MagicMock(), threading.Event()
-    library.poll.return_value = None
-    monkeypatch.setattr(group_client, 'Consumer', lambda *_, **__: library)
-    client = GroupClient({}, 't', MagicMock(), LOG.logger)
-    client.open()
-    client.commit(5.0, [HERE])
-    library.commit.assert_called_once_with(offsets=[HERE], asynchronous=False)
-    refused = KafkaError(KafkaError.GROUP_AUTHORIZATION_FAILED, 'refused')
-    library.commit.side_effect = KafkaException(refused)
-    with pytest.raises(KafkaException, match='refused'):
-        client.commit(5.0, [HERE])
-    library.commit.side_effect = lambda **_: answers.wait(30)
-    with pytest.raises(KafkaException, match=r'within 0\.05 s'):
-        client.commit(0.05, [HERE])
-    assert not client.end(0.05, leaves=False)
-    library.close.assert_not_called()
-    answers.set()
-    assert client.end(30.0, leaves=False)
-    assert library.close.call_count >= 1

@@ -19,7 +19,8 @@ from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.logs.text import printable, printable_lines
 from ros2_kafka_bridge.message_types.layout import Field, Layout, Primitive, Sequence, String
-from ros2_kafka_bridge.ros.node import Peer, RosNode
+from ros2_kafka_bridge.ros.node import RosNode
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.publishers import Publishers
 from ros2_kafka_bridge.ros.subscribers import Subscribers
 from ros2_kafka_bridge.ros.types import MessageType

@@ -25,7 +25,9 @@ from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.monitoring import graph
 from ros2_kafka_bridge.ros import discovery, used_type
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
-from ros2_kafka_bridge.ros.node import Peer, Topic
+from ros2_kafka_bridge.ros.graph import Graph
+from ros2_kafka_bridge.ros.node import Topic
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.probe import Abilities
 from ros2_kafka_bridge.ros.qos import profile
 from ros2_kafka_bridge.route.counters import Snapshot, State
@@ -108,9 +110,11 @@ def test_a_route_that_waits_for_its_type_says_so_and_the_cure_in_its_log_and_its
             runner.stop.ask()
         return []
 
-    node = SimpleNamespace(publishers=publishers)
+    graph = Graph(lambda: None)
+    node = SimpleNamespace(publishers=publishers, graph=graph)
     wiring = Wiring(config, cast('RosNode', node), ABILITIES, Histories({}, {}), MagicMock())
     bridge._keep_running(runner, wiring, lambda _: None)
+    graph.close()
     [line] = [line for line in caplog.messages if 'waits for a publisher of /out' in line]
     assert f'{CURE}, or write from.type' in line
     assert (told[0].state, told[0].reason) == (State.STARTING, '')

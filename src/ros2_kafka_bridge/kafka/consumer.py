@@ -22,6 +22,7 @@ from ros2_kafka_bridge.kafka.partition import Partition
 from ros2_kafka_bridge.kafka.properties import Membership, member_name
 from ros2_kafka_bridge.kafka.topic_id import TopicIds
 from ros2_kafka_bridge.kafka.topic_watch import TopicWatch
+from ros2_kafka_bridge.threads.wakeup import Wakeup
 
 _REJOIN_MS: Final = 30_000
 
@@ -36,6 +37,7 @@ class KafkaSource:
         ids: Tells whether the topic was made anew.
         log: Where to say what happens.
         membership: Of the group.
+        wakeup: Ends a wait for records.
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class KafkaSource:
         ids: TopicIds,
         log: logging.LoggerAdapter[logging.Logger],
         membership: Membership = 'static',
+        wakeup: Wakeup | None = None,
     ) -> None:
         # The group waits for so long for a member that does not join again.
         rejoin_ms = max(_REJOIN_MS, int(properties.get('session.timeout.ms', 0)))
@@ -63,7 +66,9 @@ class KafkaSource:
         self._lag = Lag(self._offsets)
         on_new = self._beginnings.expect_new_topic
         watch = TopicWatch(ids, self._offsets, log, on_new)
-        self._member = Member(properties, self._offsets, watch, self._health, log)
+        self._member = Member(
+            properties, self._offsets, watch, self._health, log, wakeup or Wakeup()
+        )
 
     @property
     def lost_upstream(self) -> int:

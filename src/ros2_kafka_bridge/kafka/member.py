@@ -26,7 +26,9 @@ from ros2_kafka_bridge.kafka.statistics import Statistics
 from ros2_kafka_bridge.kafka.topic_partitions import at, at_stored, in_words
 from ros2_kafka_bridge.kafka.topic_watch import TopicWatch
 from ros2_kafka_bridge.kafka.watchdog import Watchdog
+from ros2_kafka_bridge.threads.wakeup import Wakeup
 
+_PIECE_S: Final = 0.2
 _REQUEST_S: Final = 10.0
 _LEAVE_S: Final = 9.0
 _LIBRARY: Final = f'{__name__}.librdkafka'
@@ -45,6 +47,7 @@ class Member:
         watch: Of the topic.
         health: What the client says of itself.
         log: Where to say what happens.
+        wakeup: Ends a wait for what comes next.
     """
 
     def __init__(
@@ -54,6 +57,7 @@ class Member:
         watch: TopicWatch,
         health: ClientHealth,
         log: logging.LoggerAdapter[logging.Logger],
+        wakeup: Wakeup,
     ) -> None:
         self.rebalances = 0  # how often partitions came or went
         self._properties = dict(properties)
@@ -62,6 +66,7 @@ class Member:
         self._watch = watch
         self._health = health
         self._log = log
+        self._wakeup = wakeup
         self._watchdog = Watchdog(topic, float(properties.get('fetch.wait.max.ms', 500)) / 1000)
         self._held_back = HeldBack(offsets)
         self._client: GroupClient | None = None
@@ -169,7 +174,7 @@ class Member:
             return None
         client = self.client
         try:
-            first = client.consumer.poll(timeout_s)
+            first = self._next(client.consumer, timeout_s)
         except KafkaException as error:  # fatal for the client
             client.on_error(error.args[0])
             if not client.is_shut_out:
@@ -185,6 +190,25 @@ class Member:
             self._watchdog.look_for_broker(client.consumer, self._health)
             self._look_whether_useless()
         return first
+
+    def _next(self, consumer: Consumer, timeout_s: float) -> Message | None:
+        """Wait in pieces: nobody but Kafka ends the wait of a client."""
+        while timeout_s > _PIECE_S:
+            first = consumer.poll(_PIECE_S)
+            if first is not None or self._must_look:
+                return first
+            if self._wakeup.is_rung:
+                self._wakeup.clear()
+                return None
+            timeout_s -= _PIECE_S
+        return consumer.poll(timeout_s)
+
+    @property
+    def _must_look(self) -> bool:
+        """Whether something has happened that no wait may hold up."""
+        health = self._health
+        has_trouble = bool(health.away) or health.has_failed or health.has_lost_brokers
+        return has_trouble or self.client.is_shut_out or self._watch.is_asking
 
     def read_on(self) -> None:
         """Read all partitions."""

@@ -67,6 +67,11 @@ class TopicWatch:
         """The topic that is there, as far as it is known."""
         return self._known
 
+    @property
+    def is_asking(self) -> bool:
+        """Whether it has a question, or waits for an answer."""
+        return self._is_due or self._question is not None
+
     def begin(self) -> None:
         """Note that there is a new client, which knows no topic yet."""
         self._read = self._question = None

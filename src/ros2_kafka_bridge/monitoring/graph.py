@@ -8,7 +8,8 @@ from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.ros.discovery import NOT_TOLD, partial_view, why_nobody
 from ros2_kafka_bridge.ros.matching import DOES, Counterpart, counterparts, others
-from ros2_kafka_bridge.ros.node import Peer, Topic, domain_in_words, middleware, own_nodes
+from ros2_kafka_bridge.ros.node import Topic, domain_in_words, middleware, own_nodes
+from ros2_kafka_bridge.ros.peer import Peer
 
 _NO_TIME_NS = 2**31 * 10**9 - 1
 

@@ -8,7 +8,8 @@ from typing import Any, Final, Literal, NamedTuple
 from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.routes import AnyRoute, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.config.settings import QoS
-from ros2_kafka_bridge.ros.node import Peer, Topic, own_nodes
+from ros2_kafka_bridge.ros.node import Topic, own_nodes
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.qos import Unmatched, mismatch, profile, unmatched
 from ros2_kafka_bridge.route.format import reads_fields
 

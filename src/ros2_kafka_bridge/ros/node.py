@@ -23,12 +23,14 @@ from ros2_kafka_bridge.ros.fastdds_profile import (
     user_profile,
     written,
 )
+from ros2_kafka_bridge.ros.graph import Changes, Graph
 from ros2_kafka_bridge.ros.installation import (
     check_alone,
     check_api,
     rclpy_major,
     rclpy_version,
 )
+from ros2_kafka_bridge.ros.peer import BRIDGE_PREFIX, Peer
 from ros2_kafka_bridge.ros.profile_check import check_profile, check_topic
 from ros2_kafka_bridge.ros.rclpy_api import NeededBy
 
@@ -38,66 +40,7 @@ _LONGEST = 200
 # ROS would make a file for each process and start, below a home that may be missing or read-only,
 # and refuse to run without it. What it says is said on stderr, too, and that is the bridge's log.
 _NO_LOG_FILES = ['--ros-args', '--disable-external-lib-logs']
-_PREFIX = 'kafka_bridge_'
 _STARTING = threading.Lock()  # two starts in one process would mix their environments
-
-
-class Peer(NamedTuple):
-    """An endpoint of the graph.
-
-    Args:
-        node: Name of its node with its namespace.
-        gid: 16 bytes.
-        type_hash: REP-2011, empty where it is not told.
-        reliability: `reliable` or `best_effort`.
-        durability: `volatile` or `transient_local`.
-        qos: All of it, as rclpy has it.
-    """
-
-    node: str
-    message_type: str
-    gid: bytes
-    type_hash: str
-    reliability: str
-    durability: str
-    qos: Any
-
-    @property
-    def named(self) -> bool:
-        """Whether the graph knows its node: it tells a moment after the endpoint."""
-        return '_NODE_NAME_UNKNOWN_' not in self.node
-
-    @property
-    def is_bridge(self) -> bool:
-        """Whether it belongs to a bridge, this one or another."""
-        return self.node.rpartition('/')[2].startswith(_PREFIX)
-
-    def misreads(self, name: str, type_hash: str | None) -> bool:
-        """Whether it would read messages of that type and definition into other fields.
-
-        Only where both tell what theirs is, by the same version of REP-2011; and a bridge does
-        not, it carries the bytes or refuses them.
-        """
-        if not type_hash or not self.type_hash or self.message_type != name or self.is_bridge:
-            return False
-        (version, _, fields), (there, _, others) = (
-            told.partition('_') for told in (type_hash, self.type_hash)
-        )
-        return version == there and fields != others
-
-    @classmethod
-    def of_qos(cls, node: str, message_type: str, gid: bytes, type_hash: str, qos: Any) -> 'Peer':
-        """Make it of rclpy's QoS."""
-        latched = qos.durability.name == 'TRANSIENT_LOCAL'
-        return cls(
-            node=node,
-            message_type=message_type,
-            gid=gid,
-            type_hash=type_hash,
-            reliability='best_effort' if qos.reliability.name == 'BEST_EFFORT' else 'reliable',
-            durability='transient_local' if latched else 'volatile',
-            qos=qos,
-        )
 
 
 class Topic(NamedTuple):
@@ -125,6 +68,7 @@ class RosNode:
         self.handle = node
         self.context = context
         self.endpoint_lock = threading.Lock()
+        self.graph = Graph(self._changes)
 
     def publishers(self, topic: str) -> list[Peer]:
         """Who publishes on a topic, as far as discovery knows."""
@@ -135,6 +79,11 @@ class RosNode:
         """Who subscribes to a topic, as far as discovery knows."""
         with told_by_others(f'subscribers of {topic}'):
             return [_peer(info) for info in self.handle.get_subscriptions_info_by_topic(topic)]
+
+    def _changes(self) -> Changes | None:
+        from ros2_kafka_bridge.ros import rcl  # noqa: PLC0415 (heavy)
+
+        return rcl.GraphChanges(self.handle, self.context) if rcl.is_there() else None
 
     @property
     def domain_id(self) -> int:
@@ -210,7 +159,7 @@ def domain_in_words(domain_id: int | None) -> str:
 
 def node_name(bridge: str) -> str:
     """Make the name of a node of the bridge of that name."""
-    return re.sub(r'\W', '_', f'{_PREFIX}{bridge}', flags=re.ASCII)
+    return re.sub(r'\W', '_', f'{BRIDGE_PREFIX}{bridge}', flags=re.ASCII)
 
 
 def worker_name(bridge: str, worker: int) -> str:
@@ -303,7 +252,9 @@ def _joined(
     stack.callback(context.try_shutdown)
     node = make(context)
     stack.callback(node.destroy_node)
-    return RosNode(node, context)
+    made = RosNode(node, context)
+    stack.callback(made.graph.close)
+    return made
 
 
 def _import_rclpy() -> Any:

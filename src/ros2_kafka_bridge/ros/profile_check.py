@@ -22,7 +22,7 @@ _SHOWN_S: Final = 2.0
 _WORDS: Final = 'its own words stand before this, the first XMLPARSER Error says what to mend'
 
 
-class Graph(Protocol):
+class NodeView(Protocol):
     """A node, and what it sees."""
 
     handle: Any
@@ -37,7 +37,7 @@ def check_topic() -> str:
     return f'/_ros2_kafka_bridge/profile_{os.getpid()}_{_PROCESS}'
 
 
-def check_profile(node: Graph, file: Path | None) -> None:
+def check_profile(node: NodeView, file: Path | None) -> None:
     """Refuse a Fast DDS that has not taken the profile.
 
     Args:
@@ -68,7 +68,7 @@ def check_profile(node: Graph, file: Path | None) -> None:
     )
 
 
-def _lifespan_ns(node: Graph) -> int | None:
+def _lifespan_ns(node: NodeView) -> int | None:
     """How long the samples live of a writer of that topic, as the graph shows it.
 
     None where it shows no such writer: with its defaults Fast DDS shows it at once, so that

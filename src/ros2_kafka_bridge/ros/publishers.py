@@ -1,13 +1,17 @@
 """Who publishes on a topic, and what each of them offers, as far as the ROS graph tells."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING
 
 from ros2_kafka_bridge.endpoints import Matches, Offer
 from ros2_kafka_bridge.logs.lines import summed
-from ros2_kafka_bridge.ros.node import Peer
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 from ros2_kafka_bridge.ros.topic_end import TopicEnd
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.ros.graph import View
 
 _ASK_S = 0.02
 _MOST_HASHES = 1000
@@ -24,19 +28,42 @@ class Publishers:
         self.matches = Matches()
         self.offers: Mapping[bytes, Offer] = {}
         self._end = end
+        self._view: View | None = None
         self._hashes: dict[bytes, str] = {}
         self._asked_at_s = 0.0
         self._mismatched: set[bytes] = set()
         self._strangers: set[tuple[str, str]] = set()  # of those in the graph
         self._occasional = summed(end.log)
 
-    def look(self) -> Mapping[bytes, Offer]:
-        """Ask the graph what each publisher of the right type offers, by its gid.
+    def open(self) -> None:
+        """Begin to follow them."""
+        self._view = self._end.watch_publishers()
+
+    def close(self) -> None:
+        """Follow them no more."""
+        self._end.forget(self._view)
+        self._view = None
+
+    @property
+    def have_changed(self) -> bool:
+        """Whether the graph has told of a change since the last look that did not ask."""
+        return self._view is not None and self._view.has_news
+
+    def look(self, *, ask: bool = False) -> Mapping[bytes, Offer]:
+        """What each publisher of the right type offers, by its gid.
+
+        Args:
+            ask: Whether to ask the graph now; else what it has told of itself counts.
 
         Raises:
             BridgeError: The graph cannot be asked; what it told last stays.
         """
-        peers = self._end.node.publishers(self._end.topic)
+        view = self._view
+        assert view is not None, 'it is open'
+        if ask:
+            view.look()
+        # Who asks in between has not followed them yet.
+        peers = view.peers if ask else view.read()
         if len(self._hashes) > _MOST_HASHES:
             self._forget_all_but({peer.gid for peer in peers})
         self._say_other_types(peers)
@@ -61,7 +88,7 @@ class Publishers:
         """
         if gid and gid not in self._hashes and time.monotonic() >= self._asked_at_s + _ASK_S:
             self._asked_at_s = time.monotonic()
-            self.look()
+            self.look(ask=True)
         if gid and gid not in self._hashes:
             return None
         return self._hashes.get(gid) or self._end.message_type.type_hash or ''
@@ -75,7 +102,7 @@ class Publishers:
         self._hashes = {gid: known for gid, known in self._hashes.items() if gid in here}
         self._mismatched &= here
 
-    def _say_mismatches(self, peers: Sequence[Peer]) -> None:
+    def _say_mismatches(self, peers: Collection[Peer]) -> None:
         for peer in peers:
             if peer.gid in self._hashes:
                 continue
@@ -87,7 +114,7 @@ class Publishers:
                     f'leave it out to follow the publishers: {reason}'
                 )
 
-    def _say_other_types(self, peers: Sequence[Peer]) -> None:
+    def _say_other_types(self, peers: Collection[Peer]) -> None:
         name = self._end.message_type.name
         self._strangers &= {(peer.node, peer.message_type) for peer in peers}
         for peer in peers:

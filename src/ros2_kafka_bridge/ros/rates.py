@@ -13,8 +13,7 @@ from ros2_kafka_bridge.ros.topic_end import TopicEnd
 from ros2_kafka_bridge.ros.types import MessageType
 
 _DEPTH = 1000
-_BATCH = 200
-_STEP_S = 0.1
+_STEP_S = 0.02
 
 
 def count(node: RosNode, topics: Mapping[str, MessageType], seconds: float) -> dict[str, float]:
@@ -39,7 +38,7 @@ def count(node: RosNode, topics: Mapping[str, MessageType], seconds: float) -> d
             with contextlib.suppress(BridgeError):
                 made.append((end, end.subscribe(_qos())))
         subscriptions = {end.topic: subscription for end, subscription in made}
-        counts, measured_s = _count(node, subscriptions, seconds)
+        counts, measured_s = _count(subscriptions, seconds)
     finally:
         for end, subscription in made:
             end.unsubscribe(subscription)
@@ -52,19 +51,13 @@ def _qos() -> Any:
     return QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def _count(
-    node: RosNode, subscriptions: Mapping[str, Any], seconds: float
-) -> tuple[dict[str, int], float]:
-    from ros2_kafka_bridge.ros.take import Waiter, take  # noqa: PLC0415 (heavy)
+def _count(subscriptions: Mapping[str, Any], seconds: float) -> tuple[dict[str, int], float]:
+    from ros2_kafka_bridge.ros.take import take  # noqa: PLC0415 (heavy)
 
-    waiter = Waiter(node.context)
     counts = dict.fromkeys(subscriptions, 0)
     started_s = time.monotonic()
     while (left_s := started_s + seconds - time.monotonic()) > 0:
-        if subscriptions:
-            waiter.wait(list(subscriptions.values()), min(left_s, _STEP_S))
-        else:
-            time.sleep(left_s)
+        time.sleep(min(left_s, _STEP_S))
         for topic, subscription in subscriptions.items():
-            counts[topic] += len(take(subscription, _BATCH)[0])
+            counts[topic] += len(take(subscription, _DEPTH)[0])
     return counts, time.monotonic() - started_s

@@ -121,11 +121,19 @@ TABLE: Final = (
     Used(_C, 'rclpy_implementation.EventHandle.destroy_when_not_in_use'),
     Used(_C, 'rclpy_implementation.EventHandle.take_event'),
     Used(_C, 'rclpy_implementation.RCLError'),
+    Used(_C, 'rclpy_implementation.Subscription.pointer'),
     Used(_C, 'rclpy_implementation.Subscription.take_message', 2),
+    # Waiting for changes of the graph
+    Used(_C, 'rclpy_implementation.GuardCondition', 1),
+    Used(_C, 'rclpy_implementation.GuardCondition.trigger_guard_condition'),
+    Used(_C, 'rclpy_implementation.Node.pointer'),
     Used(_C, 'rclpy_implementation.WaitSet', 7),
-    Used(_C, 'rclpy_implementation.WaitSet.add_subscription', 1),
+    Used(_C, 'rclpy_implementation.WaitSet.add_guard_condition', 1),
     Used(_C, 'rclpy_implementation.WaitSet.clear_entities'),
+    Used(_C, 'rclpy_implementation.WaitSet.is_ready', 2),
+    Used(_C, 'rclpy_implementation.WaitSet.pointer'),
     Used(_C, 'rclpy_implementation.WaitSet.wait', 1),
+    Used(_NODE, 'Node.handle'),
     # The node of `monitoring:`
     Used('rclpy.callback_groups', 'MutuallyExclusiveCallbackGroup', part=_MANAGED),
     Used('rclpy.callback_groups', 'ReentrantCallbackGroup', part=_MANAGED),
@@ -182,6 +190,7 @@ _HANDED_OUT: Final = frozenset(
         'rclpy.time.Time',
         f'{_C}.rclpy_implementation.Client',
         f'{_C}.rclpy_implementation.LifecycleStateMachine',
+        f'{_C}.rclpy_implementation.Node',
         f'{_C}.rclpy_implementation.Subscription',
     }
 )

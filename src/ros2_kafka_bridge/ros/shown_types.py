@@ -8,7 +8,8 @@ from typing import Final
 from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.message_types.description import DescribedTypes
 from ros2_kafka_bridge.message_types.installed import installed_names
-from ros2_kafka_bridge.ros.node import Peer, RosNode, Topic
+from ros2_kafka_bridge.ros.node import RosNode, Topic
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.type_request import ask_users
 from ros2_kafka_bridge.ros.types import MessageType, TypeLoader, WantedType
 from ros2_kafka_bridge.ros.used_type import definitions

@@ -1,27 +1,29 @@
 """Taking from ROS: the topics that a route reads."""
 
 import time
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Collection, Mapping, Sequence
+from typing import Final
 
 from ros2_kafka_bridge.endpoints import Matches, Message
-from ros2_kafka_bridge.ros.errors import translated
-from ros2_kafka_bridge.ros.node import RosNode
+from ros2_kafka_bridge.ros.arrivals import Arrivals
 from ros2_kafka_bridge.ros.topic_reader import TopicReader
+
+_ALL_S: Final = 1.0
 
 
 class RosSource:
     """A `MessageSource` of real topics, which are waited for together.
 
     Args:
-        node: The bridge's node.
+        arrivals: Tells which of them have messages.
         readers: By their topics.
     """
 
-    def __init__(self, node: RosNode, readers: Mapping[str, TopicReader]) -> None:
-        self._node = node
+    def __init__(self, arrivals: Arrivals, readers: Mapping[str, TopicReader]) -> None:
+        self._arrivals = arrivals
         self._readers = readers
-        self._waiter: Any = None
+        self._left: Collection[str] = ()  # topics of which the last take has left something
+        self._look_at_all_s = 0.0
 
     @property
     def lost_upstream(self) -> int:
@@ -44,14 +46,11 @@ class RosSource:
         Raises:
             RouteError: ROS refuses a subscription.
         """
-        from ros2_kafka_bridge.ros.take import Waiter  # noqa: PLC0415 (heavy)
-
-        self._waiter = Waiter(self._node.context)
         for reader in self._readers.values():
             reader.open()
 
     def look(self) -> None:
-        """Follow the publishers, if it is time for that.
+        """Follow the publishers that have changed.
 
         Raises:
             RouteError: ROS refuses a subscription, or to tell who publishes.
@@ -65,33 +64,42 @@ class RosSource:
         Raises:
             RouteError: ROS has failed; what was taken before that was returned.
         """
-        self.look()
+        topics = self._to_look_at(timeout_s)
+        for topic in topics:
+            self._readers[topic].look()
         self._raise_failure()
-        messages = self._take(limit)
+        messages = self._take(topics, limit)
         if not messages:
             self._raise_failure()
-            if self.exhausted and timeout_s > 0:
-                self._wait(timeout_s)
-                messages = self._take(limit)
         return messages
+
+    def _to_look_at(self, timeout_s: float) -> Collection[str]:
+        """Wait for topics that have something; all of them, where none has told of anything.
+
+        Also all where there is no time to wait, as at the end, and each second: what is taken does
+        not depend on what DDS tells.
+        """
+        ready = self._left
+        if timeout_s > 0:
+            ready = {*ready, *self._arrivals.wait(0.0 if ready else timeout_s)}
+        now_s = time.monotonic()
+        if ready and timeout_s > 0 and now_s < self._look_at_all_s:
+            return ready
+        self._look_at_all_s = now_s + _ALL_S
+        return self._readers.keys()
 
     def close(self) -> None:
         """Destroy the subscriptions."""
         for reader in self._readers.values():
             reader.close()
+        self._left = ()
 
-    def _take(self, limit: int) -> Sequence[Message]:
-        share = max(1, limit // max(1, len(self._readers)))
-        return [it for reader in self._readers.values() for it in reader.take(share)]
+    def _take(self, topics: Collection[str], limit: int) -> Sequence[Message]:
+        share = max(1, limit // max(1, len(topics)))
+        messages = [it for topic in topics for it in self._readers[topic].take(share)]
+        self._left = [topic for topic in topics if not self._readers[topic].exhausted]
+        return messages
 
     def _raise_failure(self) -> None:
-        for reader in self._readers.values():
-            reader.raise_failure()
-
-    def _wait(self, timeout_s: float) -> None:
-        handles = [handle for reader in self._readers.values() for handle in reader.handles]
-        if not handles:
-            time.sleep(timeout_s)
-            return
-        with translated(f'subscription of {", ".join(self._readers)}'):
-            self._waiter.wait(handles, timeout_s)
+        for topic in self._left:  # what has failed has left something
+            self._readers[topic].raise_failure()

@@ -1,23 +1,26 @@
 """Who subscribes to a topic, as far as the ROS graph tells, and who gets nothing, or misreads."""
 
 import math
-from collections.abc import Sequence
-from typing import Any, Final
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING, Any, Final
 
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.logs.lines import summed
-from ros2_kafka_bridge.ros.node import Peer, is_fastdds
+from ros2_kafka_bridge.ros.node import is_fastdds
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 from ros2_kafka_bridge.ros.topic_end import TopicEnd
 
-_GRAPH_S: Final = 1.0
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.ros.graph import View
+
 _NO_NODE: Final = 'a reader that is no ROS node'
 _FASTDDS: Final = b'\x01\x0f'  # a GUID begins with its vendor (RTPS 2.5, 9.3.1.5)
 _SAME_VERSION: Final = 'install the same version of the package on both sides'
 
 
 class Subscribers:
-    """The subscribers of one topic, looked at once a second, and as soon as one comes or goes.
+    """The subscribers of one topic, as the graph tells of them.
 
     Args:
         end: What the route has at the topic.
@@ -31,22 +34,33 @@ class Subscribers:
         self._end = end
         self._occasional = summed(end.log)
         self._told: set[tuple[str, str]] = set()  # of those in the graph
-        self._look_at_s = 0.0
+        self._view: View | None = None
         self._come_known = 0  # by the last look that told who
 
-    def look(self, now_s: float, come: int, *, at_once: bool) -> None:
-        """Look at who they are, if it is time for that, and say who gets nothing, or misreads.
+    def open(self) -> None:
+        """Begin to follow them."""
+        self._view = self._end.watch_subscribers()
+
+    def close(self) -> None:
+        """Follow them no more."""
+        self._end.forget(self._view)
+        self._view = None
+
+    def look(self, come: int, *, ask: bool) -> None:
+        """Look who they are, if that has changed, and say who gets nothing, or misreads.
 
         Args:
-            now_s: By the monotonic clock.
             come: How many have come by now.
-            at_once: Whether one has come or gone.
+            ask: Whether to ask the graph now: one has come or gone.
         """
-        if now_s < self._look_at_s and not at_once:
+        view = self._view
+        assert view is not None, 'it is open'
+        if ask:
+            view.look()
+        elif not view.has_news:
             return
-        self._look_at_s = now_s + _GRAPH_S
         try:
-            peers = self._end.node.subscribers(self._end.topic)
+            peers = view.read()
         except BridgeError as error:
             # Of those who have come since the last look that could be, nothing is known.
             if come != self._come_known and self._end.message_type.type_hash:
@@ -58,7 +72,7 @@ class Subscribers:
             self._come_known = come
             self._note(peers)
 
-    def _note(self, peers: Sequence[Peer]) -> None:
+    def _note(self, peers: Collection[Peer]) -> None:
         here = {peer.node for peer in peers}
         self._told = {(node, what) for node, what in self._told if node in here}
         offered = profile(self._end.qos)

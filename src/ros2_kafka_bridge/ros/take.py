@@ -1,4 +1,4 @@
-"""The one use of rclpy's inner API: waiting, taking and counting matches without an executor.
+"""The one use of rclpy's inner API: taking and counting matches without an executor.
 
 The calls are those of rclpy's own `wait_for_message` and `EventHandler`, the same from Humble to
 Rolling. `probe.py` tries them at start, so that a release that changes them is named and not met
@@ -7,7 +7,7 @@ in the middle of the traffic.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import QoSPublisherEventType
@@ -20,28 +20,6 @@ if TYPE_CHECKING:
 
 Taken = tuple[bytes, Mapping[str, Any]]
 """CDR bytes and what the middleware says of them."""
-
-
-class Waiter:
-    """Waits for messages of a set of subscriptions."""
-
-    def __init__(self, context: Any) -> None:
-        self._context = context
-        self._size = 0
-        self._wait_set: Any = None
-
-    def wait(self, subscriptions: Sequence[Subscription[Any]], timeout_s: float) -> None:
-        """Return when one of the subscriptions has a message, at the latest after `timeout_s`."""
-        if self._wait_set is None or len(subscriptions) > self._size:
-            self._size = len(subscriptions)
-            self._wait_set = _rclpy.WaitSet(self._size, 0, 0, 0, 0, 0, self._context.handle)
-        # One that has failed may hold what is destroyed by then: the next call makes another.
-        wait_set, self._wait_set = self._wait_set, None
-        wait_set.clear_entities()
-        for subscription in subscriptions:
-            wait_set.add_subscription(subscription.handle)
-        wait_set.wait(int(timeout_s * 1e9))
-        self._wait_set = wait_set
 
 
 def take(subscription: Subscription[Any], limit: int) -> tuple[list[Taken], bool]:

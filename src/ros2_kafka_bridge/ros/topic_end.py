@@ -1,14 +1,21 @@
 """Makes and destroys the endpoints that a route has at one topic of ROS."""
 
 import logging
+from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from typing import Any, NamedTuple
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.errors import blamed
 from ros2_kafka_bridge.ros.errors import left_behind, translated
+from ros2_kafka_bridge.ros.graph import View
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.types import MessageType
+
+
+def _no_wait() -> None:
+    pass
 
 
 class OwnPublisher(NamedTuple):
@@ -38,6 +45,7 @@ class TopicEnd(NamedTuple):
         message_type: What is read or published.
         qos: What the route says about QoS.
         log: Where to say what happens.
+        interrupt: Ends the wait of the route's thread: the graph has changed here.
     """
 
     node: RosNode
@@ -45,6 +53,22 @@ class TopicEnd(NamedTuple):
     message_type: MessageType
     qos: QoS
     log: logging.LoggerAdapter[logging.Logger]
+    interrupt: Callable[[], None] = _no_wait
+
+    def watch_publishers(self) -> View:
+        """Begin to follow who publishes; ends with `forget`."""
+        ask = partial(self.node.publishers, self.topic)
+        return self.node.graph.watch(ask, self.interrupt)
+
+    def watch_subscribers(self) -> View:
+        """Begin to follow who subscribes; ends with `forget`."""
+        ask = partial(self.node.subscribers, self.topic)
+        return self.node.graph.watch(ask, self.interrupt)
+
+    def forget(self, view: View | None) -> None:
+        """Follow them no more."""
+        if view is not None:
+            self.node.graph.forget(view)
 
     def subscribe(self, qos: Any) -> Any:
         """Make a subscription of that QoS, whose messages are taken as bytes.

@@ -3,7 +3,7 @@
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from functools import partial
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ros2_kafka_bridge.endpoints import Matches, Message, Offer
 from ros2_kafka_bridge.errors import BridgeError, TransportError
 from ros2_kafka_bridge.logs.lines import summed
+from ros2_kafka_bridge.ros.arrivals import Arrivals
 from ros2_kafka_bridge.ros.errors import translated
 from ros2_kafka_bridge.ros.node import is_of_a_stranger
 from ros2_kafka_bridge.ros.publishers import Publishers
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from ros2_kafka_bridge.ros.take import Taken
 
 DEFAULT: Final = Offer('reliable', 'volatile')
-_GRAPH_S: Final = 0.1
+_AGAIN_S: Final = 0.1
 # Asking holds the thread of the route for seconds where Kafka is away: most of the time is for
 # taking from the other publishers. Where there are none, one more try holds up nothing, and what
 # a publisher's history holds runs out.
@@ -56,6 +57,7 @@ class TopicReader:
 
     Args:
         end: What the route has at the topic; what its QoS fixes is not followed.
+        arrivals: Where it is told that messages have come.
         has_gid: Whether the middleware tells the publisher of a message.
         on_offer: Called before a subscription of a new offer is made.
     """
@@ -63,16 +65,19 @@ class TopicReader:
     def __init__(
         self,
         end: TopicEnd,
+        arrivals: Arrivals,
         *,
         has_gid: bool = True,
         on_offer: Callable[[Offer], None] = lambda _: None,
     ) -> None:
         self.exhausted = False  # whether the last take has found nothing more to take
         self._end = end
+        self._notifier = arrivals.of(end.topic)
         self._occasional = summed(end.log)
         self._has_gid = has_gid
         self._on_offer = on_offer
-        self._publishers = Publishers(end)
+        # News of the graph ring as messages do: both are for the next take.
+        self._publishers = Publishers(end._replace(interrupt=self._notifier.wakeup.ring))
         self._sequences = Sequences(end.log, end.topic, self._learn)
         self._subscriptions: dict[Offer, _Subscription] = {}
         self._postponed: dict[Offer, float] = {}  # since when
@@ -90,11 +95,6 @@ class TopicReader:
         """Its publishers, as far as the graph knows."""
         return self._publishers.matches
 
-    @property
-    def handles(self) -> Iterator[Any]:
-        """Its subscriptions, as rclpy has them."""
-        return (subscription.handle for subscription in self._subscriptions.values())
-
     def open(self) -> None:
         """Subscribe to what is offered now, or with the default QoS while nothing is.
 
@@ -103,12 +103,14 @@ class TopicReader:
         """
         if may_miss := unheard(self._end.message_type.layout):
             self._occasional.warning(may_miss)
+        self._publishers.open()
         self.follow()
 
     def close(self) -> None:
         """Destroy the subscriptions."""
         while self._subscriptions:
-            self._end.unsubscribe(self._subscriptions.popitem()[1].handle)
+            self._unsubscribe(self._subscriptions.popitem()[1])
+        self._publishers.close()
         self._failure = None
         self._unread.clear()
 
@@ -125,17 +127,17 @@ class TopicReader:
     # Following the publishers
 
     def look(self) -> None:
-        """Follow the publishers, if it is time for that.
+        """Follow the publishers, if they have changed or something waits for another look.
 
         Raises:
             RouteError: ROS refuses a subscription, or to tell who publishes.
         """
-        if time.monotonic() >= self._look_at_s:
+        if self._publishers.have_changed or time.monotonic() >= self._look_at_s:
             self.follow()
 
     def follow(self) -> None:
-        """Look at the graph and subscribe to what is offered."""
-        self._look_at_s = time.monotonic() + _GRAPH_S
+        """Subscribe to what is offered."""
+        self._look_at_s = time.monotonic() + _AGAIN_S  # where something of this fails, too
         offers = self._offers()
         wanted = self._wanted(set(offers.values()))
         # The new one opens before the old one closes: nothing falls between them, but where Kafka
@@ -143,6 +145,10 @@ class TopicReader:
         self._open_wanted(wanted)
         self._sequences.offers(offers)  # now: what Kafka has of them is known, or cannot be
         self._close_unwanted(wanted)
+        if wanted == self._subscriptions.keys():
+            self._look_at_s = math.inf
+        else:
+            self._notifier.look_again(_AGAIN_S)
 
     def _learn(self) -> Mapping[bytes, Offer]:
         """Look who publishes, as a message of an unknown one is taken: in the midst of a batch.
@@ -150,7 +156,7 @@ class TopicReader:
         What is in Kafka already is looked for before it counts: another vendor than Fast DDS
         sends the history of a TRANSIENT_LOCAL publisher to a VOLATILE subscription, too.
         """
-        offers = self._publishers.look()
+        offers = self._publishers.look(ask=True)
         self._open_wanted(self._wanted(set(offers.values())))
         return offers
 
@@ -195,16 +201,21 @@ class TopicReader:
             )
             return
         handle = self._end.subscribe(profile(self._end.qos, *offer))
+        self._notifier.attach(handle)
         self._subscriptions[offer] = _Subscription(handle, partial(take, handle))
         self.exhausted = False
         self._end.log.info('subscribes to %s (%s, %s)', self._end.topic, *offer)
+
+    def _unsubscribe(self, subscription: _Subscription) -> None:
+        self._notifier.detach(subscription.handle)
+        self._end.unsubscribe(subscription.handle)
 
     def _close_unwanted(self, wanted: AbstractSet[Offer]) -> None:
         """Close what was found empty after its last publisher had gone."""
         for offer, subscription in list(self._subscriptions.items()):
             is_unwanted = offer not in wanted
             if is_unwanted and subscription.is_unwanted and subscription.is_empty:
-                self._end.unsubscribe(self._subscriptions.pop(offer).handle)
+                self._unsubscribe(self._subscriptions.pop(offer))
             subscription.is_unwanted, subscription.is_empty = is_unwanted, False
 
     # Taking
@@ -258,7 +269,7 @@ class TopicReader:
             self._occasional.error(f'{another}')
         if self._subscriptions[offer] is not subscription:
             self._sequences.expect_loss(offer)
-            self._end.unsubscribe(subscription.handle)
+            self._unsubscribe(subscription)
 
     def _select(self, taken: list['Taken'], offer: Offer, messages: list[Message]) -> None:
         """Keep what counts; what stands behind a publisher that nobody can tell of now waits."""

@@ -54,10 +54,18 @@ class TopicWriter:
         Raises:
             RouteError: ROS refuses it, for example for another type on the same topic.
         """
-        self._publisher = self._end.advertise(profile(self._end.qos))
+        self._subscribers.open()
+        self._advertise()
 
     def close(self) -> None:
         """Destroy the publisher."""
+        self._subscribers.close()
+        self._withdraw()
+
+    def _advertise(self) -> None:
+        self._publisher = self._end.advertise(profile(self._end.qos))
+
+    def _withdraw(self) -> None:
         publisher, self._publisher = self._publisher, None
         if publisher is not None:
             self._end.withdraw(publisher)
@@ -124,7 +132,7 @@ class TopicWriter:
         matched, come_here = publisher.events.look()
         come = self._come_before + come_here
         has_changed = matched != self._matched or come != self._come
-        self._subscribers.look(now_s, come, at_once=has_changed)
+        self._subscribers.look(come, ask=has_changed)
         has_reader = bool(self._subscribers.reliable)
         # One that nobody has heard of may have come to the publisher that was replaced.
         lost = self._is_replaced or come - matched != self._come - self._matched
@@ -140,7 +148,7 @@ class TopicWriter:
 
         Its readers have to come again: what the old one had published counts for nothing.
         """
-        self.close()
+        self._withdraw()
         self._come_before = self._come
-        self.open()
+        self._advertise()
         self._is_replaced, self._faults = True, 0

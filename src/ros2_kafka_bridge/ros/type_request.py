@@ -27,7 +27,8 @@ from ros2_kafka_bridge.message_types.description import (
 from ros2_kafka_bridge.message_types.layout import PRIMITIVES, Array, Kind, Layout, Primitive
 from ros2_kafka_bridge.message_types.source import CURE
 from ros2_kafka_bridge.ros.errors import left_behind, translated
-from ros2_kafka_bridge.ros.node import Peer, RosNode, told_by_others
+from ros2_kafka_bridge.ros.node import RosNode, told_by_others
+from ros2_kafka_bridge.ros.peer import Peer
 
 if TYPE_CHECKING:
     from rclpy.client import Client

@@ -19,7 +19,8 @@ from ros2_kafka_bridge.ros.discovery import (
     waits_for_description,
     waits_for_type,
 )
-from ros2_kafka_bridge.ros.node import Peer, RosNode
+from ros2_kafka_bridge.ros.node import RosNode
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.type_request import ask_users
 from ros2_kafka_bridge.ros.types import MessageType, TypeLoader, WantedType
 from ros2_kafka_bridge.threads.stop import Stop
@@ -157,7 +158,9 @@ class RouteTypes:
         Raises:
             ConfigError, RouteError: As `TypeLoader.load`.
         """
-        wanted = self.find(end, stop.wait, say)
+        ask = partial(self._who_shows, end)
+        with self._node.graph.watched(ask) as view:
+            wanted = self.find(end, stop.wait, say, lambda: view.peers)
         if wanted is None:
             return None
         try:
@@ -172,7 +175,11 @@ class RouteTypes:
         return loaded
 
     def find(
-        self, end: RosEnd, asked_to_stop: Callable[[float], bool], say: Say = _nobody
+        self,
+        end: RosEnd,
+        asked_to_stop: Callable[[float], bool],
+        say: Say = _nobody,
+        look: Callable[[], Collection[Peer]] | None = None,
     ) -> WantedType | None:
         """Find which type a route has, and how it is defined; None when asked to stop before.
 
@@ -180,6 +187,7 @@ class RouteTypes:
             end: Of the route.
             asked_to_stop: Pauses for so many seconds.
             say: As of `load`.
+            look: Who is there that tells it; None asks the graph each time.
 
         Raises:
             RouteError: Two types are used on the topic.
@@ -188,8 +196,8 @@ class RouteTypes:
         problem = None if said is None else self.loader.unsettled(said)
         if said is not None and problem is None:
             return WantedType(said)
-        look, tell = partial(self._who_shows, end), lambda: say(waits_for(topic, problem))
-        used = wait_for_type(look, topic, asked_to_stop, tell)
+        look = look or partial(self._who_shows, end)
+        used = wait_for_type(look, topic, asked_to_stop, lambda: say(waits_for(topic, problem)))
         if used is None:
             return None
         # Where bridges alone publish, those who subscribe may tell.

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 from command_line import typed
@@ -13,8 +13,11 @@ from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.message_types import load_layout
-from ros2_kafka_bridge.ros.node import Peer, RosNode
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.qos import profile
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.ros.node import RosNode
 
 STRING, OWN = 'std_msgs/msg/String', 'acme/msg/Own'
 CURE = 'put its .msg files into a folder of ros.message_path'

@@ -15,7 +15,8 @@ from ros2_kafka_bridge.commands.names import kafka_name, stem, unique
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.ros.node import Peer, Topic
+from ros2_kafka_bridge.ros.node import Topic
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.shown_types import ShownTypes, TypeOrError
 from ros2_kafka_bridge.ros.types import load_type
 

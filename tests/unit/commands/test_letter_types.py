@@ -15,7 +15,8 @@ from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.errors import RecordError
 from ros2_kafka_bridge.message_types import describe, load_layout
-from ros2_kafka_bridge.ros.node import Peer, RosNode
+from ros2_kafka_bridge.ros.node import RosNode
+from ros2_kafka_bridge.ros.peer import Peer
 
 CRATE = 'acme_msgs/msg/Crate'
 STRING = 'std_msgs/msg/String'

@@ -18,7 +18,8 @@ from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, records
 from ros2_kafka_bridge.message_types import load_layout
 from ros2_kafka_bridge.ros import rates
-from ros2_kafka_bridge.ros.node import Peer, Topic
+from ros2_kafka_bridge.ros.node import Topic
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.qos import profile
 from ros2_kafka_bridge.ros.types import load_type
 

@@ -1,12 +1,13 @@
 """One client of a group: what it says counts until its end, and how it leaves its group."""
 
 import logging
+import threading
 from collections.abc import Callable
 from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
-from confluent_kafka import KafkaError, TopicPartition
+from confluent_kafka import KafkaError, KafkaException, TopicPartition
 
 from ros2_kafka_bridge.kafka import group_client
 from ros2_kafka_bridge.kafka.client_health import ClientHealth
@@ -140,3 +141,25 @@ def test_a_client_whose_name_was_taken_says_nothing_of_kafka(told: Told) -> None
     assert told.client.is_shut_out
     assert not told.health.has_failed
     assert not told.health.away
+
+
+def test_a_commit_is_waited_for_but_not_without_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    library, answers = MagicMock(), threading.Event()
+    library.poll.return_value = None
+    monkeypatch.setattr(group_client, 'Consumer', lambda *_, **__: library)
+    client = GroupClient({}, 't', MagicMock(), LOG.logger)
+    client.open()
+    client.commit(5.0, [TopicPartition('t', 0, 5)])
+    library.commit.assert_called_once_with(offsets=[TopicPartition('t', 0, 5)], asynchronous=False)
+    refused = KafkaError(KafkaError.GROUP_AUTHORIZATION_FAILED, 'refused')
+    library.commit.side_effect = KafkaException(refused)
+    with pytest.raises(KafkaException, match='refused'):
+        client.commit(5.0, [TopicPartition('t', 0, 5)])
+    library.commit.side_effect = lambda **_: answers.wait(30)
+    with pytest.raises(KafkaException, match=r'within 0\.05 s'):
+        client.commit(0.05, [TopicPartition('t', 0, 5)])
+    assert not client.end(0.05, leaves=False)
+    library.close.assert_not_called()
+    answers.set()
+    assert client.end(30.0, leaves=False)
+    assert library.close.call_count >= 1

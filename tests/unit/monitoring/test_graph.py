@@ -6,7 +6,8 @@ import pytest
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.monitoring import graph
-from ros2_kafka_bridge.ros.node import Peer, Topic
+from ros2_kafka_bridge.ros.node import Topic
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.qos import profile
 
 from .conftest import CONFIG, Told, configured

@@ -14,7 +14,8 @@ from ros2_kafka_bridge.kafka.overview import ClusterState, TopicState
 from ros2_kafka_bridge.monitoring import graph, view
 from ros2_kafka_bridge.monitoring.sides import Sides
 from ros2_kafka_bridge.protocol.monitor import Lifecycle, Reload, Report
-from ros2_kafka_bridge.ros.node import Peer, Topic
+from ros2_kafka_bridge.ros.node import Topic
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.qos import profile
 
 from .conftest import Told

@@ -10,8 +10,9 @@ from ros2_kafka_bridge.config.settings import QoS
 KINDS = {
     'publish': 20, 'publisher': 5, 'leaves': 4, 'shown': 6, 'graph': 5, 'far': 1, 'near': 2,
     'time': 6, 'take': 24, 'wait': 5, 'look': 5, 'hash': 3,
-    'take fails': 5, 'no subscription': 1, 'sticks': 1, 'no waiting': 2, 'well': 3,
-    'stranger': 2, 'no graph': 2, 'graph again': 4, 'away': 2, 'refuses': 1, 'back': 4,
+    'take fails': 5, 'no subscription': 1, 'sticks': 1, 'no ringing': 2, 'well': 3,
+    'stranger': 2, 'no graph': 2, 'graph again': 4, 'graph tells': 8,
+    'away': 2, 'refuses': 1, 'back': 4,
 }  # fmt: skip
 FIRST = {'publisher': 4, 'publish': 2, 'graph': 2, 'away': 1}
 
@@ -41,23 +42,31 @@ QOS = st.sampled_from(
         QoS(reliability='best_effort', durability='transient_local'),
     ]
 )
+SHOWN = [Event('graph'), Event('graph tells')]
 # What the last publisher of an offer has sent is there still when the graph shows it no more.
 LEAVES_UNREAD = [
-    Event('publisher', how=4), Event('publisher', how=5), Event('graph'),
+    Event('publisher', how=4), Event('publisher', how=5), *SHOWN,
     Event('take', where=3, how=10), Event('take', where=3, how=10),
-    Event('leaves', how=7), Event('look', where=2),
+    Event('leaves', how=7), Event('graph tells'), Event('look', where=2),
 ]  # fmt: skip
 # Each fails once, and nothing of that lasts.
 FAILURES_ALONE = [
-    Event('publisher', how=4), Event('graph'), Event('take', where=3, how=10),
-    Event('wait', how=3), Event('no waiting'), Event('wait', how=3), Event('wait', how=3),
+    Event('publisher', how=4), *SHOWN, Event('take', where=3, how=10),
+    Event('wait', how=3), Event('no ringing'), Event('wait', how=3), Event('wait', how=3),
     *2 * [Event('take fails', how=3), *3 * [Event('take', how=10)]],
 ]  # fmt: skip
 # A subscription that cannot be read, nor made anew, is kept with all that lies in it.
 CANNOT_BE_MADE_ANEW = [
-    Event('publisher', how=4), Event('graph'), Event('take', where=3, how=10),
+    Event('publisher', how=4), *SHOWN, Event('take', where=3, how=10),
     Event('publish', how=3), Event('no subscription'), Event('take fails', how=2),
     *6 * [Event('take', how=10)],
+]  # fmt: skip
+
+
+# A middleware that does not ring is looked at all the same, before the wait is over.
+NEVER_RINGS = [
+    Event('no ringing'), Event('publisher', how=5), *SHOWN,
+    Event('take', where=3, how=10), *3 * [Event('wait', how=3)],
 ]  # fmt: skip
 
 
@@ -71,6 +80,7 @@ MET_IN_A_TAKE = [
 @settings(max_examples=200)
 @given(before=BEFORE, events=EVENTS, qos=QOS, seed=st.integers(0, 99))
 @example(before=[], events=LEAVES_UNREAD, qos=QoS(), seed=0)
+@example(before=[], events=NEVER_RINGS, qos=QoS(), seed=0)
 @example(before=[], events=MET_IN_A_TAKE, qos=QoS(), seed=0)
 @example(before=[], events=FAILURES_ALONE, qos=QoS(), seed=0)
 @example(before=[], events=CANNOT_BE_MADE_ANEW, qos=QoS(), seed=0)

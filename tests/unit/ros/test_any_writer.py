@@ -10,7 +10,7 @@ KINDS = {
     'reliable': 6, 'best effort': 2, 'misreads': 1, 'unnamed': 1, 'bridge': 1, 'foreign': 2,
     'other type': 1, 'other qos': 1,
     'acknowledges': 6, 'dies': 5, 'is replaced': 2,
-    'graph stands': 1, 'graph is unreadable': 1, 'graph is well': 2,
+    'graph tells': 8, 'graph stands': 1, 'graph is unreadable': 1, 'graph is well': 2,
     'no publish': 1, 'no take': 1, 'no wait': 1, 'no create': 1, 'no event': 1, 'no destroy': 1,
     'no let go': 1,
 }  # fmt: skip

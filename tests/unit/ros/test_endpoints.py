@@ -8,10 +8,9 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
-from ros_ends import end_of, source_of, writer_of
+from ros_ends import end_of, source_of, still_node, writer_of
 
-from ros2_kafka_bridge.ros import take
-from ros2_kafka_bridge.ros.node import RosNode
+from ros2_kafka_bridge.ros import rcl, take
 from ros2_kafka_bridge.ros.types import load_type
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
@@ -37,8 +36,10 @@ class Handle(MagicMock):
 @pytest.fixture
 def handle(monkeypatch: pytest.MonkeyPatch) -> Handle:
     monkeypatch.setattr(take, 'MatchEvents', MagicMock())
+    monkeypatch.setattr(rcl, 'is_there', lambda: False)
     made = Handle()
     made.get_publishers_info_by_topic.return_value = []
+    made.get_subscriptions_info_by_topic.return_value = []
     for call in CALLS:
         getattr(made, call).side_effect = lambda *_, call=call, **__: made.enter(call)
     return made
@@ -47,7 +48,7 @@ def handle(monkeypatch: pytest.MonkeyPatch) -> Handle:
 def test_no_two_threads_are_in_a_call_that_takes_the_lock_of_the_middleware(
     handle: Handle,
 ) -> None:
-    node = RosNode(handle, MagicMock())
+    node = still_node(handle, MagicMock())
     begin = threading.Barrier(6)
 
     def use(number: int) -> None:

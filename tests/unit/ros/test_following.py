@@ -6,20 +6,22 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.type_hash import TypeHash
-from ros_ends import end_of, source_of
+from ros_ends import end_of, source_of, still_graph
 
 from ros2_kafka_bridge.endpoints import Offer
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.ros import rcl
 from ros2_kafka_bridge.ros import take as inner
-from ros2_kafka_bridge.ros.node import Peer, _peer
+from ros2_kafka_bridge.ros.node import _peer
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.source import RosSource
 from ros2_kafka_bridge.ros.topic_reader import TopicReader
 from ros2_kafka_bridge.ros.types import MessageType
@@ -60,6 +62,7 @@ class Graph:
         self.handle = self
         self.context = None
         self.endpoint_lock = threading.Lock()
+        self.graph = still_graph()
         self.problem: Exception | None = None
 
     def publishers(self, topic: str) -> list[Peer]:
@@ -99,23 +102,19 @@ def take(reader: Reader, limit: int) -> tuple[list[tuple[bytes, dict[str, Any]]]
     return taken, len(taken) < limit
 
 
-class NoWaiter(NamedTuple):
-    context: object
-
-    def wait(self, *_: object) -> None:
-        pass
-
-
 @pytest.fixture
 def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     monkeypatch.setattr(inner, 'take', take)
-    monkeypatch.setattr(inner, 'Waiter', NoWaiter)
+    monkeypatch.setattr(rcl, 'notify', lambda *_: True)
+    monkeypatch.setattr(rcl, 'notify_nobody', lambda _: True)
     return Graph()
 
 
-def make(graph: Graph, on_offer: Callable[[Offer], None] = lambda _: None) -> RosSource:
+def make(
+    graph: Graph, on_offer: Callable[[Offer], None] = lambda _: None, kind: MessageType = TYPE
+) -> RosSource:
     node: Any = graph
-    source = source_of(end_of(node, TYPE), on_offer=on_offer)
+    source = source_of(end_of(node, kind), on_offer=on_offer)
     source.open()
     return source
 
@@ -126,6 +125,8 @@ def reader_of(source: RosSource) -> TopicReader:
 
 
 def look(source: RosSource) -> list[int]:
+    """What it takes once the graph has told, and so much time has passed that it looks again."""
+    reader_of(source)._end.node.graph.look()
     reader_of(source)._look_at_s = 0.0
     return [message.seq for message in source.take(500, 0.0)]
 
@@ -156,7 +157,6 @@ def test_what_was_taken_is_kept_when_an_unknown_publisher_comes_up_and_kafka_is_
     graph.reader('volatile').give(VOLATILE, *range(1, 101))
     graph.reader('volatile').give(LATCHED, 5)
     graph.peers.append(peer(LATCHED, 'transient_local'))
-    reader_of(source)._look_at_s = float('inf')
     assert len(source.take(500, 0.0)) == 100
     graph.reader('volatile').give(VOLATILE, 101)
     assert look(source) == [101], 'the others are taken while Kafka is away'
@@ -170,7 +170,6 @@ def test_guarantee_8_kafka_is_asked_before_an_unknown_publisher_of_a_history_cou
     source = make(graph, asked.append)
     graph.reader('volatile').give(LATCHED, *range(1, 4))
     graph.peers.append(peer(LATCHED, 'transient_local'))
-    reader_of(source)._look_at_s = float('inf')
     assert [message.seq for message in source.take(500, 0.0)] == [1, 2, 3]
     assert asked == [('reliable', 'volatile'), ('reliable', 'transient_local')]
     graph.reader('transient_local').give(LATCHED, *range(1, 5))
@@ -199,8 +198,10 @@ def test_a_subscription_waits_less_for_kafka_where_no_other_publisher_waits_for_
     source = make(graph, away)
     assert tries(1) == 0
     graph.peers = [peer(LATCHED, 'transient_local')]
+    graph.graph.look()
     assert 15 <= tries(20) <= 21
     graph.peers.append(peer(VOLATILE, 'volatile'))
+    graph.graph.look()
     tries(2)
     assert 1 <= tries(20) <= 3
 
@@ -340,7 +341,6 @@ def test_what_was_taken_is_kept_where_the_graph_cannot_be_asked_for_its_publishe
     look(source)
     graph.reader('volatile').give(b'U' * 16, 1, 2)
     graph.problem = RouteError('publishers of /t: no')
-    reader_of(source)._look_at_s = float('inf')
     for _ in range(2):
         with pytest.raises(RouteError, match='publishers of /t: no'):
             source.take(500, 0.0)
@@ -385,7 +385,7 @@ def test_a_take_that_fails_in_the_middle_returns_what_it_has_and_tells_the_next_
         inner.take(subscription, 500)
 
 
-def test_a_publisher_of_another_vendor_has_the_type_hash_of_the_type_here() -> None:
+def test_a_publisher_of_another_vendor_has_the_type_hash_of_the_type_here(graph: Graph) -> None:
     """It tells none, and rclpy prints the one that is not set as `INVALID`."""
     told = TopicEndpointInfo(
         node_name='node',
@@ -393,8 +393,6 @@ def test_a_publisher_of_another_vendor_has_the_type_hash_of_the_type_here() -> N
         topic_type_hash=TypeHash(),
         endpoint_gid=list(VOLATILE),
     )
-    graph = Graph()
     graph.peers = [_peer(told)]
-    node: Any = graph
-    reader = TopicReader(end_of(node, TYPE._replace(type_hash='RIHS01_ab')))
-    assert reader.type_hash(VOLATILE) == 'RIHS01_ab'
+    source = make(graph, kind=TYPE._replace(type_hash='RIHS01_ab'))
+    assert reader_of(source).type_hash(VOLATILE) == 'RIHS01_ab'

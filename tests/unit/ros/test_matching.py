@@ -10,7 +10,7 @@ from ros2_kafka_bridge.commands.check import ros
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, QoS, RosToKafkaRoute
 from ros2_kafka_bridge.ros.matching import reader_problem
-from ros2_kafka_bridge.ros.node import Peer
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.qos import profile
 
 

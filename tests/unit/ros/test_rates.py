@@ -22,7 +22,7 @@ def test_readers_are_made_and_destroyed_while_no_other_thread_does(
 
     node.handle.create_subscription.side_effect = note
     node.handle.destroy_subscription.side_effect = note
-    monkeypatch.setattr(rates, '_count', lambda _, made, __: (dict.fromkeys(made, 3), 2.0))
+    monkeypatch.setattr(rates, '_count', lambda made, _: (dict.fromkeys(made, 3), 2.0))
     topics = dict.fromkeys(['/a', '/b'], load_type('std_msgs/msg/String'))
     assert rates.count(node, topics, 2.0) == {'/a': 1.5, '/b': 1.5}
     assert locked == [True] * 4

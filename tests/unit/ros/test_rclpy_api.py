@@ -48,15 +48,22 @@ OBJECTS: Final[dict[str, dict[str, str]]] = {
         'publisher.deadline': DURATION,
         'subscription.deadline': DURATION,
     },
+    'rcl.py': {
+        'context': CONTEXT,
+        'self._end': f'{C}.GuardCondition',
+        'self._node': NODE,
+        'self._node.handle': f'{C}.Node',
+        'self._wait_set': f'{C}.WaitSet',
+        'subscription': 'rclpy.subscription.Subscription',
+        'subscription.handle': f'{C}.Subscription',
+    },
     'take.py': {
         'client': 'rclpy.client.Client',
         'client.handle': f'{C}.Client',
         'publisher': PUBLISHER,
         'subscription': 'rclpy.subscription.Subscription',
         'handle': f'{C}.Subscription',
-        'wait_set': f'{C}.WaitSet',
         'self._event': f'{C}.EventHandle',
-        'self._context': CONTEXT,
     },
     'topic_end.py': {'self.handle': PUBLISHER, 'self.node.handle': NODE, 'handle': NODE},
     'topic_writer.py': {'publisher.handle': PUBLISHER},
@@ -194,7 +201,7 @@ def test_a_row_has_the_arguments_that_the_room_passes(row: Used, uses: Uses) -> 
     assert most == (row.positional or 0)
 
 
-def test_what_no_release_promises_is_used_for_taking_and_for_the_managed_node_alone() -> None:
+def test_what_no_release_promises_is_used_for_taking_waiting_and_the_managed_node_alone() -> None:
     private = [str(row).replace(C, 'C') for row in TABLE if re.search(r'\.(_|impl\.)', str(row))]
     assert private == [
         'C.Client.take_response',
@@ -202,10 +209,16 @@ def test_what_no_release_promises_is_used_for_taking_and_for_the_managed_node_al
         'C.EventHandle.destroy_when_not_in_use',
         'C.EventHandle.take_event',
         'C.RCLError',
+        'C.Subscription.pointer',
         'C.Subscription.take_message',
+        'C.GuardCondition',
+        'C.GuardCondition.trigger_guard_condition',
+        'C.Node.pointer',
         'C.WaitSet',
-        'C.WaitSet.add_subscription',
+        'C.WaitSet.add_guard_condition',
         'C.WaitSet.clear_entities',
+        'C.WaitSet.is_ready',
+        'C.WaitSet.pointer',
         'C.WaitSet.wait',
         'C.LifecycleStateMachine.available_transitions',
         'C.LifecycleStateMachine.current_state',

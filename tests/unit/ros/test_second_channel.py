@@ -5,6 +5,7 @@ from pathlib import Path
 from unittest.mock import MagicMock
 
 import pytest
+from ros_ends import still_node
 
 from ros2_kafka_bridge.commands.check import report
 from ros2_kafka_bridge.commands.check import ros as check_ros
@@ -22,11 +23,12 @@ from ros2_kafka_bridge.message_types.layout import (
     String,
 )
 from ros2_kafka_bridge.ros import second_channel
-from ros2_kafka_bridge.ros.node import RosNode
+from ros2_kafka_bridge.ros.arrivals import Arrivals
 from ros2_kafka_bridge.ros.second_channel import unheard
 from ros2_kafka_bridge.ros.topic_end import TopicEnd
 from ros2_kafka_bridge.ros.topic_reader import TopicReader
 from ros2_kafka_bridge.ros.types import load_type
+from ros2_kafka_bridge.threads.wakeup import Wakeup
 
 IMAGE = 'sensor_msgs/msg/Image'
 BYTES = Sequence(Primitive('uint8'))
@@ -137,7 +139,9 @@ def test_a_route_from_ros_warns_at_its_start(
     monkeypatch.setattr(TopicReader, 'follow', lambda _: None)
     log = logging.LoggerAdapter(logging.getLogger('test'), {})
     with caplog.at_level(logging.WARNING):
-        node = RosNode(None, None)
-        TopicReader(TopicEnd(node, '/camera', load_type(name), QoS(), log)).open()
+        handle = MagicMock()
+        handle.get_publishers_info_by_topic.return_value = []
+        end = TopicEnd(still_node(handle), '/camera', load_type(name), QoS(), log)
+        TopicReader(end, Arrivals(Wakeup())).open()
     assert [record.levelname for record in caplog.records] == ['WARNING'] * count
     assert caplog.text.count('sensor_msgs/msg/Image holds uint8[]: ') == count

@@ -13,7 +13,8 @@ from ros2_kafka_bridge.errors import BridgeError, RouteError
 from ros2_kafka_bridge.message_types import describe
 from ros2_kafka_bridge.message_types.description import DescribedTypes
 from ros2_kafka_bridge.ros import shown_types
-from ros2_kafka_bridge.ros.node import Peer, RosNode, Topic
+from ros2_kafka_bridge.ros.node import RosNode, Topic
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.qos import profile
 from ros2_kafka_bridge.ros.shown_types import ShownTypes, load_all, load_shown
 from ros2_kafka_bridge.ros.types import MessageType, TypeLoader, WantedType

@@ -12,14 +12,13 @@ from unittest.mock import MagicMock
 import pytest
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros_ends import end_of
+from ros_ends import end_of, source_of, still_node
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.ros import rcl
 from ros2_kafka_bridge.ros.control.node import Namesakes
 from ros2_kafka_bridge.ros.node import RosNode
-from ros2_kafka_bridge.ros.source import RosSource
-from ros2_kafka_bridge.ros.topic_reader import TopicReader
 from ros2_kafka_bridge.ros.types import MessageType
 from ros2_kafka_bridge.ros.used_type import wait_for_type
 
@@ -83,12 +82,13 @@ def test_a_topic_whose_name_is_none_of_ros_is_left_out() -> None:
 
 @STRANGE
 def test_who_was_there_is_taken_from_while_a_stranger_hides_the_others(
-    error: Exception, caplog: pytest.LogCaptureFixture
+    error: Exception, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(rcl, 'is_there', lambda: False)  # it would look into a mock
     handle = MagicMock()
     handle.get_publishers_info_by_topic.return_value = [publisher(b'a' * 16)]
-    reader = TopicReader(end_of(RosNode(handle, handle.context), TYPE))
-    source = RosSource(reader._end.node, {'/t': reader})
+    node = still_node(handle, handle.context)
+    source = source_of(end_of(node, TYPE))
     source.open()
     handle.get_publishers_info_by_topic.side_effect = error
     gid = {'data': b'a' * 16}
@@ -98,7 +98,7 @@ def test_who_was_there_is_taken_from_while_a_stranger_hides_the_others(
     })  # fmt: skip
     taken = handle.create_subscription.return_value.handle.take_message
     taken.side_effect = [message, None]
-    reader.follow()
+    node.graph.look()
     assert [one.cdr for one in source.take(10, 0.0)] == [b'cdr']
     assert 'new publishers of /t are not followed' in caplog.text
     # One that nobody can tell of waits: its offer decides what else is to come of it.

@@ -6,13 +6,13 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
-from ros_ends import end_of, writer_of
+from ros_ends import end_of, still_graph, writer_of
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.ros import writer_history
-from ros2_kafka_bridge.ros.node import Peer
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.qos import profile
 from ros2_kafka_bridge.ros.topic_end import OwnPublisher
 from ros2_kafka_bridge.ros.types import MessageType
@@ -33,10 +33,12 @@ class Graph:
         self.peers: list[Peer] = []
         self.matched = self.come = 0
         self.strangers = False
-        node: Any = SimpleNamespace(subscribers=self._subscribers)
+        node: Any = SimpleNamespace(subscribers=self._subscribers, graph=still_graph())
         kind = MessageType(KIND, object, Layout(KIND, ()), type_hash)
         end = end_of(node, kind, '/crane')
+        self.tell = node.graph.look
         self.writer = writer_of(end, ROOM, asks=asks, bounded=bounded)
+        self.writer._subscribers.open()
         self.handle = MagicMock()
         events = SimpleNamespace(look=lambda: (self.matched, self.come))
         self.writer._publisher = OwnPublisher(self.handle, events)
@@ -52,8 +54,9 @@ class Graph:
         type_hash: str,
         kind: str = KIND,
         qos: QoS | None = None,
-        gid: bytes = bytes(16),
+        vendor: bytes = bytes(2),
     ) -> None:
+        gid = vendor + bytes([len(self.peers)] * 14)
         self.peers.append(Peer.of_qos(node, kind, gid, type_hash, profile(qos or QoS())))
         self.matched += 1
         self.come += 1
@@ -119,24 +122,24 @@ def test_one_whose_qos_does_not_match_gets_nothing_to_misread() -> None:
 
 
 def test_readers_are_of_another_vendor_until_all_that_are_matched_are_known_not_to_be() -> None:
-    fast_dds, cyclone = bytes.fromhex('010f') + bytes(14), bytes.fromhex('0110') + bytes(14)
+    fast_dds, cyclone = bytes.fromhex('010f'), bytes.fromhex('0110')
     graph = Graph()
     assert not graph.writer.readers().foreign
-    graph.enter('/here', OURS, gid=fast_dds)
+    graph.enter('/here', OURS, vendor=fast_dds)
     assert not graph.writer.readers().foreign
     graph.matched, graph.come = 2, 2
     assert graph.writer.readers().foreign, 'the graph does not show it yet'
-    graph.enter('/there', OURS, gid=cyclone)
+    graph.enter('/there', OURS, vendor=cyclone)
     graph.matched, graph.come = 2, 2
-    graph.writer._subscribers._look_at_s = 0.0
+    graph.tell()
     assert graph.writer.readers().foreign
     graph.matched, graph.come = 1, 2
     assert graph.writer.readers().foreign, 'it may be the one that is matched'
     del graph.peers[1]
-    graph.writer._subscribers._look_at_s = 0.0
+    graph.tell()
     assert not graph.writer.readers().foreign
     graph.strangers = True
-    graph.writer._subscribers._look_at_s = 0.0
+    graph.tell()
     assert graph.writer.readers().foreign, 'who they are is not known'
 
 
@@ -208,7 +211,7 @@ def test_guarantee_6c_who_reads_is_not_known_where_the_graph_cannot_be_read() ->
     graph.enter('/reader', OURS)
     graph.writer.readers()
     graph.strangers = True
-    graph.writer._subscribers._look_at_s = 0.0
+    graph.tell()
     graph.writer.publish(b'a')
     assert ended(graph, 2) == [(0, False), (1, False)]
 

@@ -14,7 +14,8 @@ from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.message_types import describe
 from ros2_kafka_bridge.message_types.description import DescribedTypes, type_hash
 from ros2_kafka_bridge.ros import type_request
-from ros2_kafka_bridge.ros.node import Peer, RosNode
+from ros2_kafka_bridge.ros.node import RosNode
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.type_request import _plain, ask_users
 
 HEADER = 'std_msgs/msg/Header'

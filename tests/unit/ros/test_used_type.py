@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import pytest
 from ros_package import write_package
@@ -12,9 +12,12 @@ from ros2_kafka_bridge.config.endpoints import RosSettings
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.message_types import load_layout
 from ros2_kafka_bridge.ros import used_type
-from ros2_kafka_bridge.ros.node import Peer, RosNode
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.qos import profile
 from ros2_kafka_bridge.ros.used_type import RosEnd, RouteTypes, wait_for_type
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.ros.node import RosNode
 
 OWN: Final = 'acme_msgs/msg/Own'
 STRING: Final = 'std_msgs/msg/String'

@@ -18,7 +18,8 @@ from ros2_kafka_bridge.ros.matching import (
     publisher_problem,
     reader_problem,
 )
-from ros2_kafka_bridge.ros.node import Peer, RosNode, domain_in_words, middleware
+from ros2_kafka_bridge.ros.node import RosNode, domain_in_words, middleware
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.probe import Abilities, limits
 from ros2_kafka_bridge.ros.second_channel import unheard
 from ros2_kafka_bridge.ros.sockets import receive_buffer_bytes

@@ -24,6 +24,7 @@ from ros2_kafka_bridge.kafka.property_check import property_problems
 from ros2_kafka_bridge.kafka.timestamps import read_timestamps
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.process.load import load_checked
+from ros2_kafka_bridge.ros.arrivals import Arrivals
 from ros2_kafka_bridge.ros.discovery import hint
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode, domain_in_words, open_node
@@ -32,6 +33,7 @@ from ros2_kafka_bridge.ros.topic_end import TopicEnd
 from ros2_kafka_bridge.ros.topic_reader import TopicReader
 from ros2_kafka_bridge.ros.types import MessageType
 from ros2_kafka_bridge.ros.used_type import RosEnd, RouteTypes
+from ros2_kafka_bridge.threads.wakeup import Wakeup
 
 _KAFKA_TIMES = (
     'Kafka keeps milliseconds: records of one millisecond are taken for a burst; and between '
@@ -175,7 +177,8 @@ def _from_ros(asked: Ros) -> Traffic:
     histories = Histories({}, {asked.topic: _SAMPLES})
     with open_node(f'depth_{os.getpid()}', None, histories) as node:
         end = TopicEnd(node, asked.topic, _type(node, asked.topic), QoS(), log)
-        source = RosSource(node, {asked.topic: TopicReader(end)})
+        arrivals = Arrivals(Wakeup())
+        source = RosSource(arrivals, {asked.topic: TopicReader(end, arrivals)})
         source.open()
         try:
             with waiting(f'Listening to {asked.topic} ({asked.seconds:g} s)'):

@@ -15,7 +15,8 @@ from ros2_kafka_bridge.config.checks import ros_topic
 from ros2_kafka_bridge.config.routes import TEXT_TYPE
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.errors import BridgeError
-from ros2_kafka_bridge.ros.node import Peer, Topic
+from ros2_kafka_bridge.ros.node import Topic
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 from ros2_kafka_bridge.ros.shown_types import ShownTypes
 from ros2_kafka_bridge.ros.types import MessageType

@@ -11,7 +11,8 @@ from ros2_kafka_bridge.message_types.description import DescribedTypes, type_has
 from ros2_kafka_bridge.message_types.source import CURE, Definitions, TypeSource
 from ros2_kafka_bridge.ros.discovery import hint
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
-from ros2_kafka_bridge.ros.node import Peer, RosNode, domain_in_words, open_node
+from ros2_kafka_bridge.ros.node import RosNode, domain_in_words, open_node
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.type_request import LookAtUsers, ask_users
 from ros2_kafka_bridge.ros.used_type import definitions, users, wait_for_type
 

@@ -37,7 +37,8 @@ from ros2_kafka_bridge.ros import rates
 from ros2_kafka_bridge.ros.discovery import NOT_TOLD, hint, partial_view
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.matching import DOES, counterparts
-from ros2_kafka_bridge.ros.node import Peer, RosNode, Topic, domain_in_words, middleware, open_node
+from ros2_kafka_bridge.ros.node import RosNode, Topic, domain_in_words, middleware, open_node
+from ros2_kafka_bridge.ros.peer import Peer
 from ros2_kafka_bridge.ros.qos import mismatch, profile
 from ros2_kafka_bridge.ros.types import MessageType
 
