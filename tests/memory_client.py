@@ -22,7 +22,7 @@ from confluent_kafka import (
 from memory_kafka import TOPIC, Gap, Kafka, Log, Offsets, Place, Reading, Stored, Told
 
 FETCH: Final = 4  # records of a partition that are fetched at once
-STATISTICS_S: Final = 2.0
+STATISTICS_S: Final = 4.0
 WITHIN_A_POLL: Final = 3  # so many steps are made by its own threads
 
 

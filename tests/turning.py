@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Self, cast
 
 from ros2_kafka_bridge.bridge import Bridge
@@ -60,6 +61,7 @@ class MemoryPipeline:
     """A pipeline that takes some messages, does what it is told, and confirms all but some."""
 
     def __init__(self, taken: int, then: Callable[[Stop], None], left: int = 0) -> None:
+        self.telling = SimpleNamespace(is_asked=False)
         self._counters = Counters('orders')
         self.snapshot = self._counters.snapshot(0)
         self._taken, self._then, self._left = taken, then, left
@@ -79,6 +81,7 @@ class Told:
     """A pipeline that shows a snapshot and does nothing."""
 
     def __init__(self, snapshot: Snapshot) -> None:
+        self.telling = SimpleNamespace(is_asked=False)
         self.snapshot = snapshot
 
 

@@ -31,6 +31,7 @@ from ros2_kafka_bridge.wiring import Pipeline, Wiring, group_lock_of, histories_
 _CLOSING_S = 10.0
 _AT_ONCE_S = 2.0
 _BEGIN_S = 0.02
+_WATCH_S = 1.0
 _SPOOL_LOOK_S = 0.1
 
 
@@ -140,6 +141,7 @@ class Bridge:
         `RoutesEnded` is told of each. Any thread may call.
         """
         self._ending.update(routes)
+        self.stop.wakeup.ring()
         for runner in self._runners:
             if runner.route.name in routes:
                 runner.stop.ask()
@@ -226,6 +228,8 @@ class Bridge:
             runner.log.critical('a bug of the bridge ended this route', exc_info=True)
             if not self.stop.asked:
                 self.stop.ask()
+        finally:
+            self.stop.wakeup.ring()  # whoever watches looks which routes run
 
     def _run_on(self, runner: RouteRunner, wiring: Wiring, tell: Tell, stop: Stop) -> None:
         """Run a route until a stop, again and again while it fails."""
@@ -314,7 +318,8 @@ class Bridge:
             self._forget_ended(tell)
             for log in self._logs():
                 log.tick()
-            if not self.stop.wait(_BEGIN_S if self._ending else 0.2) and not self._worker:
+            self.stop.wait_for_any(_BEGIN_S if self._ending else _WATCH_S)
+            if not self._worker and not self.stop.asked:
                 status.say()
         self._forget_ended(tell)
 

@@ -30,6 +30,7 @@ from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.flight.records import RecordEntry, RecordFlight
 from ros2_kafka_bridge.route.identity import guard_loops
+from ros2_kafka_bridge.route.idling import Idling
 from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.route.obstacle import (
     LONGEST_NAP_S,
@@ -52,7 +53,6 @@ from ros2_kafka_bridge.tracing.records import NO_RECORD_TRACES, RecordTraces
 BATCH = 500
 COMMIT_S = 0.2  # what a SIGKILL makes come twice; more often would cost requests
 REVOKE_S = 5.0
-_IDLE_S = 0.1
 _BUSY_S = 0.01
 _LAST_COMMIT_S = 1.0
 _NS_PER_MS = 1_000_000
@@ -91,7 +91,7 @@ class KafkaToRos:
         self.counters = Counters(route.name)
         self.snapshot = self.counters.snapshot(0, spooled=0)
         self._meter = Meter()
-        self._telling = Telling(self.counters, self._meter, dead_letters)
+        self.telling = Telling(self.counters, self._meter, dead_letters)
         self._pause = Pause()
         self._route = route
         self._source = source
@@ -105,6 +105,7 @@ class KafkaToRos:
         self._flight = RecordFlight(route.max_in_flight, route.max_in_flight_bytes)
         self._publishing = Publishing(self._flight, sink.writer(route.ros_topic), route)
         self._blocked = Blocked()
+        self._idling = Idling(_BUSY_S)
         self._drained_by_s = math.inf
         self._commit_at_s = 0.0
         self._max_age_s = route.max_age_s
@@ -116,12 +117,11 @@ class KafkaToRos:
             RouteError: This route cannot go on; nothing is lost by running it again.
         """
         self._pause = pause or self._pause
+        self._idling.begin(stop.look_s)
         with self._opened():
             while not stop.look():
-                if self._pause.asked:
-                    self._rest()
-                else:
-                    self._step()
+                go_on = self._rest if self._pause.asked else self._step
+                go_on()
             self._drain(stop)
 
     def _step(self) -> None:
@@ -129,7 +129,7 @@ class KafkaToRos:
         obstacle = self._publish_ready()
         if obstacle is None:
             self._blocked.clear()
-            self._poll(_BUSY_S if self._flight else _IDLE_S)
+            self._poll(self._idling.wait_s(busy=bool(self._flight)))
             obstacle = self._publish_ready()
         else:
             self._wait(obstacle)
@@ -272,6 +272,7 @@ class KafkaToRos:
 
     def _settle(self) -> None:
         if ended := self._flight.settled():
+            self._idling.note_work()  # what is to be committed is, soon
             self._source.advance(self._flight.positions())
             self._count(ended)
         self._traces.look()
@@ -293,7 +294,7 @@ class KafkaToRos:
         if now_s >= self._commit_at_s:
             self._commit_at_s = now_s + COMMIT_S
             self._source.commit()
-        if self._telling.is_due(self._pause):
+        if self.telling.is_due(self._pause, is_calm=not self._flight and self._idling.is_calm):
             self._show(self._reason(obstacle) or self._source.away or self._source.held_back)
 
     def _reason(self, obstacle: Obstacle | None) -> str:
@@ -306,7 +307,7 @@ class KafkaToRos:
         return obstacle.reason
 
     def _show(self, reason: str) -> None:
-        self._telling.tell(reason, self._source, self._pause)
+        self.telling.tell(reason, self._source, self._pause)
         self._take_snapshot(self._source.lag())
 
     def _take_snapshot(self, lag: int | None) -> None:

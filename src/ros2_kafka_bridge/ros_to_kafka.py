@@ -22,6 +22,7 @@ from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.flight.messages import LINE, TAIL, MessageEntry, MessageFlight
 from ros2_kafka_bridge.route.gathering import Gathering
 from ros2_kafka_bridge.route.identity import Identity
+from ros2_kafka_bridge.route.idling import Idling
 from ros2_kafka_bridge.route.labels import MakeHeaders, MakeKey
 from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.route.obstacle import KAFKA_IS_SLOW
@@ -39,7 +40,6 @@ from ros2_kafka_bridge.threads.stop import Stop
 from ros2_kafka_bridge.tracing.messages import NO_MESSAGE_TRACES, MessageTraces
 
 BATCH = 500
-_IDLE_S = 0.1
 _BUSY_S = 0.005
 _FULL_S = 0.02
 _LAST_TAKES = 100
@@ -104,8 +104,9 @@ class RosToKafka:
         self.spool = backlog.spool if backlog else None
         self._spooling = Spooling(route, self._flight, backlog, in_kafka, self.counters, log)
         self._meter = Meter()
-        self._telling = Telling(self.counters, self._meter, dead_letters)
+        self.telling = Telling(self.counters, self._meter, dead_letters)
         self._gathering = Gathering(sink.hurry)
+        self._idling = Idling(_BUSY_S)
         self._pause = Pause()
 
     def run(self, stop: Stop, pause: Pause | None = None) -> None:
@@ -117,6 +118,7 @@ class RosToKafka:
         """
         self._pause = pause or self._pause
         self._prepare()
+        self._idling.begin(stop.look_s)
         with self._opened():
             while not stop.look():
                 taken = self._rest() if self._pause.asked else self._step()
@@ -135,6 +137,7 @@ class RosToKafka:
         Raises:
             RouteError: That is not possible now; it stays on disk.
         """
+        self._idling.begin(stop.look_s)
         with self._opened():
             while not stop.look() and (self._flight or self._spooling.waiting):
                 self._step()
@@ -148,7 +151,9 @@ class RosToKafka:
         self._drop_excess()
         room = self._room()
         if room > 0:
-            taken = self._take(room, _BUSY_S if self._flight else _IDLE_S)
+            if self._spooling.active or self._sink.away:
+                self._idling.note_work()
+            taken = self._take(room, self._idling.wait_s(busy=bool(self._flight)))
             self._producing.produce_ready()
             self._gathering.send(len(taken))
             self._confirm(0.0)
@@ -286,7 +291,7 @@ class RosToKafka:
                     self._traces.ended(entry, outcome)
 
     def _tick(self) -> None:
-        if not self._telling.is_due(self._pause):
+        if not self.telling.is_due(self._pause, is_calm=not self._flight and self._idling.is_calm):
             return
         self._drop_excess()
         full = self._room() <= 0 or len(self._flight.lane.ready) >= self._flight.max_entries
@@ -294,7 +299,7 @@ class RosToKafka:
         self._show(self._spooling.full or reason)
 
     def _show(self, reason: str) -> None:
-        self._telling.tell(reason, self._sink, self._pause, begun=self._spooling.exists)
+        self.telling.tell(reason, self._sink, self._pause, begun=self._spooling.exists)
         self._take_snapshot()
 
     def _take_snapshot(self) -> None:

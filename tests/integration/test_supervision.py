@@ -252,8 +252,9 @@ def test_the_first_process_is_asked_for_each_end_once() -> None:
 
 
 def test_a_bug_in_what_hears_the_signals_ends_the_bridge_with_1(
-    caplog: pytest.LogCaptureFixture,
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    monkeypatch.setenv('NOTIFY_SOCKET', str(tmp_path / 'nobody'))  # else nothing is looked at
     stop = Stop()
 
     def fails() -> list[Snapshot]:

@@ -1,5 +1,6 @@
 """What the pipeline Kafka -> ROS holds and drops where readers are slow, driven step by step."""
 
+import math
 import re
 import time
 from collections import Counter, deque
@@ -53,7 +54,7 @@ def test_a_route_that_is_held_says_by_whom_and_since_when(
     blocked = house.pipeline._blocked
     blocked._since_s = blocked._moved_s = time.monotonic() - 3600
     before = datetime.now().astimezone() - timedelta(seconds=3600)
-    house.pipeline._telling._at_s = 0.0
+    house.pipeline.telling._told_s = -math.inf
     house.steps(1)
     reason = house.pipeline.snapshot.reason
     said = re.fullmatch(
@@ -80,7 +81,7 @@ def test_who_does_not_take_is_not_blamed_for_the_time_of_one_that_has_gone(
     house.sink.lose_reader()
     house.sink.reliable_subscribers = ['/picker']
     house.steps(3)
-    house.pipeline._telling._at_s = 0.0
+    house.pipeline.telling._told_s = -math.inf
     came = datetime.now().astimezone()
     house.steps(1)
     since = re.search(r'/picker, since (\d\d:\d\d:\d\d)', house.pipeline.snapshot.reason)

@@ -1,5 +1,6 @@
 """The pipeline ROS -> Kafka, driven step by step with ends in memory."""
 
+import math
 import time
 from typing import Any
 
@@ -162,7 +163,7 @@ def test_guarantee_6_in_flight_is_never_told_above_twice_the_window_where_the_ol
     for batch in range(5):
         house.give(*[b'x'] * 500, first=1 + 500 * batch)
         house.pipeline._step()
-        house.pipeline._telling._at_s = 0.0
+        house.pipeline.telling._told_s = -math.inf
         house.pipeline._rest() if paused else house.pipeline._step()
         told.append(house.pipeline.snapshot.in_flight)
     assert max(told) <= 20
@@ -209,7 +210,7 @@ def test_a_route_with_nothing_to_send_tells_whether_kafka_was_and_is_there() -> 
     for reached, away in ((False, ''), (False, 'no broker'), (True, ''), (True, 'no broker')):
         house.sink.reached, house.sink.away = reached, away
         house.sink.answers = False if away else reached or None
-        house.pipeline._telling._at_s = 0.0
+        house.pipeline.telling._told_s = -math.inf
         house.steps(1)
         snapshot = house.pipeline.snapshot
         seen.append((snapshot.state, snapshot.reason, snapshot.measures.kafka_up))

@@ -26,7 +26,7 @@ _LARGEST_BYTES = 1_000_000  # librdkafka's default, of a batch and of a message
 _QUEUE = 'queue.buffering.max.messages'
 _LARGEST_QUEUE = 100_000  # librdkafka's default
 _PASSED_OVER = 'Kafka may have taken a later record as the first of a partition: written again'
-_IDLE_BLIP_S = 5.0  # beyond two reports of the client, where nothing else tells
+_IDLE_BLIP_S = 9.0  # beyond two reports of the client, where nothing else tells
 _HURRY_S = 0.001  # nothing is hurried by a flush that is over before the client's thread wakes
 
 

@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 _INTERVAL: Final = 'statistics.interval.ms'
-_INTERVAL_MS: Final = 2000
+_INTERVAL_MS: Final = 4000
 _BEHIND_NAMES: Final = '"type"'
 _S_PER_US: Final = 1e-6
 _CONNECTED: Final = 'UP'

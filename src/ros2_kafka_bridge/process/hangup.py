@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from ros2_kafka_bridge.threads.stop import SIGNALS, signals_to_handle
+from ros2_kafka_bridge.threads.wakeup import Wakeup
 
 _SOON_S: Final = 10.0
 _LOOK_S: Final = 0.5
@@ -26,6 +27,7 @@ class Signals:
 
     def __init__(self, on_stop: Callable[[int], None], *, had_terminal: bool = False) -> None:
         self.on_stop = on_stop
+        self.wakeup = Wakeup()  # rung by each signal
         self._asked = False
         self.had_terminal = had_terminal or _has_terminal()
         self._hung_up_s = self._look_at_s = -_SOON_S
@@ -52,6 +54,10 @@ class Signals:
                 self.on_stop(signal.SIGHUP)
 
     def _on_signal(self, number: int, _frame: Any) -> None:
+        self._take(number)
+        self.wakeup.ring()
+
+    def _take(self, number: int) -> None:
         if number != signal.SIGHUP:
             self.on_stop(number)
             return

@@ -7,7 +7,6 @@ in a thread.
 
 import os
 import threading
-import time
 from typing import TYPE_CHECKING, Final
 
 from ros2_kafka_bridge.logs.lines import route_log
@@ -21,7 +20,8 @@ if TYPE_CHECKING:
     from ros2_kafka_bridge.process.supervisor import Supervisor
     from ros2_kafka_bridge.threads.stop import Stop
 
-_LOOK_S: Final = 0.1
+_LOOK_S: Final = 0.25
+_IDLE_S: Final = 10.0  # where only signals are heard
 
 
 class Standalone:
@@ -50,6 +50,7 @@ class Standalone:
 
         def told(event: Event) -> None:
             self._begun = self._begun or isinstance(event, Begun)
+            self._signals.wakeup.ring()
             tell(event)
 
         self._signals.on_stop = self._on_stop
@@ -60,6 +61,7 @@ class Standalone:
             self._status = status = self._bridge.run(told)
         finally:
             self._ended = True
+            self._signals.wakeup.ring()
             beside.join()
         return max(status, self._others)
 
@@ -83,25 +85,32 @@ class Standalone:
 
     def _look_after(self) -> None:
         """Hear what signals ask for."""
-        from ros2_kafka_bridge.process.reports import in_words, is_live  # noqa: PLC0415 (not for its supervisor)
-        from ros2_kafka_bridge.protocol.monitor import Lifecycle  # noqa: PLC0415 (the same)
-
         while not self._ended:
             self._signals.look()
             if self._wants_reload() and (supervisor := self._supervisor()) is not None:
                 self._supervise(supervisor)
                 return
-            snapshots = self._bridge.snapshots()
-            self._systemd.tick()
-            if is_live(snapshots):
-                self._systemd.alive()
-            if self._stop.asked:
-                self._systemd.stopping()
-            elif self._begun:
-                text = in_words(Lifecycle.ACTIVE, snapshots)
-                self._systemd.ready(text)
-                self._systemd.status(text)
-            time.sleep(_LOOK_S)
+            if self._systemd.listens:
+                self._notify()
+            looks = self._systemd.listens or self._signals.had_terminal
+            self._signals.wakeup.wait(_LOOK_S if looks else _IDLE_S)
+            self._signals.wakeup.clear()
+
+    def _notify(self) -> None:
+        """Tell systemd how the bridge is doing."""
+        from ros2_kafka_bridge.process.reports import in_words, is_live  # noqa: PLC0415 (not for its supervisor)
+        from ros2_kafka_bridge.protocol.monitor import Lifecycle  # noqa: PLC0415 (the same)
+
+        snapshots = self._bridge.snapshots()
+        self._systemd.tick()
+        if is_live(snapshots):
+            self._systemd.alive()
+        if self._stop.asked:
+            self._systemd.stopping()
+        elif self._begun:
+            text = in_words(Lifecycle.ACTIVE, snapshots)
+            self._systemd.ready(text)
+            self._systemd.status(text)
 
     def _wants_reload(self) -> bool:
         return self._begun and not self._stop.asked and self._signals.take_reload()

@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def allow_open_files() -> None:
-    """Raise the limit of open files as far as this user may, as a route needs seven or so.
+    """Raise the limit of open files as far as this user may, as a route needs nine or so.
 
     Systems begin with a low one, for programs that cannot count further than 1024.
     """

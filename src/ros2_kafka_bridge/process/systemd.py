@@ -29,6 +29,11 @@ class Systemd:
         self._said = ''
         self._say_at_s = 0.0
 
+    @property
+    def listens(self) -> bool:
+        """Whether anybody does."""
+        return bool(self._address)
+
     @classmethod
     def from_environ(cls, environ: MutableMapping[str, str]) -> 'Systemd':
         """Take it out of the environment: what this process starts does not speak for it."""

@@ -1,4 +1,4 @@
-"""What the log says of the counters: one line for each route every ten seconds."""
+"""What the log says of the counters, every ten seconds."""
 
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -7,10 +7,11 @@ from typing import Final
 from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.logs.lines import route_log
 from ros2_kafka_bridge.logs.text import clock_time, count
-from ros2_kafka_bridge.route.counters import Counters, Snapshot
+from ros2_kafka_bridge.route.counters import Counters, Measures, Snapshot, State
 
 _MOST_NAMES: Final = 3
 _PERIOD_S: Final = 10.0
+_ASKED_S: Final = 1.0
 _OLD_S: Final = 3.0  # a route tells its numbers each second
 
 
@@ -103,11 +104,16 @@ def held(names: Sequence[str], for_s: float) -> str:
         for_s: How long nothing has moved.
     """
     since = clock_time(for_s)
-    shown = ', '.join(names[:_MOST_NAMES])
-    if len(names) > _MOST_NAMES:
-        shown += f' and {len(names) - _MOST_NAMES} more'
+    shown = in_short(names)
     one_of = 'one of ' if len(names) > 1 else ''
     return f'{one_of}{shown}, since {since}' if names else f'since {since}'
+
+
+def in_short(names: Sequence[str]) -> str:
+    """The first of some names, and how many more there are."""
+    shown = ', '.join(names[:_MOST_NAMES])
+    more = len(names) - _MOST_NAMES
+    return f'{shown} and {more} more' if more > 0 else shown
 
 
 def _rare(snapshot: Snapshot) -> str:
@@ -125,7 +131,7 @@ def _rare(snapshot: Snapshot) -> str:
 
 
 class StatusLog:
-    """A line for each route, again and again.
+    """A line for each route that moves or waits, again and again, and one for all others.
 
     Args:
         snapshots: Makes the counters of all routes.
@@ -137,15 +143,34 @@ class StatusLog:
         self._said_s = time.monotonic()
 
     def say(self) -> None:
-        """Say how every route is doing, unless that was said just now."""
+        """Say how every route is doing, unless that was said just now; called each second."""
         now_s = time.monotonic()
         period_s = now_s - self._said_s
-        if period_s < _PERIOD_S:
+        if period_s < _PERIOD_S - _ASKED_S:
             return
         now = {snapshot.route: snapshot for snapshot in self._snapshots()}
+        if period_s < _PERIOD_S:
+            return  # an idle route tells once it is asked: what it tells then is said
+        idle = [route for route, snapshot in now.items() if self._is_idle(snapshot)]
+        if len(idle) > 1:
+            text = 'running: %s had nothing to do: %s'
+            route_log().info(text, count(len(idle), 'route'), in_short(idle))
         for route, snapshot in now.items():
+            if len(idle) > 1 and route in idle:
+                continue
             before = self._before.get(route) or Counters(route).snapshot(0)
             per_s = carried_per_s(snapshot, before, period_s)
             told = {'figures': figures(snapshot, per_s)}
             route_log(route).info('%s', status_line(snapshot, per_s), extra=told)
         self._before, self._said_s = now, now_s
+
+    def _is_idle(self, now: Snapshot) -> bool:
+        """Whether a route runs, and has moved nothing since the last line."""
+        before = self._before.get(now.route)
+        if before is None or now.in_flight or now.lag or now.state is not State.RUNNING:
+            return False
+        return _timeless(now) == _timeless(before)
+
+
+def _timeless(snapshot: Snapshot) -> Snapshot:
+    return snapshot._replace(lag=None, made_s=0.0, beat_s=0.0, measures=Measures())

@@ -1,4 +1,7 @@
-"""What a pipeline tells of itself: once a second, and at once when it pauses or goes on."""
+"""What a pipeline tells of itself: once a second, and at once when it pauses or goes on.
+
+One that has nothing to do tells as often as somebody asks, and seldom where nobody does.
+"""
 
 import time
 from typing import Any
@@ -10,6 +13,7 @@ from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.threads.pause import Pause
 
 SNAPSHOT_S = 1.0
+_UNASKED_S = 10.0
 
 
 class Telling:
@@ -22,15 +26,22 @@ class Telling:
     """
 
     def __init__(self, counters: Counters, meter: Meter, dead_letters: DeadLetters[Any]) -> None:
+        self.is_asked = False  # since it told last; another thread sets it
         self._counters = counters
         self._meter = meter
         self._dead_letters = dead_letters
         self._paused = False  # as was told last
-        self._at_s = 0.0
+        self._told_s = -_UNASKED_S
 
-    def is_due(self, pause: Pause) -> bool:
-        """Whether it is time: a second after the last time, or once a pause begins or ends."""
-        return time.monotonic() >= self._at_s or self._paused != pause.asked
+    def is_due(self, pause: Pause, *, is_calm: bool) -> bool:
+        """Whether it is time for that.
+
+        Args:
+            pause: Of the route.
+            is_calm: Whether the route has had nothing to do for a while.
+        """
+        patience_s = _UNASKED_S if is_calm and not self.is_asked else SNAPSHOT_S
+        return time.monotonic() >= self._told_s + patience_s or self._paused != pause.asked
 
     def tell(self, obstacle: str, kafka: KafkaEnd, pause: Pause, *, begun: bool = False) -> None:
         """Note what the pipeline does.
@@ -41,7 +52,7 @@ class Telling:
             pause: Of the route.
             begun: Whether it does its work though Kafka has never answered.
         """
-        self._at_s = time.monotonic() + SNAPSHOT_S
+        self._told_s, self.is_asked = time.monotonic(), False
         self._paused = pause.asked
         letters = self._dead_letters
         reason = pause.reason if self._paused else ''

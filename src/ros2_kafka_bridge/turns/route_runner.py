@@ -89,6 +89,7 @@ class RouteRunner:
         """Ask it to pause, or to go on; called by another thread."""
         if asked != self.pause.asked:
             self.pause.asked = asked
+            self.stop.wakeup.ring()
             words = 'takes nothing until it is resumed' if asked else 'goes on'
             self.log.info('%s by an operator: %s', 'paused' if asked else 'resumed', words)
 
@@ -263,6 +264,9 @@ class RouteRunner:
     def snapshot(self) -> Snapshot:
         """The counters of the route, at one moment of its own."""
         work = self._work
+        if work.pipeline is not None and not work.pipeline.telling.is_asked:
+            work.pipeline.telling.is_asked = True
+            self.stop.wakeup.ring()  # one that is idle would tell later
         total, life = work.now, self._life
         if (shown := life.shown) is not None:
             state, reason, final = shown

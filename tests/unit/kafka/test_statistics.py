@@ -36,10 +36,10 @@ def test_a_name_with_quotes_hides_nothing() -> None:
 
 def test_statistics_come_often_enough_to_know_whether_a_client_lives() -> None:
     name = 'statistics.interval.ms'
-    assert with_statistics({'a': 'b'}) == {'a': 'b', name: 2000}
+    assert with_statistics({'a': 'b'}) == {'a': 'b', name: 4000}
     assert with_statistics({name: '500'})[name] == 500
-    assert with_statistics({name: 600_000})[name] == 2000
-    assert with_statistics({name: 0})[name] == 2000
+    assert with_statistics({name: 600_000})[name] == 4000
+    assert with_statistics({name: 0})[name] == 4000
 
 
 @pytest.mark.parametrize(
