@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 DEFAULT: Final = Offer('reliable', 'volatile')
 _AGAIN_S: Final = 0.1
+_JUST_NOW_S: Final = 0.01
 # Asking holds the thread of the route for seconds where Kafka is away: most of the time is for
 # taking from the other publishers. Where there are none, one more try holds up nothing, and what
 # a publisher's history holds runs out.
@@ -43,6 +44,7 @@ class _Subscription:
         is_unwanted: Whether nobody has offered this at the last look.
         is_empty: Whether the last take since that look has left nothing behind.
         has_failed: Whether the last take has.
+        rings: Whether it rings for what comes.
     """
 
     handle: Any
@@ -50,6 +52,7 @@ class _Subscription:
     is_unwanted: bool = False
     is_empty: bool = False
     has_failed: bool = False
+    rings: bool = True
 
 
 class TopicReader:
@@ -254,7 +257,21 @@ class TopicReader:
             return []
         subscription.has_failed = False
         self.exhausted = self.exhausted and subscription.is_empty
+        if subscription.rings is not subscription.is_empty:
+            self._let_ring(subscription, rings=subscription.is_empty)
         return taken
+
+    def _let_ring(self, subscription: _Subscription, *, rings: bool) -> None:
+        """Let a subscription ring, but not for what is taken anyway.
+
+        For each ring Fast DDS goes through all that is unread.
+        """
+        subscription.rings = rings
+        if rings:
+            self._notifier.attach(subscription.handle)
+            self._notifier.look_again(_JUST_NOW_S)  # what comes in between rings perhaps not
+        else:
+            self._notifier.detach(subscription.handle)
 
     def _fail(self, offer: Offer, subscription: _Subscription, error: Exception) -> None:
         """Keep an error of a subscription; one that fails again and again is made anew."""
