@@ -165,8 +165,8 @@ class Graph:
     def _made_changes(self) -> Changes | None:
         try:
             return self._make_changes()
-        except Exception:  # the graph is asked again and again
-            logging.getLogger(__name__).exception('ROS tells of no changes of its graph')
+        except Exception as error:  # noqa: BLE001 (the graph is asked again and again)
+            self._say_untold(error)
             return None
 
     def _keep_looking(self) -> None:
@@ -190,7 +190,11 @@ class Graph:
             return True
         try:
             return self._changes.wait(_TURN_S)
-        except Exception:  # routes go on: the graph is asked again and again from now on
+        except Exception as error:  # noqa: BLE001 (routes go on: it is asked again and again)
             self._changes = None
-            logging.getLogger(__name__).exception('ROS tells of no changes of its graph any more')
+            self._say_untold(error)
             return True
+
+    def _say_untold(self, error: Exception) -> None:
+        log, every_s = logging.getLogger(__name__), _UNTOLD_S
+        log.warning('ROS tells of no changes of its graph (%s): asks each %s s', error, every_s)
