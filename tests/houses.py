@@ -191,9 +191,9 @@ class House:
         self.spool._file._close_database()
         self.spool._file._lock.release()
 
-    def drain(self, stop: Stop | None = None) -> None:
-        stop = stop or Stop()
-        stop.ask()
+    def drain(self, *, limited: bool = True) -> None:
+        stop = Stop()
+        stop.ask(limited=limited)
         self.pipeline._drain(stop)
         self.check_balance()
         self._opened.__exit__(None, None, None)

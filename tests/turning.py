@@ -1,4 +1,4 @@
-"""A house with a route that is run in turn, and what tests put into it."""
+"""A house with an exclusive route, and what tests put into it."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,13 +9,13 @@ from ros2_kafka_bridge.bridge import Bridge
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.errors import BridgeError, RouteError, SpoolInUseError
-from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.protocol.worker import Event
 from ros2_kafka_bridge.route.counters import Counters, Outcome, Snapshot
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Stop
 
 if TYPE_CHECKING:
+    from ros2_kafka_bridge.kafka.lock import GroupLock
     from ros2_kafka_bridge.wiring import Wiring
 
 IN_USE = SpoolInUseError(4711, Path('/var/spool/pair.orders.spool.lock'))
@@ -118,8 +118,8 @@ class House:
         }
         self.bridge = Bridge(validated(Config, content))
         [self.runner] = self.bridge._runners
-        assert isinstance(self.runner.lock, GroupLock)
-        self.runner.lock = cast('GroupLock', lock)
+        assert self.bridge._locks.keys() == {'orders'}
+        self.bridge._locks['orders'] = cast('GroupLock', lock)
         self.lock = lock
         self.pipelines = list(pipelines)
         self.for_backlog: MemoryPipeline | None = None
@@ -130,7 +130,7 @@ class House:
         self.open = 0  # ROS endpoints
         self.told = 0
 
-    def make(self, *arguments: Any) -> MemoryPipeline:
+    def make(self, *arguments: Any, **_named: Any) -> MemoryPipeline:
         self.open += 1
         arguments[3].callback(self._close)
         return self.pipelines.pop(0)

@@ -5,12 +5,13 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 
 from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.settings import Config, warnings
-from ros2_kafka_bridge.errors import BridgeError, SpoolInUseError
+from ros2_kafka_bridge.exclusive.leadership import Leadership
+from ros2_kafka_bridge.exclusive.term import HANDOVER_S
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.logs.lines import RouteLog, route_log
 from ros2_kafka_bridge.logs.text import count
@@ -20,20 +21,16 @@ from ros2_kafka_bridge.ros.probe import Abilities, limits, probe, probe_topic
 from ros2_kafka_bridge.ros.type_support.choice import why_import
 from ros2_kafka_bridge.route.counters import Snapshot
 from ros2_kafka_bridge.route.status import StatusLog, left, totals
+from ros2_kafka_bridge.running.route_runner import RouteRunner
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Part, Stop, ctrl_c_asks
 from ros2_kafka_bridge.tracing.routes import open_tracing
-from ros2_kafka_bridge.turns.route_runner import RouteRunner
-from ros2_kafka_bridge.turns.standing_by import stand_by
-from ros2_kafka_bridge.turns.term import OVERLAP_S, Successor, Term
-from ros2_kafka_bridge.wiring import Pipeline, Wiring, group_lock_of, histories_of
+from ros2_kafka_bridge.wiring import Wiring, histories_of
 
 _CLOSING_S = 10.0
 _AT_ONCE_S = 2.0
 _BEGIN_S = 0.02
 _WATCH_S = 1.0
-_SPOOL_LOOK_S = 0.1
-
 
 Tell = Callable[[Event], None]
 """Told of what happens, by the thread in which it does."""
@@ -75,16 +72,24 @@ class Bridge:
             RouteRunner(
                 route,
                 Part(stops[route.direction]),
-                group_lock_of(route, self.config, route_log(route.name)),
                 Pause(asked=route.name in paused),
             )
             for route in config.routes
             if routes is None or route.name in routes
         ]
+        self._locks = {
+            runner.route.name: self._make_lock(runner)
+            for runner in self._runners
+            if runner.route.exclusive
+        }
         self._ending: set[str] = set()  # changed by single calls: two threads do
         self._may_begin = threading.Event()
         self._log = route_log()
         self._crashed = False
+
+    def _make_lock(self, runner: RouteRunner) -> GroupLock:
+        known = self.config
+        return GroupLock(known.kafka, known.name, runner.route.name, runner.log, known.membership)
 
     def run(self, tell: Tell = _tell_nobody, *, waits: bool = False) -> int:
         """Run until a stop is asked for; returns the exit status.
@@ -217,12 +222,13 @@ class Bridge:
 
     def _keep_running(self, runner: RouteRunner, wiring: Wiring, tell: Tell) -> None:
         """Run one route until a stop; in a thread of its own."""
+        runner.tell_final = partial(tell, RouteFailed())
         try:
-            if runner.lock is None:
-                self._run_on(runner, wiring, tell, runner.stop)
+            if (lock := self._locks.get(runner.route.name)) is not None:
+                Leadership(lock, wiring).run(runner)
             else:
-                successor = wiring.successor(runner.route)
-                self._take_turns(runner, runner.lock, wiring, successor, tell)
+                make = partial(wiring.make, runner.route, runner.log, say=runner.wait_for_type)
+                runner.run(runner.stop, make)
         except BaseException:
             self._crashed = True
             runner.log.critical('a bug of the bridge ended this route', exc_info=True)
@@ -230,87 +236,6 @@ class Bridge:
                 self.stop.ask()
         finally:
             self.stop.wakeup.ring()  # whoever watches looks which routes run
-
-    def _run_on(self, runner: RouteRunner, wiring: Wiring, tell: Tell, stop: Stop) -> None:
-        """Run a route until a stop, again and again while it fails."""
-        with ExitStack() as stack:
-            while error := self._run_once(runner, wiring, stack, stop):
-                stop.listen()  # what has failed may be another bridge's concern by now
-                runner.fail(error, stop)
-                if runner.for_good:
-                    tell(RouteFailed())
-                runner.say_failure()
-                if runner.final or runner.give_away(stop):
-                    break
-                stop.wait(runner.again_s)
-
-    def _run_once(
-        self, runner: RouteRunner, wiring: Wiring, stack: ExitStack, stop: Stop
-    ) -> BridgeError | None:
-        """Run one route until it stops or fails; returns why it has failed."""
-        runner.begin()
-        try:
-            if runner.pipeline is None:
-                runner.use(
-                    wiring.make(runner.route, runner.log, stop, stack, runner.wait_for_type)
-                )
-            pipeline = runner.pipeline
-            if pipeline is None:
-                return None
-            if runner.lock is not None and not self._has_spool(runner, pipeline, wiring, stop):
-                return None
-            runner.begin_run()
-            pipeline.run(stop, runner.pause)
-        except BridgeError as error:
-            # Of a route that was never made, a stop in its try is one between two of them.
-            return None if runner.stop.asked and runner.pipeline is None else error
-        return None
-
-    def _has_spool(
-        self, runner: RouteRunner, pipeline: Pipeline, wiring: Wiring, stop: Stop
-    ) -> bool:
-        """Wait until a bridge of this machine, whose turn is over, has put the spool away.
-
-        The ROS endpoint is open meanwhile: that one reads until it sees it. False at a stop.
-
-        Raises:
-            SpoolInUseError: It has had time enough, and may not know that its turn is over.
-            RouteError: The spool cannot be used.
-        """
-        while True:
-            try:
-                wiring.claim_spool(pipeline)
-            except SpoolInUseError as in_use:
-                runner.wait_for_spool(in_use)
-            else:
-                return True
-            if stop.wait(_SPOOL_LOOK_S):
-                return False
-
-    # One bridge at a time
-
-    def _take_turns(
-        self,
-        runner: RouteRunner,
-        lock: GroupLock,
-        wiring: Wiring,
-        successor: Successor,
-        tell: Tell,
-    ) -> None:
-        """Run a route whenever this bridge is the one to do so.
-
-        Its ROS endpoint is open in such a term only: nobody would take from it in between, and
-        it would hold the publishers back.
-        """
-        with lock:
-            while not runner.final and stand_by(runner, lock, wiring):
-                runner.log.info('takes over: this bridge runs the route')
-                term = Term(runner.stop, lock, successor)
-                self._run_on(runner, wiring, tell, term)
-                runner.end_term()
-                term.listen()
-                if term.over and not lock.held:
-                    runner.log.warning('hands over: another bridge runs this route')
 
     def _watch(self, tell: Tell) -> None:
         status = StatusLog(self.snapshots)
@@ -361,8 +286,8 @@ class Bridge:
         """Wait for the routes of one direction: what another has used up takes nothing from it."""
         runners = [runner for runner in self._runners if runner.route.direction is direction]
         longest_s = max((runner.route.drain_s for runner in runners), default=0.0)
-        overlap_s = OVERLAP_S if any(runner.lock is not None for runner in runners) else 0.0
-        deadline_s = time.monotonic() + longest_s + overlap_s + _CLOSING_S
+        handover_s = HANDOVER_S if any(runner.route.exclusive for runner in runners) else 0.0
+        deadline_s = time.monotonic() + longest_s + handover_s + _CLOSING_S
         while any(runner.runs for runner in runners) and time.monotonic() < deadline_s:
             if self.stop.at_once:
                 self._stop_takers.ask()

@@ -117,9 +117,9 @@ class KafkaToRos:
             RouteError: This route cannot go on; nothing is lost by running it again.
         """
         self._pause = pause or self._pause
-        self._idling.begin(stop.look_s)
+        self._idling.note_work()
         with self._opened():
-            while not stop.look():
+            while not stop.asked:
                 go_on = self._rest if self._pause.asked else self._step
                 go_on()
             self._drain(stop)

@@ -118,13 +118,11 @@ class RosToKafka:
         """
         self._pause = pause or self._pause
         self._prepare()
-        self._idling.begin(stop.look_s)
+        self._idling.note_work()
         with self._opened():
-            while not stop.look():
-                taken = self._rest() if self._pause.asked else self._step()
-                if stop.overlaps:
-                    newest = {m.gid: m.source_time_ns for m in taken or ()}
-                    stop.note_taken(None if taken is None else newest)
+            while not stop.asked:
+                go_on = self._rest if self._pause.asked else self._step
+                go_on()
             self._drain(stop)
 
     def _prepare(self) -> None:
@@ -137,15 +135,14 @@ class RosToKafka:
         Raises:
             RouteError: That is not possible now; it stays on disk.
         """
-        self._idling.begin(stop.look_s)
+        self._idling.note_work()
         with self._opened():
-            while not stop.look() and (self._flight or self._spooling.waiting):
+            while not stop.asked and (self._flight or self._spooling.waiting):
                 self._step()
             self._drain(stop)
 
-    def _step(self) -> Sequence[Message] | None:
-        """Go on by one take; returns what it has brought, None where there was no room for it."""
-        taken = None
+    def _step(self) -> None:
+        """Go on by one take, if there is room for it."""
         self._spooling.step(self._sink.away, self._dead_letters.problem)
         self._producing.produce_ready()
         self._drop_excess()
@@ -162,16 +159,14 @@ class RosToKafka:
             self._confirm(_FULL_S)
             self._meter.waited_s += time.monotonic() - since_s
         self._tick()
-        return taken
 
-    def _rest(self) -> Sequence[Message]:
+    def _rest(self) -> None:
         """Take nothing: DDS holds the publishers back. What was taken goes on to Kafka."""
         self._spooling.step(self._sink.away, self._dead_letters.problem)
         self._producing.produce_ready()
         self._source.look()
         self._confirm(_FULL_S)
         self._tick()
-        return ()
 
     # 1. ROS -> entries
 

@@ -1,8 +1,7 @@
 """How a route is made of its settings: which ends, which format, which labels."""
 
 import logging
-import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -11,11 +10,10 @@ from typing import Any
 from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
-from ros2_kafka_bridge.endpoints import Matches, Message, RecordSource
+from ros2_kafka_bridge.endpoints import RecordSource
 from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.formats import Encode
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
-from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.kafka.names import tail_group
 from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.properties import (
@@ -33,8 +31,8 @@ from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
 from ros2_kafka_bridge.ros.sink import RosSink
-from ros2_kafka_bridge.ros.source import RosSource
-from ros2_kafka_bridge.ros.successor import RosSuccessor
+from ros2_kafka_bridge.ros.source import OnTake, RosSource
+from ros2_kafka_bridge.ros.successor import SuccessorWatch
 from ros2_kafka_bridge.ros.topic_end import TopicEnd
 from ros2_kafka_bridge.ros.topic_reader import TopicReader
 from ros2_kafka_bridge.ros.topic_writer import TopicWriter
@@ -55,6 +53,7 @@ from ros2_kafka_bridge.route.type_hash import (
     check_record_of,
 )
 from ros2_kafka_bridge.spool.backlog import Backlog
+from ros2_kafka_bridge.spool.backlog_source import Silence, encode_nothing
 from ros2_kafka_bridge.spool.lock import is_in_use, lock_of
 from ros2_kafka_bridge.spool.store import Spool, file_of
 from ros2_kafka_bridge.threads.stop import Stop
@@ -79,13 +78,6 @@ def histories_of(routes: Iterable[AnyRoute], probed: str, lease_s: float | None)
     return Histories(lengths[Direction.KAFKA_TO_ROS], lengths[Direction.ROS_TO_KAFKA], lease_s)
 
 
-def group_lock_of(route: AnyRoute, config: Config, log: Log) -> GroupLock | None:
-    """Make the right to run a route alone; None where any bridge may run it beside others."""
-    if not route.exclusive:
-        return None
-    return GroupLock(config.kafka, config.name, route.name, log, config.membership)
-
-
 class Wiring:
     """What all routes share, and how a route is made of it."""
 
@@ -107,13 +99,19 @@ class Wiring:
         self._topic_ids = TopicIds(common_properties(config.kafka, client_id=config.name))
 
     def make(
-        self, route: AnyRoute, log: Log, stop: Stop, stack: ExitStack, say: Say = lambda _: None
+        self,
+        route: AnyRoute,
+        log: Log,
+        stop: Stop,
+        stack: ExitStack,
+        say: Say = lambda _: None,
+        on_take: OnTake = lambda _: None,
     ) -> Pipeline | None:
         """Make what runs a route; None where a stop came while its type was waited for.
 
         Its ROS endpoint is open until the stack closes: a route that fails on the Kafka side
         keeps it, so that DDS holds the publishers back meanwhile. `say` is told what is waited
-        for, where that takes long.
+        for, where that takes long, and `on_take` what each take from ROS has brought.
 
         Raises:
             RouteError: The route cannot run now; its ROS endpoint is closed.
@@ -122,14 +120,14 @@ class Wiring:
             if isinstance(route, KafkaToRosRoute):
                 pipeline: Pipeline | None = self._kafka_to_ros(route, log, stop, made, say)
             else:
-                pipeline = self._ros_to_kafka(route, log, stop, made, say)
+                pipeline = self._ros_to_kafka(route, log, stop, made, say, on_take)
             stack.push(made.pop_all())
         return pipeline
 
-    def successor(self, route: AnyRoute) -> RosSuccessor:
+    def successor(self, route: AnyRoute) -> SuccessorWatch:
         """Make what knows whether another bridge of this name reads the ROS topic of a route."""
         topic, own = route.ros_topic, self._abilities.own
-        return RosSuccessor(self._node, topic, self._config.name, own)
+        return SuccessorWatch(self._node, topic, self._config.name, own)
 
     def claim_spool(self, pipeline: Pipeline) -> None:
         """Keep the spool of a route, if it has one, until its stack closes.
@@ -154,10 +152,10 @@ class Wiring:
             return None
         return RosToKafka(
             route,
-            _Silence(),
+            Silence(),
             self._produced(route, log),
             self._kafka_sink(route, log),
-            lambda: _encode_nothing,
+            lambda: encode_nothing,
             lambda _: None,
             lambda _: [],
             check_nothing,
@@ -229,13 +227,19 @@ class Wiring:
         )
 
     def _ros_to_kafka(
-        self, route: RosToKafkaRoute, log: Log, stop: Stop, stack: ExitStack, say: Say
+        self,
+        route: RosToKafkaRoute,
+        log: Log,
+        stop: Stop,
+        stack: ExitStack,
+        say: Say,
+        on_take: OnTake,
     ) -> RosToKafka | None:
         message_type = self._types.load(RosEnd.of(route), log, stop, say)
         if message_type is None:
             return None
         try:
-            return self._of_type(message_type, route, log, stop, stack)
+            return self._of_type(message_type, route, log, stop, stack, on_take)
         except ConfigError as error:
             if route.type_name is not None:
                 raise
@@ -243,7 +247,13 @@ class Wiring:
             raise RouteError(str(error)) from error
 
     def _of_type(
-        self, kind: MessageType, route: RosToKafkaRoute, log: Log, stop: Stop, stack: ExitStack
+        self,
+        kind: MessageType,
+        route: RosToKafkaRoute,
+        log: Log,
+        stop: Stop,
+        stack: ExitStack,
+        on_take: OnTake,
     ) -> RosToKafka:
         produced = self._produced(route, log)
         topic, has_gid = route.ros_topic, self._abilities.gid and self._abilities.seq
@@ -251,7 +261,7 @@ class Wiring:
         with enough_files():
             arrivals = Arrivals(stop.wakeup)
             reader = TopicReader(end, arrivals, has_gid=has_gid, on_offer=produced.look)
-        source = RosSource(arrivals, {topic: reader})
+        source = RosSource(arrivals, {topic: reader}, on_take)
         asks = asks_registry(route)
         encode = None if asks else encode_of(route, self._config, kind.layout)
 
@@ -350,33 +360,6 @@ class Wiring:
             lambda: ensure_topic(properties, topic),
             log,
         )
-
-
-class _Silence:
-    """A `MessageSource` of a topic where nothing is published."""
-
-    lost_upstream = 0
-    exhausted = True
-    matches = Matches()
-
-    def open(self) -> None:
-        """Nothing is subscribed."""
-
-    def look(self) -> None:
-        """Nobody is followed."""
-
-    def take(self, limit: int, timeout_s: float) -> Sequence[Message]:
-        """Wait for nothing."""
-        del limit
-        time.sleep(timeout_s)
-        return ()
-
-    def close(self) -> None:
-        """Nothing is subscribed."""
-
-
-def _encode_nothing(_cdr: bytes) -> bytes:
-    raise AssertionError('nothing is taken')
 
 
 def _kbytes(route: AnyRoute) -> int:

@@ -11,7 +11,7 @@ from wheels import LOCK, ROOT, build, install, interpreter, make_venv, run
 VERSIONS = ('3.12', '3.13')
 # What the bridge proper stands on; the rest of tests/unit takes as long as all else here.
 UNIT = (
-    'config', 'kafka', 'logs', 'process', 'route', 'spool', 'turns',
+    'config', 'kafka', 'logs', 'process', 'route', 'spool', 'running', 'exclusive',
     'formats/test_cdr.py', 'formats/test_json.py', 'formats/test_json_errors.py',
     'formats/test_text.py',
 )  # fmt: skip

@@ -74,7 +74,7 @@ class _Useless(Enum):
 
 
 class GroupLock:
-    """The exclusive right of one bridge to run a route. All calls come from the route's thread.
+    """The exclusive right of one bridge to run a route. Called by one thread at a time.
 
     Args:
         kafka: librdkafka properties as the user wrote them.
@@ -263,7 +263,7 @@ class GroupLock:
             self._shut_out_s = now_s
         elif reason is _Useless.SILENT:
             self._untold_s = min(_MOST_UNTOLD_S, 2 * self._untold_s)
-        # Not waited for: the lock is looked at in the middle of a route.
+        # Not waited for: a route may run by this lock.
         old.end(0.0, leaves=self._properties is not before)
 
     def _check_topic(self, consumer: Consumer) -> None:

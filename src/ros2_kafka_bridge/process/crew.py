@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from typing import Final
 
 from ros2_kafka_bridge.config.direction import Direction
+from ros2_kafka_bridge.exclusive.term import HANDOVER_S
 from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.process.local_worker import LocalWorker
 from ros2_kafka_bridge.process.plan import Rank, RoutePlan, Share
@@ -17,11 +18,10 @@ from ros2_kafka_bridge.protocol.worker import PauseRoute, ResumeRoute
 from ros2_kafka_bridge.route.counters import Snapshot
 from ros2_kafka_bridge.route.status import left
 from ros2_kafka_bridge.threads.stop import Stop
-from ros2_kafka_bridge.turns.term import OVERLAP_S
 
 # More than a worker gives itself: it knows best what it leaves, and says so.
 _ENDING_S: Final = 12.0
-CLOSING_S: Final = _ENDING_S + OVERLAP_S
+CLOSING_S: Final = _ENDING_S + HANDOVER_S
 _AT_ONCE_S: Final = 5.0
 _PIPE_BYTES: Final = 65_536
 

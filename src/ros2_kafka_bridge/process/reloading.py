@@ -10,12 +10,12 @@ from typing import Final
 
 import msgspec
 
+from ros2_kafka_bridge.exclusive.handover_window import KNOWN_S
 from ros2_kafka_bridge.process.child import start_child
 from ros2_kafka_bridge.process.crew import CLOSING_S, Crew
 from ros2_kafka_bridge.process.difference import Checked, Difference
 from ros2_kafka_bridge.process.plan import Plan, Share, held_plan, share_out
 from ros2_kafka_bridge.process.worker_process import WorkerProcess
-from ros2_kafka_bridge.turns.overlap import KNOWN_S
 
 _CHECK_S: Final = 60.0
 _LOAD_S: Final = 120.0

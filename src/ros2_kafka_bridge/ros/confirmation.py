@@ -52,11 +52,11 @@ class Confirmation:
                 and the next call tries again.
         """
         while self._tells is None:
-            if stop.look():
+            if stop.asked:
                 return False
             trial = self._tried(stop)
             while not trial.done():
-                if stop.look():
+                if stop.asked:
                     return False
                 wait([trial], _STEP_S)
             trial.result()

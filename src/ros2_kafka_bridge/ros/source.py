@@ -1,7 +1,7 @@
 """Taking from ROS: the topics that a route reads."""
 
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final
 
 from ros2_kafka_bridge.endpoints import Matches, Message
@@ -10,6 +10,8 @@ from ros2_kafka_bridge.ros.topic_reader import TopicReader
 
 _ALL_S: Final = 1.0
 
+OnTake = Callable[[Sequence[Message]], None]
+
 
 class RosSource:
     """A `MessageSource` of real topics, which are waited for together.
@@ -17,9 +19,16 @@ class RosSource:
     Args:
         arrivals: Tells which of them have messages.
         readers: By their topics.
+        on_take: Told of what each take has brought, also where that is nothing.
     """
 
-    def __init__(self, arrivals: Arrivals, readers: Mapping[str, TopicReader]) -> None:
+    def __init__(
+        self,
+        arrivals: Arrivals,
+        readers: Mapping[str, TopicReader],
+        on_take: OnTake = lambda _: None,
+    ) -> None:
+        self._on_take = on_take
         self._arrivals = arrivals
         self._readers = readers
         self._left: Collection[str] = ()  # topics of which the last take has left something
@@ -50,13 +59,14 @@ class RosSource:
             reader.open()
 
     def look(self) -> None:
-        """Follow the publishers that have changed.
+        """Follow the publishers that have changed, and take nothing.
 
         Raises:
             RouteError: ROS refuses a subscription, or to tell who publishes.
         """
         for reader in self._readers.values():
             reader.look()
+        self._on_take(())
 
     def take(self, limit: int, timeout_s: float) -> Sequence[Message]:
         """Wait up to `timeout_s` for messages, then take at most `limit`.
@@ -71,6 +81,7 @@ class RosSource:
         messages = self._take(topics, limit)
         if not messages:
             self._raise_failure()
+        self._on_take(messages)
         return messages
 
     def _to_look_at(self, timeout_s: float) -> Collection[str]:

@@ -6,7 +6,7 @@ from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.ros.node import RosNode, own_nodes
 
 
-class RosSuccessor:
+class SuccessorWatch:
     """Another bridge of the same name that is to read a topic after this one.
 
     Args:

@@ -104,7 +104,7 @@ class TypeLoader:
         loading = self._begun(wanted)
         until_s = time.monotonic() + self._patience_s
         while not loading.done() and time.monotonic() < until_s:
-            if stop is not None and stop.look():
+            if stop is not None and stop.asked:
                 return None
             wait([loading], _STEP_S)
         if not loading.done():

@@ -1,6 +1,5 @@
 """How long a route waits for what comes next, while it has nothing else to do."""
 
-import math
 import time
 from typing import Final
 
@@ -22,17 +21,7 @@ class Idling:
 
     def __init__(self, busy_s: float) -> None:
         self._busy_s = busy_s
-        self._most_s = math.inf
         self._busy_at_s = 0.0
-
-    def begin(self, look_s: float) -> None:
-        """Note that the route begins to run.
-
-        Args:
-            look_s: How long it may go without a look at its stop.
-        """
-        self._most_s = look_s
-        self.note_work()
 
     def note_work(self) -> None:
         """Note that the route has, or had just now, something to do."""
@@ -52,4 +41,4 @@ class Idling:
         if busy:
             self.note_work()
             return self._busy_s
-        return min(_LONG_S if self.is_calm else _SHORT_S, self._most_s)
+        return _LONG_S if self.is_calm else _SHORT_S

@@ -24,14 +24,13 @@ class DrainTime:
         """Look whether time is up; who drains asks in each round.
 
         Args:
-            limited: Whether the time counts from now on, also where the route does not end here.
+            limited: Whether the time counts from now on, also where nobody waits for the end.
         """
-        self._stop.look()
         now_s = time.monotonic()
-        if self.deadline_s == math.inf and (limited or self._stop.is_end):
+        if self.deadline_s == math.inf and (limited or self._stop.is_limited):
             self.deadline_s = now_s + self._drain_s
         return now_s >= self.deadline_s or self._stop.at_once
 
     def hands_over_for(self, longest_s: float) -> bool:
         """Whether the route goes on elsewhere, and has drained for so long."""
-        return not self._stop.is_end and time.monotonic() - self._began_s > longest_s
+        return not self._stop.is_limited and time.monotonic() - self._began_s > longest_s

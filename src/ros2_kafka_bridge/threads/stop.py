@@ -1,12 +1,11 @@
 """How a running bridge is told to stop."""
 
-import math
 import os
 import signal
 import stat
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
@@ -25,17 +24,22 @@ class Stop:
         wakeup: Ends the waits of the thread that is to stop.
     """
 
-    look_s = math.inf  # how long that thread may go without a look
-
     def __init__(self, wakeup: Wakeup | None = None) -> None:
         self.wakeup = wakeup or Wakeup()
         self._drain = False
+        self._limit = False
         self._now = False
         self._parts: tuple[Wakeup, ...] = ()
 
-    def ask(self) -> None:
-        """Ask for a drain; asked a second time, for an end at once."""
-        self._now = self._now or self._drain
+    def ask(self, *, limited: bool = True) -> None:
+        """Ask for a drain; asked a second time, for an end at once.
+
+        Args:
+            limited: Whether the drain has a limit (`drain_s`): somebody waits for its end. Asked
+                without, it does not count as the first time.
+        """
+        self._now = self._now or (self._limit and limited)
+        self._limit = self._limit or limited
         self._drain = True
         for wakeup in (self.wakeup, *self._parts):
             wakeup.ring()
@@ -53,59 +57,27 @@ class Stop:
                 return
         self.ask()
 
-    def look(self) -> bool:
-        """Look for what nobody brings; who loops with any kind of stop does so in each round.
-
-        The properties never act: they tell what was seen last. A signal, or another thread, asks
-        this one; there is nothing to look for.
-
-        Returns:
-            Whether to drain.
-        """
-        return self.asked
-
-    def listen(self) -> None:
-        """Learn whether another goes on, and bring nothing about by it: for who loops no more."""
-
     @property
     def asked(self) -> bool:
         """Whether to drain."""
         return self._drain
 
     @property
+    def is_limited(self) -> bool:
+        """Whether that has a limit."""
+        return self._limit
+
+    @property
     def at_once(self) -> bool:
         """Whether to give up what is still in flight."""
         return self._now
 
-    @property
-    def is_end(self) -> bool:
-        """Whether the route ends here: its drain has a limit then (`drain_s`)."""
-        return self.asked
-
-    @property
-    def overlaps(self) -> bool:
-        """Whether it counts for this stop what is taken meanwhile."""
-        return False
-
-    def note_taken(self, newest: Mapping[bytes, int] | None) -> None:
-        """Note what a take has brought.
-
-        Args:
-            newest: Publisher -> when the newest of it was published, in ns since 1970; None where
-                there was no room to take anything.
-        """
-
-    @property
-    def over(self) -> bool:
-        """Whether another goes on with the route: what fails here then is no end of it."""
-        return False
-
     def wait(self, timeout_s: float) -> bool:
         """Wait until a drain is asked for, at most `timeout_s`; tells whether it was."""
         deadline_s = time.monotonic() + timeout_s
-        while not self.look() and (left_s := deadline_s - time.monotonic()) > 0:
-            self.wait_for_any(min(self.look_s, left_s))
-        return self.look()  # the last one may have taken long
+        while not self.asked and (left_s := deadline_s - time.monotonic()) > 0:
+            self.wait_for_any(left_s)
+        return self.asked
 
     def wait_for_any(self, timeout_s: float) -> None:
         """Wait until a drain is asked for, or the wakeup was rung for anything else."""
@@ -131,6 +103,11 @@ class Part(Stop):
     def asked(self) -> bool:
         """Whether to drain."""
         return self._drain or self._whole.asked
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether that has a limit."""
+        return self._limit or self._whole.is_limited
 
     @property
     def at_once(self) -> bool:

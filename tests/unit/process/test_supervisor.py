@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from ros2_kafka_bridge import bridge
 from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.file import loads
+from ros2_kafka_bridge.exclusive.term import HANDOVER_S
 from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.process.crew import CLOSING_S, Crew
 from ros2_kafka_bridge.process.plan import Plan, Rank, RoutePlan, Share, plan_of, share_out
@@ -31,7 +32,6 @@ from ros2_kafka_bridge.protocol.worker import Begun
 from ros2_kafka_bridge.route.counters import Counters, State, from_line, to_line
 from ros2_kafka_bridge.threads.backoff import Backoff
 from ros2_kafka_bridge.threads.stop import Stop
-from ros2_kafka_bridge.turns.term import OVERLAP_S
 
 CONFIG = """\
 name: test
@@ -238,7 +238,7 @@ def test_workers_from_ros_have_their_whole_drain_however_long_those_to_ros_take(
 
 
 def test_a_worker_of_both_directions_has_the_time_of_both(monkeypatch: pytest.MonkeyPatch) -> None:
-    both = SlowWorker('a', Rank.BOTH, 60 + bridge._CLOSING_S + 8 + OVERLAP_S + bridge._CLOSING_S)
+    both = SlowWorker('a', Rank.BOTH, 60 + bridge._CLOSING_S + 8 + HANDOVER_S + bridge._CLOSING_S)
     routes = [
         RoutePlan('a', Direction.KAFKA_TO_ROS, drain_s=60),
         RoutePlan('b', Direction.ROS_TO_KAFKA, drain_s=8),
@@ -248,7 +248,7 @@ def test_a_worker_of_both_directions_has_the_time_of_both(monkeypatch: pytest.Mo
 
 
 def test_a_worker_is_given_more_time_than_it_takes_itself() -> None:
-    assert CLOSING_S > bridge._CLOSING_S + OVERLAP_S
+    assert CLOSING_S > bridge._CLOSING_S + HANDOVER_S
 
 
 def test_an_error_that_stays_is_said_once_and_a_new_one_at_once(

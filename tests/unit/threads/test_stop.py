@@ -5,32 +5,9 @@ import time
 from collections.abc import Callable
 
 import pytest
-from fake_waits import let_waits_pass
-from turning import Nobody
 
 from ros2_kafka_bridge.threads.stop import Part, Stop
 from ros2_kafka_bridge.threads.wakeup import Wakeup
-from ros2_kafka_bridge.turns.term import Standby, Term
-
-
-class LostLater:
-    """A lock that is another's from some poll on."""
-
-    def __init__(self, polls: int) -> None:
-        self.held = True
-        self.polls = 0
-        self._last = polls
-
-    def poll(self, timeout_s: float) -> None:
-        assert timeout_s == 0.0
-        self.polls += 1
-        self.held = self.polls < self._last
-
-    def has_standby(self) -> bool:
-        return False
-
-    def close(self) -> None:
-        self.held = False
 
 
 def took_s(act: Callable[[], object]) -> float:
@@ -112,31 +89,26 @@ def test_a_stop_that_comes_while_another_ring_is_forgotten_is_not_forgotten() ->
     assert stop.wakeup.wait(0.0), 'another thread waits for it'
 
 
-def test_what_ends_by_a_lock_is_looked_at_each_tenth_of_a_second(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    now_s = 1000.0
-
-    def sleep(seconds: float) -> None:
-        nonlocal now_s
-        now_s += max(seconds, 1e-6)
-
-    monkeypatch.setattr('time.monotonic', lambda: now_s)
-    let_waits_pass(monkeypatch, sleep)
-    term = Term(Part(Stop()), lock := LostLater(6), Nobody())
-    assert term.wait(60)
-    assert now_s == pytest.approx(1000.5, abs=0.01)
-    assert lock.polls == 6
-    lock = LostLater(99)
-    lock.held = False
-    assert Standby(Part(Stop()), lock).wait(60)
-    assert now_s == pytest.approx(1000.5, abs=0.01)
-
-
-def test_a_stop_of_all_ends_the_wait_of_a_route_that_runs_in_turn() -> None:
+def test_a_stop_without_a_limit_is_no_first_step_to_an_end_at_once() -> None:
+    """As where a bridge hands over: who stops it then still waits for its drain."""
     whole = Stop()
-    term = Term(Part(whole), LostLater(999), Nobody())
-    late = after(0.1, whole.ask)
-    assert took_s(lambda: term.wait(10)) < 5
-    late.join()
-    assert term.asked
+    part = Part(whole)
+    for _ in range(2):
+        part.ask(limited=False)
+        assert (part.asked, part.is_limited, part.at_once) == (True, False, False)
+    part.ask()
+    assert (part.is_limited, part.at_once) == (True, False)
+    part.ask(limited=False)
+    assert not part.at_once
+    part.ask()
+    assert part.at_once
+
+
+def test_a_drain_without_a_limit_gets_one_with_the_stop_of_all() -> None:
+    whole = Stop()
+    part = Part(whole)
+    part.ask(limited=False)
+    whole.ask()
+    assert (part.is_limited, part.at_once) == (True, False)
+    whole.ask()
+    assert part.at_once

@@ -160,8 +160,20 @@ class _Patience(Part):
         self._seen: tuple[int, int, int | None] = (0, 0, 0)
         self._until_s = time.monotonic() + _PATIENCE_S
 
-    def look(self) -> bool:
-        """Look at what has moved; tells whether to drain."""
+    @property
+    def asked(self) -> bool:
+        """Whether to drain; the run asks in each round."""
+        self._look()
+        return super().asked
+
+    @property
+    def at_once(self) -> bool:
+        """Whether to give up what is still in flight; a drain asks in each round."""
+        self._look()
+        return super().at_once
+
+    def _look(self) -> None:
+        """Look at what has moved."""
         now_s, told = time.monotonic(), self._pipeline.snapshot
         self.reason = told.reason or self.reason
         seen = told.carried, told.repeated, told.measures.queued
@@ -169,7 +181,6 @@ class _Patience(Part):
             self._seen, self._until_s = seen, now_s + _PATIENCE_S
         self._now = now_s >= self._until_s
         self._drain = self._now or not self._letters.lag()
-        return self.asked
 
 
 class LetterSource:

@@ -51,12 +51,12 @@ def self_test_problem(stop: Stop) -> str:
             return f'types without them could not be tried: {error}'
         with child:
             until_s = time.monotonic() + _PATIENCE_S
-            while child.poll() is None and time.monotonic() < until_s and not stop.look():
+            while child.poll() is None and time.monotonic() < until_s and not stop.asked:
                 time.sleep(_LOOK_S)
             child.kill()
         if child.returncode == 0:
             return ''
-        if stop.look():
+        if stop.asked:
             return 'a stop came before it was known whether types need them'
         said.seek(0)
         return f'types without them were tried, and failed: {_end_of(child, said.read())}'

@@ -4,14 +4,19 @@ from collections.abc import Mapping
 
 import pytest
 
-from ros2_kafka_bridge.turns.overlap import KNOWN_S, MOST_AT_END_S, MOST_S, Overlap
+from ros2_kafka_bridge.exclusive.handover_window import (
+    KNOWN_S,
+    MOST_AT_END_S,
+    MOST_S,
+    HandoverWindow,
+)
 
 BEGAN_S = 1000.0
 BEFORE, AFTER = BEGAN_S - 60, BEGAN_S + KNOWN_S
 
 
 class Clock:
-    """What the overlap takes for the module `time`."""
+    """What the window takes for the module `time`."""
 
     def __init__(self) -> None:
         self.now_s = BEGAN_S
@@ -26,7 +31,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr('ros2_kafka_bridge.turns.overlap.time', clock)
+    monkeypatch.setattr('ros2_kafka_bridge.exclusive.handover_window.time', clock)
     return clock
 
 
@@ -37,7 +42,7 @@ def lasts_s(
     is_end: bool = True,
     held_up: range = range(0),
 ) -> float:
-    """How long an overlap lasts in which each publisher is heard at some moments, in seconds.
+    """How long a window lasts in which each publisher is heard at some moments, in seconds.
 
     Args:
         clock: The time.
@@ -45,24 +50,24 @@ def lasts_s(
         is_end: Whether the bridge stops.
         held_up: Seconds in which nothing could be taken.
     """
-    overlap = Overlap()
+    window = HandoverWindow()
     for tick in range(1000):
         clock.now_s = BEGAN_S + tick / 10
-        if overlap.is_over(is_end=is_end):
+        if window.is_over(is_end=is_end, takes=True):
             return tick / 10
         newest = heard.get(tick / 10, {})
-        taken = {gid: round(at_s * 1e9) for gid, at_s in newest.items()}
-        overlap.note(None if tick // 10 in held_up else taken)
+        if tick // 10 not in held_up:
+            window.note({gid: round(at_s * 1e9) for gid, at_s in newest.items()})
     raise AssertionError('it has no end')
 
 
-def test_a_quiet_overlap_lasts_as_long_as_dds_may_take_to_make_the_other_known(
+def test_a_quiet_window_lasts_as_long_as_dds_may_take_to_make_the_other_known(
     clock: Clock,
 ) -> None:
     assert lasts_s(clock, {}) == pytest.approx(KNOWN_S, abs=0.2)
 
 
-def test_an_overlap_of_a_publisher_that_goes_on_lasts_no_longer(clock: Clock) -> None:
+def test_a_window_of_a_publisher_that_goes_on_lasts_no_longer(clock: Clock) -> None:
     heard = {tick / 10: {b'a': BEGAN_S + tick / 10} for tick in range(1000)}
     assert lasts_s(clock, heard) == pytest.approx(KNOWN_S, abs=0.2)
 
@@ -94,17 +99,22 @@ def test_nothing_is_heard_while_nothing_can_be_taken(clock: Clock, first: int) -
 
 
 @pytest.mark.parametrize(('is_end', 'most_s'), [(True, MOST_AT_END_S), (False, MOST_S)])
-def test_an_overlap_has_an_end_also_where_a_publisher_is_always_behind(
+def test_a_window_has_an_end_also_where_a_publisher_is_always_behind(
     clock: Clock, *, is_end: bool, most_s: float
 ) -> None:
     heard = {tick / 10: {b'a': BEFORE} for tick in range(1000)}
     assert lasts_s(clock, heard, is_end=is_end) == pytest.approx(most_s, abs=0.2)
 
 
-def test_an_overlap_of_which_nobody_is_told_lasts_as_long_as_a_quiet_one(clock: Clock) -> None:
-    """As of a route that has failed: it takes nothing."""
-    overlap = Overlap()
+@pytest.mark.parametrize('takes', [False, True])
+def test_a_window_of_which_nobody_is_told_lasts_longer_only_where_takes_are_held_up(
+    clock: Clock, *, takes: bool
+) -> None:
+    """A route that has failed takes nothing: there it lasts as long as a quiet one."""
+    window = HandoverWindow()
     clock.now_s += KNOWN_S - 0.1
-    assert not overlap.is_over(is_end=True)
+    assert not window.is_over(is_end=True, takes=takes)
     clock.now_s += 0.2
-    assert overlap.is_over(is_end=True)
+    assert window.is_over(is_end=True, takes=takes) is not takes
+    clock.now_s += MOST_AT_END_S - KNOWN_S
+    assert window.is_over(is_end=True, takes=takes)

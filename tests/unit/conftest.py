@@ -1,4 +1,4 @@
-"""What the tests of turns share."""
+"""What the tests of exclusive routes share."""
 
 import pytest
 

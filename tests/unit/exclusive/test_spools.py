@@ -10,7 +10,7 @@ def test_a_bridge_that_stands_by_leaves_the_spool_to_the_process_that_uses_it(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It stays among those that want the route: leaving them would keep it from taking over."""
-    monkeypatch.setattr('ros2_kafka_bridge.turns.route_runner._BACKLOG_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.exclusive.standby._BACKLOG_S', 0.0)
     lock = MemoryLock('theirs theirs theirs theirs ours')
     house = House(lock)
     house.pipelines.append(MemoryPipeline(2, house.stop))
@@ -75,8 +75,8 @@ def test_guarantee_8_a_turn_without_the_spool_goes_back_to_a_bridge_that_stands_
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Who has the spool may still run the route, and be held back by an endpoint that is idle."""
-    monkeypatch.setattr('ros2_kafka_bridge.turns.route_runner._SPOOL_S', 0.0)
-    monkeypatch.setattr('ros2_kafka_bridge.turns.route_runner.MOST_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.exclusive.lease._SPOOL_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.exclusive.lease.MOST_S', 0.0)
     lock = MemoryLock('ours')
     house = House(lock, MemoryPipeline(0, fail))
     house.in_use = IN_USE
@@ -103,8 +103,8 @@ def test_guarantee_8_a_turn_without_the_spool_goes_back_to_a_bridge_that_stands_
 def test_a_turn_without_the_spool_is_kept_where_no_other_bridge_stands_by(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.turns.route_runner._SPOOL_S', 0.0)
-    monkeypatch.setattr('ros2_kafka_bridge.turns.route_runner.MOST_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.exclusive.lease._SPOOL_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.exclusive.lease.MOST_S', 0.0)
     lock = MemoryLock('ours')
     house = House(lock)
     house.pipelines.append(MemoryPipeline(2, house.stop))

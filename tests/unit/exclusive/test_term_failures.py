@@ -1,7 +1,6 @@
 """A route that fails while a bridge has its turn: kept, given away, or ended."""
 
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, NoReturn, cast
+from typing import NoReturn
 
 import pytest
 from turning import House, MemoryLock, MemoryPipeline, fail, until_asked
@@ -10,13 +9,20 @@ from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route.counters import Measures, State
 from ros2_kafka_bridge.route.status import totals
 from ros2_kafka_bridge.threads.stop import Stop
-from ros2_kafka_bridge.turns.term import Term
-
-if TYPE_CHECKING:
-    from ros2_kafka_bridge.kafka.lock import GroupLock
-    from ros2_kafka_bridge.ros.successor import RosSuccessor
 
 pytestmark = pytest.mark.usefixtures('quick')
+
+
+class Clock:
+    """What a route and its leader take for the module `time`; tests let it go on."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now_s = 1000.0
+        for module in ('running.route_runner', 'exclusive.lease'):
+            monkeypatch.setattr(f'ros2_kafka_bridge.{module}.time', self)
+
+    def monotonic(self) -> float:
+        return self.now_s
 
 
 def test_a_route_that_fails_keeps_its_turn_while_it_is_tried_again() -> None:
@@ -40,7 +46,7 @@ def test_a_route_that_fails_keeps_its_turn_while_it_is_tried_again() -> None:
 def test_a_route_that_fails_for_long_goes_to_a_bridge_that_stands_by(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.turns.route_runner._FAILING_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.exclusive.lease._FAILING_S', 0.0)
     lock = MemoryLock('ours')
     lock.wanted = True
     house = House(lock)
@@ -62,18 +68,14 @@ def test_a_route_that_fails_for_long_goes_to_a_bridge_that_stands_by(
 def test_a_route_that_gets_on_between_its_failures_is_not_given_away(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    now_s = 1000.0
-    monkeypatch.setattr(
-        'ros2_kafka_bridge.turns.route_runner.time', SimpleNamespace(monotonic=lambda: now_s)
-    )
+    clock = Clock(monkeypatch)
     lock = MemoryLock('ours')
     lock.wanted = True
     house = House(lock)
     tries: list[int] = []
 
     def get_on_and_fail(stop: Stop) -> None:
-        nonlocal now_s
-        now_s += 20.0  # less than it may fail for, and more in sum
+        clock.now_s += 20.0  # less than it may fail for, and more in sum
         tries.append(1)
         if len(tries) < 5:
             fail(stop)
@@ -90,22 +92,28 @@ def test_a_route_that_gets_on_between_its_failures_is_not_given_away(
 def test_a_route_without_traffic_is_given_away_for_its_last_failures_only(
     monkeypatch: pytest.MonkeyPatch, *, well_s: float, given_away: bool
 ) -> None:
-    now_s = 1000.0
-    monkeypatch.setattr(
-        'ros2_kafka_bridge.turns.route_runner.time', SimpleNamespace(monotonic=lambda: now_s)
-    )
+    clock = Clock(monkeypatch)
     lock = MemoryLock('ours')
     lock.wanted = True
-    runner = House(lock).runner
-    term = Term(runner.stop, cast('GroupLock', lock), cast('RosSuccessor', None))
-    lock.poll(0.0)
-    runner.begin()
-    runner.fail(RouteError('Kafka is away'), term)
-    assert not runner.give_away(term)
-    runner.begin()
-    now_s += well_s
-    runner.fail(RouteError('Kafka is away'), term)
-    assert runner.give_away(term) is given_away
+    house = House(lock)
+    tries: list[int] = []
+
+    def fail_often(stop: Stop) -> None:
+        tries.append(1)
+        if len(tries) > 4:
+            house.runner.stop.ask()
+            return
+        clock.now_s += well_s if len(tries) == 2 else 0.0
+        fail(stop)
+
+    def stop_once_given_away(lock: MemoryLock) -> None:
+        if lock.said:
+            house.runner.stop.ask()
+
+    monkeypatch.setattr(MemoryLock, 'check', stop_once_given_away)
+    house.pipelines = [MemoryPipeline(0, fail_often)]
+    house.run()
+    assert lock.said == ['closed'] * (2 if given_away else 1)
 
 
 def test_a_route_that_is_tried_again_is_one_that_has_failed_until_it_tells_more() -> None:
@@ -155,7 +163,7 @@ def test_what_failed_in_an_earlier_term_is_not_shown_as_tried_again() -> None:
 def test_a_route_that_fails_stays_where_no_other_bridge_stands_by(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.turns.route_runner._FAILING_S', 0.0)
+    monkeypatch.setattr('ros2_kafka_bridge.exclusive.lease._FAILING_S', 0.0)
     lock = MemoryLock('ours')
     house = House(lock)
     tries: list[int] = []
@@ -229,7 +237,7 @@ def test_a_stop_in_a_try_to_make_a_route_is_no_failure_for_good() -> None:
     """Nothing of it is in flight: a stop between two tries is none, either."""
     house = House(MemoryLock('ours'))
 
-    def make(*_: object) -> NoReturn:
+    def make(*_: object, **_named: object) -> NoReturn:
         house.runner.stop.ask()
         raise RouteError('it cannot be made')
 

@@ -1,4 +1,4 @@
-"""What a route has counted, over all the terms for which this bridge has run it."""
+"""What a route has counted, over all the times that this bridge has run it."""
 
 from typing import NamedTuple, Self
 
@@ -9,10 +9,10 @@ from ros2_kafka_bridge.wiring import Pipeline
 
 
 class Totals(NamedTuple):
-    """What a route has counted in its former terms, and what counts now.
+    """What a route has counted in its former runs, and what counts now.
 
     Args:
-        before: The former terms together, with the failures of all.
+        before: The former runs together, with the failures of all.
         pipeline: What runs the route now, or is to be run again.
     """
 
