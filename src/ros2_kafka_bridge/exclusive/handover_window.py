@@ -33,16 +33,19 @@ class HandoverWindow:
     That is what was published before the publishers knew the other. That nothing is left to take
     does not tell: of what was published while a bridge stood still, its reader has only what
     found room; the rest comes by and by. So each publisher has to be heard with something newer,
-    or not at all for longer than a heartbeat. The clocks of their machines may be `KNOWN_S` ahead
-    of this one.
+    or not at all for longer than a heartbeat. How far its clock is ahead of this one and how long
+    it takes to know the other may be `KNOWN_S` together.
 
     One thread takes, and another one asks.
+
+    Args:
+        taken_at_s: When something could be taken last, by the monotonic clock.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, taken_at_s: float) -> None:
         self._newer_ns = time.time_ns() + int(KNOWN_S * 1e9)
         self._began_s = self._listens_since_s = self._older_at_s = time.monotonic()
-        self._taken_at_s = self._began_s
+        self._taken_at_s = taken_at_s
         self._older: set[bytes] = set()  # the publishers that were heard with nothing newer yet
         self._lock = threading.Lock()
 

@@ -79,6 +79,7 @@ class Term:
         self._has_left = False  # the lock: this bridge stops, or cannot run the route
         self._waits_until_s: float | None = None  # for the successor
         self._window: HandoverWindow | None = None  # with the successor
+        self._taken_at_s = time.monotonic()
 
     def step(self, *, takes: bool) -> bool:
         """Learn whether the lock is still held; at the end, look for the successor.
@@ -118,6 +119,7 @@ class Term:
 
     def note_taken(self, messages: Sequence[Message]) -> None:
         """Note what a take has brought: what the successor may not have is waited for."""
+        self._taken_at_s = time.monotonic()
         if (window := self._window) is not None:
             window.note({message.gid: message.source_time_ns for message in messages})
 
@@ -131,7 +133,7 @@ class Term:
             if time.monotonic() < self._waits_until_s and not self._successor.has_come():
                 return True
             # It takes, or may: not every graph shows it, nor at once.
-            self._window = HandoverWindow()
+            self._window = HandoverWindow(self._taken_at_s)
         self._whole.wakeup.ring()  # a take that waits for long would tell nothing meanwhile
         return not self._window.is_over(is_end=self._whole.asked, takes=takes)
 

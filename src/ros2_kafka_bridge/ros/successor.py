@@ -32,7 +32,7 @@ class SuccessorWatch:
         with contextlib.suppress(BridgeError):
             self._known = self._readers()
             if may_read and self._own:
-                self._known = {gid for gid in self._known if gid.startswith(self._own)}
+                self._known = set()
 
     def is_needed(self) -> bool:
         """Whether what is published while nobody reads would be lost."""
@@ -44,8 +44,12 @@ class SuccessorWatch:
     def has_come(self) -> bool:
         """Whether a bridge of this name reads that was not known then."""
         with contextlib.suppress(BridgeError):
-            return bool(self._readers() - self._known)
+            return any(not self._is_own(gid) for gid in self._readers() - self._known)
         return False
+
+    def _is_own(self, gid: bytes) -> bool:
+        """Whether it is of this process, where a reader may open at any time, too."""
+        return bool(self._own) and gid.startswith(self._own)
 
     def _readers(self) -> set[bytes]:
         subscribers = self._node.subscribers(self._topic)

@@ -41,6 +41,7 @@ def lasts_s(
     *,
     is_end: bool = True,
     held_up: range = range(0),
+    taken_at_s: float = BEGAN_S,
 ) -> float:
     """How long a window lasts in which each publisher is heard at some moments, in seconds.
 
@@ -49,8 +50,10 @@ def lasts_s(
         heard: After how many seconds -> publisher -> when what was heard was published.
         is_end: Whether the bridge stops.
         held_up: Seconds in which nothing could be taken.
+        taken_at_s: When something could be taken last before it.
     """
-    window = HandoverWindow()
+    clock.now_s = BEGAN_S
+    window = HandoverWindow(taken_at_s)
     for tick in range(1000):
         clock.now_s = BEGAN_S + tick / 10
         if window.is_over(is_end=is_end, takes=True):
@@ -92,6 +95,19 @@ def test_a_bridge_that_lives_waits_for_one_that_misses_heartbeats(clock: Clock) 
     assert lasts_s(clock, heard, is_end=False) == pytest.approx(14.1, abs=0.2)
 
 
+def test_what_was_published_before_dds_surely_knew_the_other_is_not_newer(clock: Clock) -> None:
+    heard = {3.0: {b'a': AFTER - 0.1}, 6.0: {b'a': AFTER - 0.1}, 8.0: {b'a': AFTER}}
+    assert lasts_s(clock, heard) == pytest.approx(8.1, abs=0.2)
+
+
+def test_a_hold_up_counts_from_its_length_on_also_where_it_began_before(clock: Clock) -> None:
+    """What found no room meanwhile comes again by a heartbeat after it."""
+    assert lasts_s(clock, {}, held_up=range(2, 4)) == pytest.approx(4.0 + KNOWN_S, abs=0.2)
+    before_s = BEGAN_S - 1.5
+    last_s = lasts_s(clock, {}, held_up=range(1), taken_at_s=before_s)
+    assert last_s == pytest.approx(1.0 + KNOWN_S, abs=0.2)
+
+
 @pytest.mark.parametrize('first', [0, 1])
 def test_nothing_is_heard_while_nothing_can_be_taken(clock: Clock, first: int) -> None:
     """As where the window is full, perhaps since before the other one read."""
@@ -111,7 +127,7 @@ def test_a_window_of_which_nobody_is_told_lasts_longer_only_where_takes_are_held
     clock: Clock, *, takes: bool
 ) -> None:
     """A route that has failed takes nothing: there it lasts as long as a quiet one."""
-    window = HandoverWindow()
+    window = HandoverWindow(BEGAN_S)
     clock.now_s += KNOWN_S - 0.1
     assert not window.is_over(is_end=True, takes=takes)
     clock.now_s += 0.2

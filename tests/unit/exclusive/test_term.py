@@ -3,6 +3,7 @@
 import pytest
 
 from ros2_kafka_bridge.endpoints import Message
+from ros2_kafka_bridge.exclusive.handover_window import MOST_AT_END_S, MOST_S
 from ros2_kafka_bridge.exclusive.term import Term
 from ros2_kafka_bridge.threads.stop import Stop
 
@@ -257,13 +258,55 @@ def test_a_route_that_waits_for_long_is_woken_while_its_successor_reads(clock: C
         stop.wakeup.clear()
 
 
-def test_what_was_published_before_the_successor_was_known_is_taken_first(clock: Clock) -> None:
+@pytest.mark.parametrize('newer', ['none', 'one', 'all'])
+def test_what_each_publisher_sent_before_the_successor_was_known_is_taken_first(
+    clock: Clock, newer: str
+) -> None:
     lock, successor = MemoryLock(), MemorySuccessor()
-    leader = Leader(Term(Stop(), lock, successor), clock)
+    term = Term(Stop(), lock, successor)
     lock.lost = successor.come = True
-    assert not leader.step()
-    began_ns = clock.time_ns()
-    for _ in range(80):  # longer than a quiet end would take
+    assert not term.step(takes=True)
+    old, new = clock.time_ns(), clock.time_ns() + 60_000_000_000
+    first = Message(b'', b'first', 1, old if newer == 'none' else new)
+    second = Message(b'', b'second', 1, new if newer == 'all' else old)
+    is_over = False
+    for _ in range(150):  # a quiet end comes after ten seconds
         clock.sleep(0.1)
-        leader.term.note_taken([Message(b'', b'publisher', 1, began_ns)])
-        assert not leader.term.step(takes=True)
+        term.note_taken([first, second])
+        is_over = term.step(takes=True)
+    assert is_over is (newer == 'all')
+
+
+@pytest.mark.parametrize('stops', [False, True])
+def test_a_term_that_is_over_has_less_time_once_somebody_waits_for_its_end(
+    clock: Clock, *, stops: bool
+) -> None:
+    stop, lock, successor = Stop(), MemoryLock(), MemorySuccessor()
+    term = Term(stop, lock, successor)
+    lock.lost = successor.come = True
+    began_s, old = clock.now_s, [Message(b'', b'publisher', 1, clock.time_ns())]
+    while not term.step(takes=True):
+        clock.sleep(0.1)
+        term.note_taken(old)
+        if stops and not stop.asked:
+            stop.ask()
+    most_s = MOST_AT_END_S if stops else MOST_S
+    assert clock.now_s - began_s == pytest.approx(most_s, abs=0.2)
+
+
+def test_a_route_that_was_held_up_before_its_successor_read_is_waited_for(clock: Clock) -> None:
+    lock, successor = MemoryLock(), MemorySuccessor()
+    stop = Stop()
+    term = Term(stop, lock, successor)
+    term.note_taken([])
+    clock.sleep(5.0)  # there is no room
+    stop.ask()
+    lock.lost = successor.come = True
+    assert not term.step(takes=True)
+    clock.sleep(0.5)
+    term.note_taken([])
+    began_s = clock.now_s
+    while not term.step(takes=True):
+        clock.sleep(0.1)
+        term.note_taken([])
+    assert clock.now_s - began_s == pytest.approx(3.5, abs=0.2)
