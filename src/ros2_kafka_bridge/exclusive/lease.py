@@ -78,31 +78,43 @@ class Lease:
             return not self._term.is_lost
 
     def is_kept(self) -> bool:
-        """Leave a route that has failed to a bridge that stands by, if this one cannot run it.
-
-        It has tried for long by then, or twice in vain to get the spool.
-        """
+        """Leave a route that has failed to a bridge that stands by, if this one cannot run it."""
         with self._term.guard:
-            failures = self._runner.failures
-            if self._term.is_lost or failures.last is None or failures.since_s is None:
-                return not self._term.is_lost
-            tried_s, holder = time.monotonic() - failures.since_s, failures.last.holder
-            if self._runner.stop.asked or (tried_s < _FAILING_S and holder is None):
+            if self._term.is_lost:
+                return False
+            stop = self._runner.stop
+            # Kafka takes a while to answer: a stop may come meanwhile, and has a drain.
+            if stop.asked or not self._is_for_another() or stop.asked:
                 return True
-            has_standby = self._term.has_standby()
-            self._in_vain = self._in_vain + (holder is not None) if has_standby else 0
-            waits_on = holder is not None and self._in_vain < _SPOOL_WAITS
-            if not has_standby or waits_on or self._runner.stop.asked:
-                return True
-            self._say_given_away(tried_s, holder)
+            self._say_given_away()
             self._term.leave()
             return False
 
-    def _say_given_away(self, tried_s: float, holder: str | None) -> None:
-        pipeline = self._runner.pipeline
+    def _is_for_another(self) -> bool:
+        """Whether one stands by, and this has tried for long, or twice in vain for the spool."""
+        holder = self._spool_holder
+        if holder is None and self._failing_s < _FAILING_S:
+            return False
+        has_standby = self._term.has_standby()
+        self._in_vain = self._in_vain + (holder is not None) if has_standby else 0
+        return has_standby and (holder is None or self._in_vain >= _SPOOL_WAITS)
+
+    @property
+    def _spool_holder(self) -> str | None:
+        """Which process has the spool, where it has failed for that."""
+        last = self._runner.failures.last
+        return None if last is None else last.holder
+
+    @property
+    def _failing_s(self) -> float:
+        since_s = self._runner.failures.since_s
+        return 0.0 if since_s is None else time.monotonic() - since_s
+
+    def _say_given_away(self) -> None:
+        pipeline, holder = self._runner.pipeline, self._spool_holder
         held = 0 if pipeline is None else pipeline.snapshot.in_flight
         given_up = f', {count(held, "message")} given up' if held else ''
-        why = f'has failed for {tried_s:.0f} s'
+        why = f'has failed for {self._failing_s:.0f} s'
         if holder is not None:
             why = f'{holder}, so what the reader here holds may be lost'
         self._runner.log.warning('%s: left to a bridge that stands by%s', why, given_up)
