@@ -68,7 +68,7 @@ class MadeUp:
     def __init__(self, config: str, *told: Report, **beside: Any) -> None:
         watch = Watch(lambda _: None)
         for it in (Configured(plain(loads(config, 'bridge.yaml', {})), 'bridge.yaml'), *told):
-            watch.hear(msgspec.json.encode(it) + b'\n')
+            watch.on_line(msgspec.json.encode(it) + b'\n')
         sparks = {'step_s': BUCKET_S, 'span_s': SPAN_S, 'routes': view.sparks(watch)}
         graph = {'problem': '', 'seen_s': int(time.time()), 'topics': []}
         beyond: dict[str, Any] = {'broker': None, 'letters': [], 'replay': None}

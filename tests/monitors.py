@@ -109,7 +109,13 @@ class Monitor:
         listener = socket.create_server(('127.0.0.1', 0))
         self.port: int = listener.getsockname()[1]
         self.url = f'http://127.0.0.1:{self.port}/'
-        module = ['-P', '-m', 'ros2_kafka_bridge.monitoring', f'--socket={listener.fileno()}']
+        module = [
+            '-P',
+            '-m',
+            'ros2_kafka_bridge.monitoring',
+            f'--socket={listener.fileno()}',
+            '--requests=1',
+        ]
         with log.open('ab') as errors, listener:
             self.process = subprocess.Popen(
                 [sys.executable, *module],

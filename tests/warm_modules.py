@@ -20,7 +20,7 @@ LATE: Final = (
     'confluent_kafka.admin',
     'rclpy.node',
     'ros2_kafka_bridge.bridge',
-    'ros2_kafka_bridge.process.standalone',
+    'ros2_kafka_bridge.process.single_process',
     'rosidl_generator_py',
 )
 EXAMPLE: Final = Path(__file__).parents[1] / 'examples' / 'bridge.yaml'

@@ -88,7 +88,7 @@ def test_a_killed_check_refuses_the_reload_and_all_goes_on(bench: Bench, topic_n
 
 def _kill_check(supervisor: int) -> bool:
     for child in Path(f'/proc/{supervisor}/task/{supervisor}/children').read_text().split():
-        if b'ros2_kafka_bridge.process.difference' in Path(f'/proc/{child}/cmdline').read_bytes():
+        if b'ros2_kafka_bridge.process.config_diff' in Path(f'/proc/{child}/cmdline').read_bytes():
             os.kill(int(child), signal.SIGKILL)
             return True
     return False

@@ -125,7 +125,7 @@ def test_run_becomes_the_process_that_other_tests_begin_with(
 ) -> None:
     became: list[str] = []
     monkeypatch.setattr(
-        'ros2_kafka_bridge.process.child.become',
+        'ros2_kafka_bridge.process.child_process.become',
         lambda module, options: became.extend([f'ros2_kafka_bridge.{module}', *options]),
     )
     run(Path('bridge.yaml'))

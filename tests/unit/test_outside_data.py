@@ -3,6 +3,7 @@
 import ast
 import gc
 import logging
+import os
 import subprocess
 import sys
 import weakref
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from handles import handle, hear
 
 import ros2_kafka_bridge
 from ros2_kafka_bridge.config.checks import key_parts, simple_name
@@ -29,8 +31,7 @@ from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.walk import make_end
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.message_types.layout import Field, Layout, Primitive, String
-from ros2_kafka_bridge.process.plan import Rank, Share
-from ros2_kafka_bridge.process.worker_process import WorkerProcess
+from ros2_kafka_bridge.process.lines import LineReader
 from ros2_kafka_bridge.route import readiness
 from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.labels import KEY_LIMIT_BYTES, make_key
@@ -239,20 +240,21 @@ def test_a_file_of_times_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     'line', [b'{', b'[]', b'{"snapshots": [{}]}', b'{"snapshots": 1}', b'\xff']
 )
 def test_a_worker_that_talks_nonsense_does_not_end_its_supervisor(line: bytes) -> None:
-    worker = WorkerProcess(1, Share(('orders',), Rank.TO_ROS), -1)
+    worker = handle('orders')
     before = dict(worker.snapshots)
-    worker.hear(line + b'\n')
+    hear(worker, line + b'\n')
     assert worker.snapshots == before
 
 
-def test_a_worker_that_ends_no_line_does_not_fill_its_supervisor(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr('ros2_kafka_bridge.process.worker_process._LINE_LIMIT_BYTES', 100)
-    worker = WorkerProcess(1, Share(('orders',), Rank.TO_ROS), -1)
+def test_a_worker_that_ends_no_line_does_not_fill_its_supervisor() -> None:
+    pipe, its_end = os.pipe()
+    reader = LineReader(pipe, 100)
     for _ in range(100):
-        worker.hear(b'x' * 60)
-        assert len(worker._heard) <= 100
+        os.write(its_end, b'x' * 60)
+        assert reader.read() == []
+        assert len(reader._rest) <= 100
+    os.close(pipe)
+    os.close(its_end)
 
 
 def test_a_worker_opens_as_many_files_as_its_user_may() -> None:

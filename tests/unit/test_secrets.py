@@ -30,7 +30,7 @@ from ros2_kafka_bridge.kafka.properties import (
 )
 from ros2_kafka_bridge.kafka.property_check import property_problems
 from ros2_kafka_bridge.logs import lines as logs
-from ros2_kafka_bridge.process.difference import difference
+from ros2_kafka_bridge.process.config_diff import difference
 from ros2_kafka_bridge.process.plan import plan_of
 
 MARK = 'swordfish-31b0'

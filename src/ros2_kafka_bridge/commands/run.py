@@ -41,7 +41,7 @@ def run(
     if ask:
         status(file)
 
-    from ros2_kafka_bridge.process.child import become  # noqa: PLC0415 (--help must be quick)
+    from ros2_kafka_bridge.process.child_process import become  # noqa: PLC0415 (--help must be quick)
 
     # What runs for long holds none of the libraries of a command line.
     options = [f'--log-format={log_format.value}', f'--routes={routes}']

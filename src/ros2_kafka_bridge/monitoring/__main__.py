@@ -1,9 +1,9 @@
 """The process that shows a bridge: metrics, health and the page over HTTP, and its ROS node.
 
-    python -m ros2_kafka_bridge.monitoring [--log-format text|json] [--socket FD]
+    python -m ros2_kafka_bridge.monitoring [--log-format text|json] [--socket FD] --requests FD
 
 It carries no message. The supervisor tells it by standard input how the bridge is doing, reads
-from its standard output what is asked for, and ends it by closing the input: see
+from the other descriptor what is asked for, and ends it by closing the input: see
 `protocol/monitor.py`.
 """
 
@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
     logs.set_up(options.log_format)
     try:
-        return _Process(Watch(_own_output())).run(options.socket)
+        return _Process(Watch(_writer(options.requests))).run(options.socket)
     except ConfigError as error:
         print(error, file=sys.stderr)  # noqa: T201 (the words for the user)
         return 2
@@ -49,18 +49,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='python -m ros2_kafka_bridge.monitoring')
     parser.add_argument('--log-format', choices=('text', 'json'), default='text')
+    parser.add_argument(
+        '--requests', type=int, required=True, metavar='FD', help='where requests are written'
+    )
     parser.add_argument('--socket', type=int, metavar='FD', help='a socket that listens')
     return parser.parse_args(arguments)
 
 
-def _own_output() -> Callable[[bytes], None]:
-    """What writes to the supervisor; whatever else is printed goes into the log."""
-    own = os.dup(sys.stdout.fileno())
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+def _writer(pipe: int) -> Callable[[bytes], None]:
+    """What writes to the supervisor."""
 
     def write(line: bytes) -> None:
         while line:
-            line = line[os.write(own, line) :]
+            line = line[os.write(pipe, line) :]
 
     return write
 
@@ -119,14 +120,14 @@ class _Process:
         # Not through sys.stdin: its lock, held here, would break the end of the interpreter.
         with open(sys.stdin.fileno(), 'rb', closefd=False) as lines:
             for line in lines:
-                self._hear(line)
+                self._on_line(line)
         self._watch.close()
         self._ended.set()
         self._configured.set()
 
-    def _hear(self, line: bytes) -> None:
+    def _on_line(self, line: bytes) -> None:
         try:
-            self._watch.hear(line)
+            self._watch.on_line(line)
         except ValueError as error:
             self._log.error('the page could not read what the supervisor told: %s', error)
         if self._watch.is_configured:

@@ -131,7 +131,7 @@ class Orders:
             if name not in {route.name for route in self._watch.routes}:
                 return _nothing(f'no route {printable(name)} here')
             self._say(request, f'{do} of {name}')
-            return _answered(await run_in_threadpool(self._watch.ask, do, name))
+            return _answered(await run_in_threadpool(self._watch.request, do, name))
 
         return self._order(NothingForm, act)
 
@@ -142,7 +142,7 @@ class Orders:
         do = Do.PREVIEW if form.preview else Do.RELOAD
         if not form.preview:
             self._say(request, do)
-        return _answered(await run_in_threadpool(self._watch.ask, do))
+        return _answered(await run_in_threadpool(self._watch.request, do))
 
     # Dead letters
 

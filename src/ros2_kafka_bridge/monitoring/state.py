@@ -26,7 +26,7 @@ class Watch:
 
     Args:
         write: Sends one line to the supervisor.
-        patience_s: How long `ask` waits for an answer, beside the longest drains.
+        patience_s: How long `request` waits for an answer, beside the longest drains.
     """
 
     def __init__(self, write: Callable[[bytes], None], patience_s: float = _PATIENCE_S) -> None:
@@ -42,7 +42,7 @@ class Watch:
         self._asked: dict[int, Future[Answer]] = {}
         self._ended = False
 
-    def hear(self, line: bytes) -> None:
+    def on_line(self, line: bytes) -> None:
         """Take a line of the supervisor.
 
         Raises:
@@ -101,7 +101,7 @@ class Watch:
         for number, asked in waiting.items():
             asked.set_result(_no_answer(number))
 
-    def ask(self, do: Do, route: str = '') -> Answer:
+    def request(self, do: Do, route: str = '') -> Answer:
         """Ask the supervisor for something, and wait for what comes of it.
 
         Raises:

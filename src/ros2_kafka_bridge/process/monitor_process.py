@@ -6,29 +6,24 @@ never holds the supervisor up, either: of the reports only the newest waits for 
 
 import contextlib
 import errno
-import os
 import selectors
 import socket
-import subprocess
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final
 
 import msgspec
 
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.logs import lines as logs
-from ros2_kafka_bridge.process.child import start_child
+from ros2_kafka_bridge.process.child_process import ChildProcess
 from ros2_kafka_bridge.process.plan import OFF
 from ros2_kafka_bridge.protocol.monitor import Answer, Configured, Report, Request
-from ros2_kafka_bridge.threads.backoff import Backoff
 
-_LINE_LIMIT_BYTES: Final = 64 * 1024
-_PIPE_BYTES: Final = 65_536
-_WAITING: Final = 64
+_UNREAD_BYTES: Final = 1024 * 1024  # answers to one that asks and does not read
 _PATIENCE_S: Final = 60.0
 _CLOSING_S: Final = 5.0
+_CLOSING_LOOK_S: Final = 0.01
 _BACKLOG: Final = 128
 
 _REQUESTS: Final = msgspec.json.Decoder(Request)
@@ -87,191 +82,107 @@ class MonitorProcess:
     """Starts the process, starts it again, and speaks with it.
 
     Args:
-        end: The socket where it listens; None for none.
+        listener: The socket where it listens; None for none.
         log_format: How it writes a line of the log.
-        selector: Where what it says is waited for; its data are called.
+        selector: Where what it says is waited for.
         on_request: Called with what it asks for, and what takes the answer.
     """
 
     def __init__(
         self,
-        end: socket.socket | None,
+        listener: socket.socket | None,
         log_format: str,
         selector: selectors.BaseSelector,
         on_request: Callable[[Request, Callable[[Answer], None]], None],
     ) -> None:
-        self._socket = end
+        self._listener = listener
         self._log_format = log_format
-        self._selector = selector
         self._on_request = on_request
         self._log = logs.route_log()
-        self._process: subprocess.Popen[bytes] | None = None
-        self._backoff = Backoff()
-        self._started_s = self._start_at_s = 0.0
+        self._process = ChildProcess('monitoring', 'requests', selector)
         self._lives = 0
-        self._configured: bytes = b''
-        self._report = b''
-        self._waiting: deque[bytes] = deque()
-        self._begun = b''  # the rest of a line
-        self._stuck_since_s: float | None = None
-        self._heard = b''
+        self._started_s = 0.0
+        self._configured = self._report = b''
 
     @property
-    def pid(self) -> int:
-        """The id of the process, 0 where there is none."""
-        return 0 if self._process is None else self._process.pid
-
-    # What it is told
+    def next_look_s(self) -> float:
+        """When to look at it at the latest."""
+        return self._process.next_look_s
 
     def configure(self, configured: Configured) -> None:
         """Tell which configuration counts, now and at each further start."""
         self._configured = _line(configured)
-        if self._process is not None:
-            self._waiting.append(self._configured)
+        self._process.send(self._configured)
 
     def report(self, report: Report) -> None:
         """Tell how the bridge is doing, in the place of a report that still waits."""
         self._report = _line(report)
 
     def tick(self) -> None:
-        """Start it if it is due, and send what waits for it."""
-        if self._process is not None and (status := self._process.poll()) is not None:
-            self._ended(status)
-        if self._process is None and time.monotonic() >= self._start_at_s:
+        """Start it if it is due, tell it what waits, and do what it asks for."""
+        status = self._process.exit_status()
+        for line in self._process.exchange():
+            with contextlib.suppress(ValueError):
+                self._on_request(_REQUESTS.decode(line), self._answerer())
+        if status is not None:
+            how = f'status {status}' if status >= 0 else f'signal {-status}'
+            self._fail(f'has ended ({how})')
+        if self._process.is_due:
             self._start()
-        if self._process is not None:
-            self._send()
-
-    def _send(self) -> None:
-        assert self._process is not None
-        assert self._process.stdin is not None, 'it was started with a pipe'
-        while line := self._begun or self._next():
-            try:
-                written = self._process.stdin.write(line) or 0
-            except OSError:  # it has ended: seen at the next look
-                return
-            self._begun = line[written:]
-            if written:
-                self._stuck_since_s = None
-            if self._begun:
-                self._look_whether_stuck()
-                return
-
-    def _next(self) -> bytes:
-        if self._waiting:
-            return self._waiting.popleft()
-        line, self._report = self._report, b''
-        return line
-
-    def _look_whether_stuck(self) -> None:
-        now_s = time.monotonic()
-        self._stuck_since_s = self._stuck_since_s or now_s
-        if now_s - self._stuck_since_s > _PATIENCE_S and self._process is not None:
+        self._send_report()
+        if self._process.stuck_s > _PATIENCE_S:
             self._log.error('the monitor takes nothing any more: it is killed')
             self._process.kill()
 
-    # Its lives
+    def _send_report(self) -> None:
+        if self._process.is_running and not self._process.unsent_bytes:
+            self._process.send(self._report)
+            self._report = b''
 
     def _start(self) -> None:
         self._lives += 1
         self._started_s = time.monotonic()
-        self._waiting, self._begun, self._heard = deque([self._configured]), b'', b''
-        self._stuck_since_s = None
-        kept = [] if self._socket is None else [self._socket.fileno()]
+        options = [f'--log-format={self._log_format}']
+        kept = [] if self._listener is None else [self._listener.fileno()]
+        options += [f'--socket={descriptor}' for descriptor in kept]
         try:
-            self._process = start_child(
-                'monitoring', self._options(), kept, stdout=subprocess.PIPE
-            )
+            self._process.start(options, kept)
         except OSError as error:
             self._fail(f'could not be started ({error.strerror})')
             return
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None, 'it was started with pipes'
-        os.set_blocking(self._process.stdin.fileno(), False)
-        os.set_blocking(self._process.stdout.fileno(), False)
-        self._selector.register(self._process.stdout, selectors.EVENT_READ, self._read)
+        self._process.send(self._configured)
         self._log.info('the monitor is process %d', self._process.pid)
 
-    def _options(self) -> Sequence[str]:
-        words = [f'--log-format={self._log_format}']
-        return words if self._socket is None else [*words, f'--socket={self._socket.fileno()}']
-
-    def _ended(self, status: int) -> None:
-        self._let_go()
-        how = f'status {status}' if status >= 0 else f'signal {-status}'
-        self._fail(f'has ended ({how})')
-
     def _fail(self, how: str) -> None:
-        self._backoff = self._backoff.after(time.monotonic() - self._started_s)
-        self._start_at_s = time.monotonic() + self._backoff.wait_s
-        self._log.error(
-            'the monitor %s: started again in %.0f s; the routes go on', how, self._backoff.wait_s
-        )
-
-    def _let_go(self) -> None:
-        assert self._process is not None
-        process, self._process = self._process, None
-        if process.stdout is not None:
-            with contextlib.suppress(KeyError, ValueError):
-                self._selector.unregister(process.stdout)
-            process.stdout.close()
-        if process.stdin is not None:
-            process.stdin.close()
-
-    # What it asks for
-
-    def _read(self) -> None:
-        assert self._process is not None
-        assert self._process.stdout is not None
-        data = self._process.stdout.read(_PIPE_BYTES)
-        if data == b'':
-            self._selector.unregister(self._process.stdout)
-            return
-        *lines, rest = (self._heard + (data or b'')).split(b'\n')
-        self._heard = rest if len(rest) <= _LINE_LIMIT_BYTES else b''
-        for line in lines:
-            with contextlib.suppress(ValueError):
-                self._on_request(_REQUESTS.decode(line), self._answerer())
+        wait_s = self._process.start_later(time.monotonic() - self._started_s)
+        self._log.error('the monitor %s: started again in %.0f s; the routes go on', how, wait_s)
 
     def _answerer(self) -> Callable[[Answer], None]:
         """What takes an answer to a request of this life of the process."""
         life = self._lives
 
         def answer(answer: Answer) -> None:
-            if life == self._lives and self._process is not None and self._room:
-                self._waiting.append(_line(answer))
+            if life == self._lives and self._process.unsent_bytes < _UNREAD_BYTES:
+                self._process.send(_line(answer))
 
         return answer
 
-    @property
-    def _room(self) -> bool:
-        return len(self._waiting) < _WAITING
-
-    # Its end
-
     def close(self) -> None:
         """Let it say the last report, and end; one that does not is killed."""
-        if self._process is not None:
-            deadline_s = time.monotonic() + _CLOSING_S
-            stdin = self._process.stdin
-            while (self._begun or self._waiting or self._report) and self._is_in(deadline_s):
-                self._send()
-                time.sleep(0.01)
-            if stdin is not None:
-                stdin.close()
-            try:
-                self._process.wait(max(0.1, deadline_s - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                self._log.error('the monitor did not end in time and was killed')
-                self._process.kill()
-                self._process.wait()
-            self._let_go()
-        if self._socket is not None:
-            self._socket.close()
-
-    def _is_in(self, deadline_s: float) -> bool:
-        assert self._process is not None
-        return self._process.poll() is None and time.monotonic() < deadline_s
+        deadline_s = time.monotonic() + _CLOSING_S
+        while self._process.is_running and time.monotonic() < deadline_s:
+            self._process.exchange()
+            self._send_report()
+            if not (self._report or self._process.unsent_bytes):
+                self._process.close_input()
+            self._process.exit_status()
+            time.sleep(_CLOSING_LOOK_S)
+        if self._process.is_running:
+            self._log.error('the monitor did not end in time and was killed')
+            self._process.kill()
+        self._process.close()
+        if self._listener is not None:
+            self._listener.close()
 
 
 def _line(said: Configured | Report | Answer) -> bytes:

@@ -132,8 +132,12 @@ def plan_of(config: 'Config', file: 'Path', chosen: frozenset[str] | None = None
 def write_plan(plan: Plan) -> int:
     """Write it into a file in memory that other processes may inherit; returns its descriptor."""
     descriptor = os.memfd_create('plan')  # secrets stand in it
-    with open(descriptor, 'wb', closefd=False) as file:
-        file.write(msgspec.json.encode(plan))
+    try:
+        with open(descriptor, 'wb', closefd=False) as file:
+            file.write(msgspec.json.encode(plan))
+    except OSError:
+        os.close(descriptor)
+        raise
     return descriptor
 
 

@@ -6,46 +6,47 @@ from typing import TYPE_CHECKING, Final
 
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.protocol.limits import STUCK_S
-from ros2_kafka_bridge.protocol.monitor import Lifecycle, Reload, Report, RouteReport, Worker
+from ros2_kafka_bridge.protocol.monitor import Lifecycle, Report, RouteReport, Worker
 from ros2_kafka_bridge.route.counters import Counters, Snapshot, State
 
-if TYPE_CHECKING:  # a bridge in one process has no crew
-    from ros2_kafka_bridge.process.crew import Crew
-    from ros2_kafka_bridge.process.plan import Plan
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.process.control_plane import ControlPlane
+    from ros2_kafka_bridge.process.worker_pool import WorkerPool
 
 _RUNS: Final = frozenset({State.RUNNING, State.WAITING, State.PAUSED})
 
 
 def report_of(
-    plan: 'Plan',
-    crew: 'Crew',
-    lifecycle: Lifecycle,
-    started_s: float,
-    reload: Reload | None,
-    *,
-    stopping: bool,
+    pool: 'WorkerPool', control: 'ControlPlane', started_s: float, *, stopping: bool
 ) -> Report:
     """Put a report together."""
     now_s = time.monotonic()
+    names = pool.plan.names
     return Report(
         time_s=time.time(),
-        lifecycle=lifecycle,
+        lifecycle=control.lifecycle,
         stopping=stopping,
         started_s=started_s,
         workers=tuple(
-            Worker(worker.number, worker.pid, worker.starts, worker.problem, worker.silent_s)
-            for worker in crew.workers
+            Worker(
+                worker.number,
+                worker.process.pid,
+                worker.starts,
+                worker.problem,
+                worker.silent_s,
+            )
+            for worker in pool.workers
         ),
-        routes=tuple(_route(name, crew, lifecycle, now_s) for name in plan.names),
-        paused=tuple(name for name in plan.names if name in crew.paused),
-        reload=reload,
+        routes=tuple(_route(name, pool, control.lifecycle, now_s) for name in names),
+        paused=tuple(name for name in names if name in pool.paused),
+        reload=control.last_reload,
     )
 
 
-def _route(name: str, crew: 'Crew', lifecycle: Lifecycle, now_s: float) -> RouteReport:
-    worker = crew.worker_of(name)
+def _route(name: str, pool: 'WorkerPool', lifecycle: Lifecycle, now_s: float) -> RouteReport:
+    worker = pool.worker_of(name)
     if worker is None:
-        snapshot = crew.last.get(name) or Counters(name).nothing_told
+        snapshot = pool.last.get(name) or Counters(name).nothing_told
         reason = '' if lifecycle is Lifecycle.ACTIVE else f'the bridge is {lifecycle}'
         stopped = snapshot.at_rest._replace(state=State.STOPPED, reason=reason)
         return RouteReport(0, _age_s(stopped, now_s), 0.0, stopped)

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
-from ros2_kafka_bridge.process.child import become
-from ros2_kafka_bridge.process.hangup import Signals
+from ros2_kafka_bridge.process.child_process import become
 from ros2_kafka_bridge.process.load import chosen, load_checked
 from ros2_kafka_bridge.process.plan import Plan, plan_of, write_plan
+from ros2_kafka_bridge.process.signals import Signals
 from ros2_kafka_bridge.threads.stop import SIGNALS
 
 _OPEN_FILES: Final = 65_536
@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     options = _parse(arguments)
     # Whoever started this process may have held them back.
     signals = Signals(_end)
-    signals.hear()
+    signals.install()
     allow_open_files()
     try:
         plan = _plan(options.file, options.routes)

@@ -21,30 +21,17 @@ import threading
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NoReturn
+from typing import NoReturn
 
 from ros2_kafka_bridge.errors import BridgeError, TransportError
 from ros2_kafka_bridge.logs import lines as logs
-from ros2_kafka_bridge.process.hangup import Signals
+from ros2_kafka_bridge.process.orders import follow_orders
 from ros2_kafka_bridge.process.plan import read_plan
 from ros2_kafka_bridge.process.sender import SnapshotSender
-from ros2_kafka_bridge.protocol.worker import (
-    ORDERS,
-    Begin,
-    Drain,
-    End,
-    Event,
-    PauseRoute,
-    ResumeRoute,
-    WorkerOrder,
-)
+from ros2_kafka_bridge.process.signals import Signals
+from ros2_kafka_bridge.protocol.worker import Event
 from ros2_kafka_bridge.threads import unattended
 from ros2_kafka_bridge.threads.stop import SIGNALS
-
-if TYPE_CHECKING:
-    from ros2_kafka_bridge.bridge import Bridge
-
-_ORDERS_BYTES: Final = 65_536
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -87,7 +74,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _before_the_start(options: argparse.Namespace) -> Signals:
-    """Take over the signals, which whoever started this process may have held back."""
+    """Handle the signals, which whoever started this process may have held back."""
     signals = Signals(_end, had_terminal=options.terminal)
     if options.worker:
         for number in SIGNALS:
@@ -95,7 +82,7 @@ def _before_the_start(options: argparse.Namespace) -> Signals:
             signal.signal(number, signal.SIG_IGN)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
     else:
-        signals.hear()
+        signals.install()
     return signals
 
 
@@ -122,14 +109,15 @@ def _run(options: argparse.Namespace, signals: Signals) -> int:
         tell = None
         if options.snapshots is not None:
             sender = SnapshotSender(options.snapshots, bridge.snapshots, events=options.worker > 0)
-            tell = stack.enter_context(sender).tell
+            tell = stack.enter_context(sender).send
         if options.worker:
-            threading.Thread(target=_obey, args=(bridge, options.after), daemon=True).start()
+            orders = (bridge, options.after)
+            threading.Thread(target=follow_orders, args=orders, daemon=True).start()
             return bridge.run(tell or _tell_nobody, waits=options.waits)
 
-        from ros2_kafka_bridge.process.standalone import Standalone  # noqa: PLC0415 (not for workers)
+        from ros2_kafka_bridge.process.single_process import SingleProcess  # noqa: PLC0415 (not for workers)
 
-        return Standalone(bridge, plan, signals, options.log_format).run(tell or _tell_nobody)
+        return SingleProcess(bridge, plan, signals, options.log_format).run(tell or _tell_nobody)
 
 
 def _tell_nobody(_event: Event) -> None:
@@ -138,34 +126,6 @@ def _tell_nobody(_event: Event) -> None:
 
 def _names(words: str) -> list[str]:
     return [name.strip() for name in words.split(',') if name.strip()]
-
-
-def _obey(bridge: 'Bridge', after: int | None) -> None:
-    """Do what the supervisor asks for; without a supervisor, drain in the same order."""
-    rest = b''
-    while data := os.read(sys.stdin.fileno(), _ORDERS_BYTES):
-        *lines, rest = (rest + data).split(b'\n')
-        for line in lines:
-            _do(bridge, ORDERS.decode(line))
-    if after is not None:
-        os.read(after, 1)  # until the workers that publish to ROS have ended
-    if not bridge.stop.asked:
-        logs.route_log().error('the supervisor has gone: draining')
-        bridge.stop.ask()
-
-
-def _do(bridge: 'Bridge', order: WorkerOrder) -> None:
-    match order:
-        case Drain():
-            bridge.stop.ask()
-        case Begin():
-            bridge.begin()
-        case End(routes):
-            bridge.end(frozenset(routes))
-        case PauseRoute(route):
-            bridge.pause(route)
-        case ResumeRoute(route):
-            bridge.resume(route)
 
 
 def _leave(status: int) -> NoReturn:

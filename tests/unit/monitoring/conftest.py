@@ -54,7 +54,7 @@ class Told:
         self.tell(configured(config))
 
     def tell(self, what: Report | Configured | Answer) -> None:
-        self.watch.hear(msgspec.json.encode(what) + b'\n')
+        self.watch.on_line(msgspec.json.encode(what) + b'\n')
 
     def _hear(self, line: bytes) -> None:
         asked = msgspec.json.decode(line, type=Request)

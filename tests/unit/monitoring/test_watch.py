@@ -20,15 +20,15 @@ def counts(**found: int) -> Distribution:
 
 
 def test_the_answer_to_a_request_is_given_to_who_asked(told: Told) -> None:
-    answer = told.watch.ask(Do.PAUSE, 'orders')
+    answer = told.watch.request(Do.PAUSE, 'orders')
     assert (answer.done, answer.text) == (True, 'pause orders')
-    assert told.watch.ask(Do.RELOAD).text == 'reload '
+    assert told.watch.request(Do.RELOAD).text == 'reload '
     assert [request.number for request in told.requests] == [1, 2]
 
 
 def test_an_answer_that_does_not_come_is_said_to_be_missing(told: Told) -> None:
     told.answer = lambda _: None
-    answer = told.watch.ask(Do.PREVIEW)
+    answer = told.watch.request(Do.PREVIEW)
     assert not answer.done
     assert 'has not answered' in answer.text
 
@@ -37,7 +37,7 @@ def test_who_asks_for_a_drain_waits_for_both_directions(told: Told) -> None:
     told.answer = lambda _: None
     drains = CONFIG.replace('format: text', 'format: text\n    drain_s: 0.1')
     told.tell(configured(drains))
-    assert 'within 0.4 s' in told.watch.ask(Do.DEACTIVATE).text
+    assert 'within 0.4 s' in told.watch.request(Do.DEACTIVATE).text
 
 
 def test_at_the_end_of_the_bridge_nobody_waits(told: Told) -> None:
@@ -45,8 +45,8 @@ def test_at_the_end_of_the_bridge_nobody_waits(told: Told) -> None:
     patient = Watch(told._hear, patience_s=1e6)  # which no test may take
     told.watch = patient
     told.tell(configured(CONFIG))
-    assert patient.ask(Do.RELOAD).text == 'the bridge has ended'
-    assert patient.ask(Do.RELOAD).text == 'the bridge has ended'
+    assert patient.request(Do.RELOAD).text == 'the bridge has ended'
+    assert patient.request(Do.RELOAD).text == 'the bridge has ended'
 
 
 def test_a_new_configuration_counts_at_once(told: Told) -> None:
@@ -57,7 +57,7 @@ def test_a_new_configuration_counts_at_once(told: Told) -> None:
 
 def test_what_cannot_be_read_leaves_what_is_known(told: Told) -> None:
     with pytest.raises(ValueError, match='truncated'):
-        told.watch.hear(b'{"type":')
+        told.watch.on_line(b'{"type":')
     assert told.watch.config.name == 'test'
 
 

@@ -1,6 +1,7 @@
 """What differs between two configurations, what is said of it, and who is told what."""
 
 import os
+import selectors
 import socket
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from handles import handle, hear
 from ros_package import write_package
 
 from ros2_kafka_bridge.config.file import loads
@@ -19,8 +21,8 @@ from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.outside import extras
 from ros2_kafka_bridge.outside.extras import install_command
-from ros2_kafka_bridge.process import reloading
-from ros2_kafka_bridge.process.difference import (
+from ros2_kafka_bridge.process import reload
+from ros2_kafka_bridge.process.config_diff import (
     _OF_ALL_ROUTES,
     Checked,
     Difference,
@@ -38,9 +40,8 @@ from ros2_kafka_bridge.process.plan import (
     share_out,
     write_plan,
 )
-from ros2_kafka_bridge.process.reloading import would
+from ros2_kafka_bridge.process.reload import would
 from ros2_kafka_bridge.process.systemd import Systemd
-from ros2_kafka_bridge.process.worker_process import WorkerProcess
 from ros2_kafka_bridge.protocol import worker as wire
 from ros2_kafka_bridge.protocol.worker import (
     EVENTS,
@@ -66,6 +67,7 @@ routes:
   - {name: b, from: {ros: /b}, to: {kafka: b}}
 """
 TEXT = HEAD + ROUTES
+CHECK = (sys.executable, '-m', 'ros2_kafka_bridge.process.config_diff')
 
 
 def plan(text: str, *chosen: str) -> Plan:
@@ -181,8 +183,13 @@ def test_only_the_chosen_routes_count() -> None:
 # The check, in a process of its own
 
 
+def ended_check(before: Plan) -> Checked:
+    """What comes of a check at its end."""
+    with selectors.DefaultSelector() as selector:
+        return ended(reload.check(before, selector))
+
+
 def ended(steps: Generator[None, None, Checked]) -> Checked:
-    """What comes of steps at their end."""
     while True:
         try:
             next(steps)
@@ -196,7 +203,7 @@ def checked(before: Plan) -> Any:
     descriptor = write_plan(before)
     try:
         done = subprocess.run(
-            [sys.executable, '-m', 'ros2_kafka_bridge.process.difference', f'--plan={descriptor}'],
+            [*CHECK, f'--plan={descriptor}', '--result=1'],
             pass_fds=[descriptor],
             capture_output=True,
             check=True,
@@ -248,10 +255,10 @@ def test_a_file_that_cannot_be_read_to_its_end_is_told_with_the_time_that_it_has
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A FIFO that nobody writes, or a disk in a network that hangs."""
-    monkeypatch.setattr(reloading, '_CHECK_S', 2.0)
+    monkeypatch.setattr(reload, '_CHECK_S', 2.0)
     file = tmp_path / 'bridge.yaml'
     os.mkfifo(file)
-    problems = ended(reloading.check(plan_of(loads(TEXT, 'x', {}), file))).problems
+    problems = ended_check(plan_of(loads(TEXT, 'x', {}), file)).problems
     assert len(problems) == 1
     assert problems[0].startswith(f'{file}: reading it has taken longer than 2 s: ')
 
@@ -260,7 +267,7 @@ def test_a_check_that_breaks_down_is_told_as_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, 'executable', '/bin/false')
-    problems = ended(reloading.check(plan_of(loads(TEXT, 'x', {}), tmp_path))).problems
+    problems = ended_check(plan_of(loads(TEXT, 'x', {}), tmp_path)).problems
     assert problems == ('the file could not be checked: the log says why',)
 
 
@@ -287,14 +294,15 @@ def test_an_event_is_one_line_and_comes_back_as_it_was(event: wire.Event) -> Non
 
 
 def test_a_worker_says_in_between_what_has_happened() -> None:
-    worker = WorkerProcess(1, Share(('a', 'b'), Rank.TO_ROS), -1)
+    worker = handle('a', 'b')
     snapshots = to_line([Counters('a', taken=3).snapshot(3), Counters('b').snapshot(0)])
-    worker.hear(wire.to_line(Loaded()) + snapshots + wire.to_line(Begun()))
-    assert worker.loaded
-    assert worker.begun
+    hear(worker, wire.to_line(Loaded()) + snapshots + wire.to_line(Begun()))
+    assert worker.has_loaded
+    assert worker.has_begun
     assert worker.snapshots['a'].taken == 3
     worker.leaving = {'a'}
-    worker.hear(snapshots + wire.to_line(RoutesEnded(('a',))) + b'{"type":"unheard of"}\n')
+    ended = wire.to_line(RoutesEnded(('a',)))
+    hear(worker, snapshots + ended + b'{"type":"unheard of"}\n')
     assert list(worker.snapshots) == ['b']
     assert worker.leaving == set()
 

@@ -5,9 +5,10 @@ import selectors
 import pytest
 
 from ros2_kafka_bridge.config.direction import Direction
-from ros2_kafka_bridge.process.crew import Crew
+from ros2_kafka_bridge.process.control_plane import ControlPlane
 from ros2_kafka_bridge.process.plan import Plan, RoutePlan
 from ros2_kafka_bridge.process.reports import report_of
+from ros2_kafka_bridge.process.worker_pool import WorkerPool
 from ros2_kafka_bridge.protocol.monitor import Lifecycle
 from ros2_kafka_bridge.route.counters import Counters, Measures, State
 from ros2_kafka_bridge.threads.stop import Stop
@@ -26,9 +27,9 @@ def test_a_route_that_no_worker_has_is_stopped_and_says_why(
 ) -> None:
     plan = Plan('shop.yaml', {}, (RoutePlan('orders', Direction.KAFKA_TO_ROS, drain_s=8),))
     with selectors.DefaultSelector() as selector:
-        crew = Crew([], selector, Stop())
-        told = report_of(plan, crew, lifecycle, 0.0, None, stopping=False)
-        crew.close()
+        pool = WorkerPool(plan, [], selector, Stop())
+        told = report_of(pool, ControlPlane(pool, lifecycle, Stop()), 0.0, stopping=False)
+        pool.close()
     [route] = told.routes
     assert (route.worker, route.snapshot.state) == (0, State.STOPPED)
     assert route.snapshot.reason == reason
@@ -39,10 +40,11 @@ def test_what_a_route_told_last_before_its_bridge_was_deactivated_is_not_told_as
     plan = Plan('shop.yaml', {}, (RoutePlan('orders', Direction.KAFKA_TO_ROS, drain_s=8),))
     measures = Measures(kafka_up=True, matched=3, queued=7)
     with selectors.DefaultSelector() as selector:
-        crew = Crew([], selector, Stop())
-        crew.last['orders'] = Counters('orders', taken=5).snapshot(5, 77, 0, measures)
-        told = report_of(plan, crew, Lifecycle.INACTIVE, 0.0, None, stopping=False)
-        crew.close()
+        pool = WorkerPool(plan, [], selector, Stop())
+        pool.last['orders'] = Counters('orders', taken=5).snapshot(5, 77, 0, measures)
+        control = ControlPlane(pool, Lifecycle.INACTIVE, Stop())
+        told = report_of(pool, control, 0.0, stopping=False)
+        pool.close()
     [route] = told.routes
     now = route.snapshot
     assert (now.lag, now.measures.kafka_up, now.measures.matched) == (None, None, None)

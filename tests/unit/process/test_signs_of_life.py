@@ -7,15 +7,15 @@ import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+from handles import handle, hear
 
-from ros2_kafka_bridge.process.plan import Rank, Share
 from ros2_kafka_bridge.process.reports import in_words, is_live
 from ros2_kafka_bridge.process.sender import SnapshotSender
 from ros2_kafka_bridge.process.systemd import Systemd
-from ros2_kafka_bridge.process.worker_process import WorkerProcess
 from ros2_kafka_bridge.protocol.limits import STUCK_S
 from ros2_kafka_bridge.protocol.monitor import Lifecycle
 from ros2_kafka_bridge.protocol.worker import EVENTS, RoutesEnded
@@ -38,10 +38,9 @@ def test_an_event_arrives_whole_however_full_the_pipe_of_the_snapshots_is() -> N
     routes = [Counters(f'route_{number}').snapshot(0) for number in range(24)]
     assert 4096 < len(to_line(routes)) < 3 * 4096
     sender = SnapshotSender(its_end, lambda: routes, events=True)
-    os.set_blocking(its_end, False)
     data = b''
     for number in range(20):
-        sender.tell(RoutesEnded((str(number),)))
+        sender.send(RoutesEnded((str(number),)))
         data += _all_of(pipe)
     while more := _more(sender, pipe):
         data += more
@@ -56,7 +55,7 @@ def test_an_event_arrives_whole_however_full_the_pipe_of_the_snapshots_is() -> N
 
 
 def _more(sender: SnapshotSender, pipe: int) -> bytes:
-    sender._send(b'')
+    sender._writer.flush()
     return _all_of(pipe)
 
 
@@ -175,14 +174,14 @@ def test_a_bridge_lives_as_long_as_no_route_is_stuck(
 def test_no_route_is_stuck_while_its_worker_starts_or_is_to_be_started_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    worker = WorkerProcess(1, Share(('orders',), Rank.TO_ROS), -1)
-    worker.hear(to_line([aged(0.1)]))
+    worker = handle('orders')
+    hear(worker, to_line([aged(0.1)]))
     now_s = time.monotonic() + 2 * STUCK_S
-    fresh = WorkerProcess(2, Share(('new',), Rank.TO_ROS), -1)
+    fresh = handle('new', number=2)
     monkeypatch.setattr('time.monotonic', lambda: now_s)
     assert is_live(fresh.snapshots.values())
     assert not is_live(worker.snapshots.values())
-    worker.fail('was ended by SIGKILL')
+    worker.start_later('was ended by SIGKILL')
     assert is_live(worker.snapshots.values())
 
 
@@ -190,24 +189,24 @@ def test_a_worker_that_has_begun_and_tells_nothing_is_silent_and_one_that_starts
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """As one that stands still (SIGSTOP) with routes that wait on purpose: they need not beat."""
-    worker = WorkerProcess(1, Share(('orders',), Rank.TO_ROS), -1)
-    worker._process = cast('Any', object())
-    worker.hear(to_line([aged(0.0, State.WAITING)]))
+    worker = handle('orders')
+    worker.process = cast('Any', SimpleNamespace(is_running=True))
+    hear(worker, to_line([aged(0.0, State.WAITING)]))
     now_s = time.monotonic() + 40
     monkeypatch.setattr('time.monotonic', lambda: now_s)
     assert worker.silent_s == 0, 'it has not begun'
-    worker.begun = True
+    worker._life.begun_s = now_s
     assert 40 <= worker.silent_s < 50
-    worker._asked = 1
+    worker._life.drain_orders = 1
     assert worker.silent_s == 0, 'it drains'
 
 
 def test_what_a_worker_that_has_died_told_last_of_its_ends_is_not_known_any_more() -> None:
-    worker = WorkerProcess(1, Share(('orders',), Rank.TO_ROS), -1)
+    worker = handle('orders')
     measures = Measures(kafka_up=True, matched=3, queued=7, spool_bytes=5, bytes_taken=9)
     snapshot = Counters('orders', taken=100).snapshot(100, 77, 0, measures)
-    worker.hear(to_line([snapshot]))
-    worker.fail('was ended by SIGKILL')
+    hear(worker, to_line([snapshot]))
+    worker.start_later('was ended by SIGKILL')
     told = worker.snapshots['orders']
     assert (told.state, told.lag, told.taken, told.in_flight) == (State.FAILED, None, 100, 100)
     now = told.measures

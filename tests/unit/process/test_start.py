@@ -15,7 +15,7 @@ from ros2_kafka_bridge.process import start
 from ros2_kafka_bridge.process.plan import plan_of
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.process.hangup import Signals
+    from ros2_kafka_bridge.process.signals import Signals
 
 TEXT: Final = """\
 name: b
@@ -44,9 +44,9 @@ def test_a_terminal_that_was_closed_in_the_start_is_known_to_the_process_that_ru
     """Its shell has said so while it was there still: what runs now never saw it."""
     code = (
         'import os, signal, sys\n'
-        'from ros2_kafka_bridge.process.hangup import Signals\n'
+        'from ros2_kafka_bridge.process.signals import Signals\n'
         f'it = Signals(lambda _: print("stop"), had_terminal={had})\n'
-        'it.hear()\n'
+        'it.install()\n'
         'os.kill(os.getpid(), signal.SIGHUP)\n'
         'if it.take_reload(): print("reload")\n'
     )

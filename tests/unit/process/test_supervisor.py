@@ -1,7 +1,9 @@
 """How routes are shared out among workers, when one is started again, what its pipe carries."""
 
+import errno
 import logging
 import math
+import os
 import selectors
 import signal
 import subprocess
@@ -10,9 +12,10 @@ import threading
 import time
 from collections import Counter
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, NoReturn, cast
 
 import pytest
+from handles import handle, hear
 from harness import eventually
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,16 +25,21 @@ from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.exclusive.term import HANDOVER_S
 from ros2_kafka_bridge.logs.lines import summed
-from ros2_kafka_bridge.process.crew import CLOSING_S, Crew
+from ros2_kafka_bridge.process.draining import CLOSING_S, drain
+from ros2_kafka_bridge.process.lines import LineReader
 from ros2_kafka_bridge.process.plan import Plan, Rank, RoutePlan, Share, plan_of, share_out
+from ros2_kafka_bridge.process.signals import Signals
 from ros2_kafka_bridge.process.supervisor import Supervisor
 from ros2_kafka_bridge.process.systemd import Systemd
-from ros2_kafka_bridge.process.worker_process import WorkerProcess
+from ros2_kafka_bridge.process.worker_pool import WorkerPool
 from ros2_kafka_bridge.protocol import worker as wire
 from ros2_kafka_bridge.protocol.worker import Begun
 from ros2_kafka_bridge.route.counters import Counters, State, from_line, to_line
 from ros2_kafka_bridge.threads.backoff import Backoff
 from ros2_kafka_bridge.threads.stop import Stop
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.process.worker_handle import WorkerHandle
 
 CONFIG = """\
 name: test
@@ -158,7 +166,7 @@ def test_a_worker_that_failed_unasked_makes_the_end_a_failure_and_one_that_was_k
     program.chmod(0o700)
     monkeypatch.setattr('sys.executable', str(program))
     one = Plan('x', {}, (RoutePlan('orders', Direction.KAFKA_TO_ROS, drain_s=5.0),))
-    with Supervisor(one, [], Systemd()) as supervisor:
+    with Supervisor(one, [], Systemd(), Signals()) as supervisor:
         ended: list[int] = []
         thread = threading.Thread(target=lambda: ended.append(supervisor.run()), daemon=True)
         thread.start()
@@ -170,17 +178,36 @@ def test_a_worker_that_failed_unasked_makes_the_end_a_failure_and_one_that_was_k
     assert ended == [expected]
 
 
+def test_a_worker_that_could_not_even_be_given_its_plan_makes_the_end_a_failure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def no_room(*_: object) -> NoReturn:
+        raise OSError(errno.EMFILE, 'Too many open files')
+
+    monkeypatch.setattr('os.memfd_create', no_room)
+    one = Plan('x', {}, (RoutePlan('orders', Direction.KAFKA_TO_ROS, drain_s=5.0),))
+    with selectors.DefaultSelector() as selector:
+        pool = WorkerPool(one, [], selector, Stop())
+        pool.fill()
+        pool.tick()
+        (worker,) = pool.workers
+        assert worker.problem == 'could not be started (Too many open files)'
+        assert list(drain(pool, lambda: False)) == []
+        assert pool.status == 1
+        pool.close()
+
+
 class SlowWorker:
     """A worker that ends so long after it was asked to drain."""
 
-    waits = away = over = is_first = False
-    pipe = -1
+    waits = is_away = is_over = is_in_process = False
 
     def __init__(self, route: str, rank: Rank, ends_after_s: float) -> None:
         # It tells all the time, by whatever clock.
         snapshot = Counters(route, taken=7).snapshot(7)._replace(made_s=math.inf)
         self.snapshots = {route: snapshot}
         self.rank = rank
+        self.process = self
         self.killed = False
         self._name = route
         self._ends_after_s = ends_after_s
@@ -190,14 +217,17 @@ class SlowWorker:
         return f'worker ({self._name})'
 
     @property
-    def runs(self) -> bool:
+    def is_running(self) -> bool:
         return not self.killed and time.monotonic() < self._asked_s + self._ends_after_s
 
-    def ask(self, _times: int) -> None:
+    def drain(self) -> None:
         self._asked_s = min(self._asked_s, time.monotonic())
 
     def kill(self) -> None:
         self.killed = True
+
+    def close(self) -> None:
+        """It has no pipe."""
 
 
 def drained(
@@ -207,11 +237,11 @@ def drained(
     now_s = [1000.0]
     monkeypatch.setattr('time.monotonic', lambda: now_s[0])
     with selectors.DefaultSelector() as selector:
-        crew = Crew([], selector, Stop())
-        crew.workers += [cast('WorkerProcess', worker) for worker in workers]
-        for _ in crew.drain(routes, lambda: False):
+        pool = WorkerPool(Plan('x', {}, tuple(routes)), [], selector, Stop())
+        pool.workers += [cast('WorkerHandle', worker) for worker in workers]
+        for _ in drain(pool, lambda: False):
             now_s[0] += 0.1
-        crew.close()
+        pool.close()
     return now_s[0] - 1000
 
 
@@ -296,25 +326,30 @@ def test_a_line_of_snapshots_brings_back_every_field() -> None:
 
 
 def test_what_a_worker_has_said_last_is_known_however_its_lines_are_cut() -> None:
-    worker = WorkerProcess(1, Share(('orders',), Rank.TO_ROS), -1)
+    worker = handle('orders')
     counters = Counters('orders')
     lines = []
     for _ in range(3):
         counters.taken += 1
         lines.append(to_line([counters.snapshot(counters.taken)]))
     data = b''.join(lines)
+    pipe, its_end = os.pipe()
+    reader = LineReader(pipe)
     for start in range(0, len(data) - 5, 7):
-        worker.hear(data[start : min(start + 7, len(data) - 5)])
+        os.write(its_end, data[start : min(start + 7, len(data) - 5)])
+        worker.on_lines(reader.read())
+    os.close(pipe)
+    os.close(its_end)
     assert worker.snapshots['orders'].taken == 2
 
 
 def test_a_dead_worker_is_due_after_its_wait_and_its_routes_say_so() -> None:
-    worker = WorkerProcess(1, Share(('orders', 'bad'), Rank.TO_ROS), -1)
-    assert worker.due
+    worker = handle('orders', 'bad')
+    assert worker.is_due
     bad = Counters('bad').snapshot(0)._replace(state=State.FAILED, reason='NUL', final=True)
-    worker.hear(to_line([bad]))
-    assert worker.fail('was ended by SIGKILL') == 1.0
-    assert not worker.due
+    hear(worker, to_line([bad]))
+    assert worker.start_later('was ended by SIGKILL') == 1.0
+    assert not worker.is_due
     assert worker.snapshots['bad'] == bad
     assert worker.failed_for_good == ['bad']
     orders = worker.snapshots['orders']
@@ -327,24 +362,23 @@ class Life:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_s = 1000.0
-        self.worker = WorkerProcess(1, Share(('orders',), Rank.TO_ROS), -1)
+        self.worker = handle('orders')
         monkeypatch.setattr('time.monotonic', lambda: self.now_s)
         monkeypatch.setattr(
-            'ros2_kafka_bridge.process.worker_process.start_child',
+            'ros2_kafka_bridge.process.child_process._start',
             lambda *_: subprocess.Popen(['true'], stdin=subprocess.PIPE, bufsize=0),
         )
 
     def wait_after(self, starts_s: float, runs_s: float | None = None) -> float:
         """The pause behind a life that begins after `starts_s`, if at all, and ends in failure."""
-        self.worker.start([], [])
+        self.worker.start(Plan('x', {}, ()), [], [])
         self.now_s += starts_s
         if runs_s is not None:
-            self.worker.hear(wire.to_line(Begun()))
+            hear(self.worker, wire.to_line(Begun()))
             self.now_s += runs_s
         self.worker.kill()
-        self.worker.exit_status()
-        self.worker.close_pipe()
-        wait_s = self.worker.fail('ended with status 2')
+        self.worker.process.exit_status()
+        wait_s = self.worker.start_later('ended with status 2')
         self.now_s += wait_s
         return wait_s
 

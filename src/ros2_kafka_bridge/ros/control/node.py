@@ -82,7 +82,7 @@ class WatchedBridge(Protocol):
         """The last report."""
         ...
 
-    def ask(self, do: Do, route: str = '') -> Answer:
+    def request(self, do: Do, route: str = '') -> Answer:
         """Ask the supervisor for something, and wait for what comes of it."""
         ...
 
@@ -165,7 +165,7 @@ def _opened(place: _Place, supervisor: 'SupervisorClient', log: _Log) -> Any:
 
         return ManagedNode(
             node_name(place.name),
-            supervisor.ask,
+            supervisor.request,
             log,
             context=context,
             cli_args=_own_arguments(),
@@ -191,12 +191,12 @@ class SupervisorClient:
         self._waiting = 0
         self._ended_s = -_SETTLED_S
 
-    def ask(self, do: Do, route: str = '') -> Answer:
+    def request(self, do: Do, route: str = '') -> Answer:
         """Ask for something, and wait for what comes of it; for any thread."""
         with self._lock:
             self._waiting += 1
         try:
-            return self._watch.ask(do, route)
+            return self._watch.request(do, route)
         finally:
             with self._lock:
                 self._waiting -= 1
@@ -258,7 +258,7 @@ class Control:
         self._recent = RecentCounters()
         self._last: Report | None = None
         self._namesakes = Namesakes(node.handle, log)
-        self._offers = Offers(node.handle, supervisor.ask, log)
+        self._offers = Offers(node.handle, supervisor.request, log)
         self._publisher = node.handle.create_publisher(DiagnosticArray, '/diagnostics', 10)
 
     def tick(self) -> None:

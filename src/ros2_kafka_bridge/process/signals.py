@@ -13,19 +13,25 @@ _SOON_S: Final = 10.0
 _LOOK_S: Final = 0.5
 
 
+def _do_nothing(_number: int) -> None:
+    pass
+
+
 class Signals:
-    """Hears the signals of a bridge from now on, also those that were held back until now.
+    """The signals of a bridge, also those that were held back until they are handled.
 
     SIGINT and SIGTERM ask for a stop. So does SIGHUP of a closed terminal: that one is gone by
     then, or soon after, where a shell tells its programs before it ends itself. Any other SIGHUP
     asks for a reload.
 
     Args:
-        on_stop: Called with the number of a signal that asks for a stop.
+        on_stop: Called with the number of a signal that asks for a stop; may be changed later.
         had_terminal: Whether this process is known to have had one before.
     """
 
-    def __init__(self, on_stop: Callable[[int], None], *, had_terminal: bool = False) -> None:
+    def __init__(
+        self, on_stop: Callable[[int], None] = _do_nothing, *, had_terminal: bool = False
+    ) -> None:
         self.on_stop = on_stop
         self.wakeup = Wakeup()  # rung by each signal
         self._asked = False
@@ -33,8 +39,8 @@ class Signals:
         self._hung_up_s = self._look_at_s = -_SOON_S
         self._gone_s: float | None = None
 
-    def hear(self) -> None:
-        """Begin to hear them; called by the main thread."""
+    def install(self) -> None:
+        """Handle them from now on; called by the main thread."""
         for number in signals_to_handle():
             signal.signal(number, self._on_signal)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
@@ -44,7 +50,7 @@ class Signals:
         asked, self._asked = self._asked, False
         return asked
 
-    def look(self) -> None:
+    def check_terminal(self) -> None:
         """Look whether the terminal has gone after all."""
         now_s = time.monotonic()
         if self.had_terminal and now_s >= self._look_at_s:

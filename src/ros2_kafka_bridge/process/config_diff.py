@@ -1,8 +1,8 @@
 """What a changed configuration changes in a running bridge.
 
-    python -m ros2_kafka_bridge.process.difference --plan FD
+    python -m ros2_kafka_bridge.process.config_diff --plan FD --result FD
 
-reads the file of that plan again and prints what it found, as a line of JSON. The process that
+reads the file of that plan again and tells what it found, as a line of JSON. The process that
 runs the bridge starts it: to read a configuration needs much, and might even fail badly.
 """
 
@@ -153,18 +153,19 @@ def check(before: Plan) -> Checked:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print what is found in the file of a plan; returns the exit status."""
-    parser = argparse.ArgumentParser(prog='python -m ros2_kafka_bridge.process.difference')
+    """Tell what is found in the file of a plan; returns the exit status."""
+    parser = argparse.ArgumentParser(prog='python -m ros2_kafka_bridge.process.config_diff')
     parser.add_argument('--plan', type=int, required=True, metavar='FD')
+    parser.add_argument('--result', type=int, required=True, metavar='FD', help='where it is told')
     options = parser.parse_args(arguments)
     # Held back at the start, as the others: but when its supervisor has gone, who could end it?
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     found = check(read_plan(options.plan))
     with (
         contextlib.suppress(BrokenPipeError),  # nobody waits for it any more
-        open(sys.stdout.fileno(), 'wb', closefd=False) as output,
+        open(options.result, 'wb', closefd=False) as output,
     ):
-        output.write(msgspec.json.encode(found))
+        output.write(msgspec.json.encode(found) + b'\n')
     return 0
 
 
