@@ -1,6 +1,6 @@
 """What a bridge takes that has nothing to do, beside the same number of bare clients.
 
-    python -m benchmarks.idle --routes 2 50
+    python -m benchmarks.idle --routes 2 50 [--workers 2]
 
 Half of the routes go each way. A node with as many endpoints, consumers and producers stands
 beside the bridge, and both are looked at over the same seconds.
@@ -53,8 +53,8 @@ class Result(NamedTuple):
         return self.bridge / self.bare
 
 
-def measure(servers: str, routes: int, seconds: float) -> Result:
-    """Let both stand idle beside each other."""
+def measure(servers: str, routes: int, workers: int, seconds: float) -> Result:
+    """Let both stand idle beside each other; the supervisor of several workers counts, too."""
     mark = f'idle_{uuid.uuid4().hex[:8]}'
     half = routes // 2
     names = [f'{mark}.{way}.{number}' for way in ('to_ros', 'to_kafka') for number in range(half)]
@@ -63,7 +63,7 @@ def measure(servers: str, routes: int, seconds: float) -> Result:
         at = programs(place, DOMAIN, direct)
         stack.enter_context(topics(servers, names))
         file = place / 'idle.yaml'
-        file.write_text(bridge_file(servers, mark, half))
+        file.write_text(f'workers: {workers}\n{bridge_file(servers, mark, half)}')
         bridge = stack.enter_context(at.bridge('bridge', file))
         bridge.wait_for(' reads ', START_S, half)
         bridge.wait_for(' subscribes to ', START_S, half)
@@ -72,12 +72,18 @@ def measure(servers: str, routes: int, seconds: float) -> Result:
         bare.wait_for('ready', START_S)
         time.sleep(SETTLE_S)
         begun_s = time.monotonic()
-        before = [usage(process.pid).cpu_s for process in (bridge, bare)]
+        before = [_cpu_s(process.pid) for process in (bridge, bare)]
         time.sleep(seconds)
-        after = [usage(process.pid).cpu_s for process in (bridge, bare)]
+        after = [_cpu_s(process.pid) for process in (bridge, bare)]
         took_s = time.monotonic() - begun_s
         each = [(b - a) / took_s for a, b in zip(before, after, strict=True)]
         return Result(2 * half, *each)
+
+
+def _cpu_s(pid: int) -> float:
+    """The CPU time of a process and its children."""
+    children = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
+    return sum(usage(one).cpu_s for one in (pid, *map(int, children)))
 
 
 def show(results: Sequence[Result], console: Console) -> None:
@@ -99,6 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog='python -m benchmarks.idle', description='Lets bridges stand idle.'
     )
     parser.add_argument('--routes', type=int, nargs='+', default=[2, 50])
+    parser.add_argument('--workers', type=int, default=1, help='default: %(default)s')
     parser.add_argument('--seconds', type=float, default=20.0, help='default: %(default)s')
     parser.add_argument('--json', type=Path, help='write all of it into this file, too')
     options = parser.parse_args(arguments)
@@ -107,7 +114,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with LocalKafka() as kafka:
             results = [
-                measure(kafka.bootstrap_servers, routes, options.seconds)
+                measure(kafka.bootstrap_servers, routes, options.workers, options.seconds)
                 for routes in options.routes
             ]
     except KeyboardInterrupt:
