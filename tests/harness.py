@@ -328,11 +328,11 @@ class Bench:
             'group.id': group,
             'log_level': 0,  # that its broker is away is what some tests are about
         }
-        deadline = time.monotonic() + patient(10)
+        deadline = time.monotonic() + patient(30)
         while True:
             client = Consumer(config)
             try:
-                answer = question(client, 10.0)
+                answer = question(client, 5.0)
                 break
             except KafkaException:  # a broker that is new has its coordinator a moment later
                 client.close()
