@@ -5,9 +5,11 @@ Time passes only while it waits, in steps.
 
 import os
 import selectors
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import product
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import msgspec
@@ -134,8 +136,9 @@ class World:
         else:
             life = self._lives.pop(0) if self._lives else Life()
             made = Worker(self, pid, args, pass_fds, life)
-            self.judge.started(made)
         self.processes.append(made)
+        if isinstance(made, Worker):
+            self.judge.started(made)
         return made
 
     def check(self, before: Plan, file: File) -> bytes:
@@ -218,8 +221,13 @@ def a_world(
     def wait(
         selector: selectors.DefaultSelector, _timeout: float | None = None
     ) -> list[tuple[selectors.SelectorKey, int]]:
+        # What is told just before an end is read before that end is seen, or behind it.
+        if round(world.now_s / TICK_S) % 2:
+            world.turn()
+            return select(selector, 0)
+        found = select(selector, 0)
         world.turn()
-        return select(selector, 0)
+        return found
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr('subprocess.Popen', world.popen)
@@ -231,6 +239,19 @@ def a_world(
             yield world
         finally:
             world.close()
+
+
+def settings_of(plan: Plan, name: str) -> Any:
+    return next(route for route in plan.values['routes'] if route['name'] == name)
+
+
+def open_files() -> Counter[str]:
+    """What is open, but for wakeups: these are closed with the last reference to them."""
+    found: list[str] = []
+    for file in Path('/proc/self/fd').iterdir():
+        with suppress(FileNotFoundError):  # that of the folder itself
+            found.append(str(file.readlink()))
+    return Counter(name for name in found if 'eventfd' not in name)
 
 
 # Any of them
@@ -263,6 +284,12 @@ def all_files(draw: st.DrawFn, *, starts: bool = True, changes: bool = True) -> 
         takes_s = draw(st.sampled_from((0.0, 0.0, 5.0, 70.0)))
         files.append(File(plan, takes_s, draw(st.integers(0, 9)) == 9))
     return files
+
+
+def files_of(*routes: str) -> list[File]:
+    """What a file holds at one time after the other: routes to ROS."""
+    one = Direction.KAFKA_TO_ROS, 0.5, 1
+    return [File(plan_of(dict.fromkeys(it, one), 1, starts=True), 0.0) for it in routes]
 
 
 def _life(**fields: st.SearchStrategy[Any]) -> st.SearchStrategy[Life]:
@@ -298,6 +325,9 @@ DEAF = _life(
     deaf_s=st.sampled_from((3.0, 20.0, 50.0)), ends_s=st.sampled_from((0.0, 1.0)), cut=CUTS
 )
 LIVES = st.lists(st.just(Life()) | ENDING | SLOW | DYING | FAILING | DEAF, max_size=8)
+
+LATER = st.tuples(st.integers(0, 3), LIVES).map(lambda it: [Life()] * it[0] + it[1])
+"""The first of them live well, as what a reload begins with."""
 
 
 def any_of(*what: str, least: int = 0) -> st.SearchStrategy[list[Event]]:

@@ -35,6 +35,7 @@ def drain(pool: WorkerPool, at_once: Callable[[], bool]) -> Iterator[None]:
     pool.failures += any(worker.is_away for worker in pool.workers)
     for worker in pool.workers:
         worker.is_over = worker.is_over or not worker.process.is_running
+        worker.is_ending = True
     for rank in Rank:
         yield from _drain(pool.workers, rank, _limit_s(rank, pool.plan.routes), at_once)
     own = [worker for worker in pool.workers if worker.is_in_process]

@@ -90,6 +90,9 @@ def hand_over(pool: WorkerPool, after: Plan, found: Difference) -> Generator[Non
         if late:
             yield from end_workers(fresh)
             return _held(late)
+    if problem := _problem_of(fresh):
+        yield from end_workers(fresh)
+        return problem
     for worker in fresh:
         worker.begin()
     return ''
@@ -109,11 +112,17 @@ def _shares(pool: WorkerPool, after: Plan, found: Difference) -> list[Share]:
 def _load(fresh: list[WorkerHandle]) -> Generator[None, None, str]:
     deadline_s = time.monotonic() + _LOAD_S
     while not all(worker.has_loaded for worker in fresh):
-        if any(worker.is_over for worker in fresh):
-            return f'the new routes cannot start: the log says why: {_AS_BEFORE}'
+        if problem := _problem_of(fresh):
+            return problem
         if time.monotonic() > deadline_s:
             return f'the new routes did not load in {_LOAD_S:.0f} s: {_AS_BEFORE}'
         yield
+    return ''
+
+
+def _problem_of(fresh: list[WorkerHandle]) -> str:
+    if any(worker.is_over for worker in fresh):
+        return f'the new routes cannot start: the log says why: {_AS_BEFORE}'
     return ''
 
 

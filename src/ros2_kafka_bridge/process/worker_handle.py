@@ -30,8 +30,9 @@ _BEGIN_S: Final = 600.0
 class _Life:
     """What is known of one process, from its start to its end."""
 
-    started_s: float
-    heard_s: float
+    routes: frozenset[str]
+    started_s: float = 0.0
+    heard_s: float = 0.0
     has_loaded: bool = False
     begun_s: float | None = None
     drain_orders: int = 0
@@ -61,9 +62,10 @@ class WorkerHandle:
         self.leaving: set[str] = set()  # routes that are to end
         self.starts = 0
         self.is_over = False  # it is not started again
+        self.is_ending = False  # nor when it ends
         self.problem = ''
         self._awaits = awaits
-        self._life = _Life(0.0, 0.0)
+        self._life = _Life(frozenset(share.routes))
 
     def __str__(self) -> str:
         if self.is_in_process:
@@ -170,7 +172,7 @@ class WorkerHandle:
         self.snapshots |= _unheard(routes)
         self.starts += 1
         now_s = time.monotonic()
-        self._life = _Life(now_s, now_s)
+        self._life = _Life(frozenset(routes), now_s, now_s)
         options = [f'--worker={self.number}', f'--routes={",".join(routes)}']
         options += ['--waits'] if self.waits else []
         if mine := [name for name in routes if name in set(paused)]:
@@ -260,12 +262,15 @@ class WorkerHandle:
     def end(self, routes: Iterable[str]) -> None:
         """Let some of its routes drain, and have them no more after that."""
         mine = self.snapshots.keys() & set(routes)
-        if self.process.is_running and not self.is_draining:
-            self.leaving |= mine
-            self.send(End(tuple(mine)))
-        else:
-            self.forget(mine)
-            self.is_over = self.is_over or not self.snapshots
+        # One that was started without a route that has failed for good knows nothing of it.
+        known = mine & self._life.routes
+        if self.process.is_running and not self.is_draining and known:
+            self.leaving |= known
+            self.send(End(tuple(known)))
+            mine -= known
+        self.forget(mine)
+        if not self.process.is_running and len(self.failed_for_good) == len(self.snapshots):
+            self.is_over = True  # without any route to run it would take all for its own
 
 
 def _unheard(routes: Iterable[str]) -> dict[str, Snapshot]:

@@ -179,17 +179,25 @@ class WorkerPool:
         elif worker.is_in_process:
             worker.is_over = True
             if len(failed) < len(worker.snapshots):
-                self._stop.ask()  # a bug has ended it
+                self._ask_to_stop()  # a bug has ended it
+        elif worker.is_ending:
+            worker.is_over = True
+            self.failures += 1  # it has drained nothing
+            self._log.error('%s %s while others drained', worker, _how(status))
         elif status == CANNOT_START and worker.waits:
             worker.is_over = True
         elif status == CANNOT_START and worker.starts == 1 and not self._has_begun:
             worker.is_over = self._cannot_start = True  # it has said why
-            self._stop.ask()
+            self._ask_to_stop()
         elif len(failed) == len(worker.snapshots):
             worker.is_over = True
             self._log.error('%s has ended: its routes have failed for good', worker)
         else:
             self._start_later(worker, _how(status))
+
+    def _ask_to_stop(self) -> None:
+        if not self._stop.asked:  # once more would be an end at once
+            self._stop.ask()
 
     def _start_later(self, worker: WorkerHandle, how: str) -> None:
         wait_s = worker.start_later(how)

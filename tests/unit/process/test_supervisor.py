@@ -1,6 +1,5 @@
 """How routes are shared out among workers, when one is started again, what its pipe carries."""
 
-import errno
 import logging
 import math
 import os
@@ -12,7 +11,7 @@ import threading
 import time
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, cast
+from typing import TYPE_CHECKING, cast
 
 import pytest
 from handles import handle, hear
@@ -176,25 +175,6 @@ def test_a_worker_that_failed_unasked_makes_the_end_a_failure_and_one_that_was_k
             supervisor.stop.ask()
             thread.join(30)
     assert ended == [expected]
-
-
-def test_a_worker_that_could_not_even_be_given_its_plan_makes_the_end_a_failure(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def no_room(*_: object) -> NoReturn:
-        raise OSError(errno.EMFILE, 'Too many open files')
-
-    monkeypatch.setattr('os.memfd_create', no_room)
-    one = Plan('x', {}, (RoutePlan('orders', Direction.KAFKA_TO_ROS, drain_s=5.0),))
-    with selectors.DefaultSelector() as selector:
-        pool = WorkerPool(one, [], selector, Stop())
-        pool.fill()
-        pool.tick()
-        (worker,) = pool.workers
-        assert worker.problem == 'could not be started (Too many open files)'
-        assert list(drain(pool, lambda: False)) == []
-        assert pool.status == 1
-        pool.close()
 
 
 class SlowWorker:
