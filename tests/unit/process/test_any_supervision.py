@@ -343,7 +343,7 @@ def live(files: Sequence[File], lives: Sequence[Life], happens: Sequence[Event])
     assert not open_files() - before, 'a file is left open'
 
 
-OFTEN = 200
+OFTEN = 80
 WORKERS = ('crash', 'crash', 'no room', 'pause', 'resume', 'flood', 'flood', 'stop', 'stop')
 RELOADS = (*('reload',) * 5, 'preview', 'crash', 'pause', 'pause', 'resume', 'stop')
 AWAY = [Event('reload', which=1, after_s=3.5)]
