@@ -71,7 +71,7 @@ def show(results: Sequence[Result], console: Console) -> None:
     for words, read, form in _ROWS:
         table.add_row(words, *(form(map(read, of_one)) for of_one in by_name.values()))
     console.print(table)
-    for words, ratios in (_ratios(by_name) | _cpu_ratios(by_name)).items():
+    for words, ratios in _ratios(by_name).items():
         low, high = min(ratios), max(ratios)
         console.print(f'{words}: {statistics.median(ratios):.2f} ({low:.2f} to {high:.2f})')
 
@@ -84,22 +84,13 @@ def _by_contestant(results: Sequence[Result]) -> dict[str, list[Result]]:
 
 
 def _ratios(by_name: dict[str, list[Result]]) -> dict[str, list[float]]:
-    """Rates of the bridge by those of another in the same round."""
+    """Rates of the bridge, and its CPU time for an order, by those of another in that round."""
     bridge = by_name.get('bridge', [])
     return {
-        f'bridge / {name}': [one.rate / two.rate for one, two in zip(bridge, of_one, strict=True)]
-        for name, of_one in by_name.items()
-        if bridge and name != 'bridge'
-    }
-
-
-def _cpu_ratios(by_name: dict[str, list[Result]]) -> dict[str, list[float]]:
-    """CPU time for an order of another, in both directions, by that of the bridge."""
-    bridge = by_name.get('bridge', [])
-    return {
-        f'CPU time for an order, {name} / bridge': [
-            two.cpu_us / one.cpu_us for one, two in zip(bridge, of_one, strict=True)
+        f'{words}bridge / {name}': [
+            read(one) / read(two) for one, two in zip(bridge, of_one, strict=True)
         ]
+        for words, read in _COMPARED
         for name, of_one in by_name.items()
         if bridge and name != 'bridge'
     }
@@ -125,6 +116,11 @@ _ROWS: Final[Sequence[tuple[str, Callable[[Result], float], Callable[[Iterator[f
     ('CPU µs/order, ROS -> Kafka', lambda r: r.ros_to_kafka.cpu_us, _tenths),
     ('RssAnon MiB, Kafka -> ROS', lambda r: r.kafka_to_ros.anon_mib, _tenths),
     ('RssAnon MiB, ROS -> Kafka', lambda r: r.ros_to_kafka.anon_mib, _tenths),
+)
+
+_COMPARED: Final[Sequence[tuple[str, Callable[[Result], float]]]] = (
+    ('', lambda r: r.rate),
+    ('CPU time for an order, ', lambda r: r.cpu_us),
 )
 
 

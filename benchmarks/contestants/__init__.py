@@ -5,6 +5,7 @@ them. Everyone is two processes, one for each direction.
 """
 
 import socket
+import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -129,6 +130,19 @@ def bare(*of_ros_kafka: str) -> Contestant:
     )
 
 
+def native() -> Contestant:
+    """Loops in C, where a compiler is there: what is left without Python."""
+
+    def commands(ends: Ends) -> Commands:
+        loops = ends.place / 'native.so'
+        compiler = ['cc', '-O2', '-fPIC', '-shared', '-o', str(loops)]
+        subprocess.run([*compiler, str(_HERE / 'native.c')], check=True)
+        program = [str(_HERE / 'native.py'), str(loops)]
+        return _both([*program, 'kafka_to_ros'], [*program, 'ros_to_kafka'])(ends)
+
+    return Contestant('loops in C', commands)
+
+
 def _both(kafka_ros: list[str], ros_kafka: list[str]) -> Callable[[Ends], Commands]:
     def commands(ends: Ends) -> Commands:
         def node(program: list[str], kafka_topic: str) -> list[str]:
@@ -140,5 +154,11 @@ def _both(kafka_ros: list[str], ros_kafka: list[str]) -> Callable[[Ends], Comman
 
 
 CONTESTANTS: Final[Mapping[str, Contestant]] = MappingProxyType(
-    {'paper': paper(10), 'bridge': bridge(), 'bare': bare(), 'monitored': monitored()}
+    {
+        'paper': paper(10),
+        'bridge': bridge(),
+        'bare': bare(),
+        'native': native(),
+        'monitored': monitored(),
+    }
 )

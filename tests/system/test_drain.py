@@ -16,18 +16,19 @@ COUNT = 2_000
 def test_a_small_drain_reports_every_contestant_and_the_bridge_loses_none_watched_or_not(
     bench: Bench, ros_domain: int, tmp_path: Path
 ) -> None:
-    rounds, said = _drain(bench, ros_domain, tmp_path, 'bridge,paper,monitored')
+    rounds, said = _drain(bench, ros_domain, tmp_path, 'bridge,paper,native,monitored')
     for name in ('bridge', 'monitored'):
         assert (rounds[name]['delivered'], rounds[name]['lost']) == (COUNT, 0)
         assert (rounds[name]['duplicated'], rounds[name]['out_of_order']) == (0, 0)
+    assert (rounds['native']['delivered'], rounds['native']['out_of_order']) == (COUNT, 0)
     assert rounds['paper']['delivered'] + rounds['paper']['lost'] == COUNT
     for measured in rounds.values():
         assert measured['orders_per_s'] > 0
         assert measured['kafka_to_ros']['anon_mib'] > 0
         assert measured['ros_to_kafka']['anon_mib'] > 0
-    for other in ('paper', 'monitored'):
+    for other in ('paper', 'native', 'monitored'):
         assert f'bridge / {other}' in said
-        assert f'CPU time for an order, {other} / bridge' in said
+        assert f'CPU time for an order, bridge / {other}' in said
 
 
 def _drain(

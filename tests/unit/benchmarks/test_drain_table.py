@@ -18,7 +18,7 @@ def shown(*results: Result) -> str:
     return out.getvalue()
 
 
-def test_rates_and_cpu_time_are_compared_with_those_of_the_bridge() -> None:
+def test_rates_and_cpu_time_of_the_bridge_are_compared_with_those_of_another() -> None:
     text = shown(result('bridge', 10.0), result('other', 30.0))
     assert 'bridge / other: 1.00 (1.00 to 1.00)' in text
-    assert 'CPU time for an order, other / bridge: 3.00 (3.00 to 3.00)' in text
+    assert 'CPU time for an order, bridge / other: 0.33 (0.33 to 0.33)' in text
