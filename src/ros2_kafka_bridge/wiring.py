@@ -260,7 +260,10 @@ class Wiring:
         end = TopicEnd(self._node, topic, kind, route.qos, log, stop.wakeup.ring)
         with enough_files():
             arrivals = Arrivals(stop.wakeup)
-            reader = TopicReader(end, arrivals, has_gid=has_gid, on_offer=produced.look)
+            reader = TopicReader(
+                end, arrivals, has_gid=has_gid, by_rcl=self._abilities.by_rcl,
+                on_offer=produced.look,
+            )  # fmt: skip
         source = RosSource(arrivals, {topic: reader}, on_take)
         asks = asks_registry(route)
         encode = None if asks else encode_of(route, self._config, kind.layout)

@@ -2,7 +2,7 @@
 
     python sabotaged_bridge.py FILE SECONDS refused|fatal [ROUTE CALL]
 
-A call is met in the thread of its route: `Consumer.poll`, `Subscription.take_message`. Each that
+A call is met in the thread of its route: `Consumer.poll`, `EventHandle.take_event`. Each that
 was met raises what its library would raise; then the route has to flow again within SECONDS,
 and the other routes never fail. A line is printed for each, with how the route fared, and then
 one for each call that is `at start` only. With a CALL that one alone fails, while the bridge
@@ -23,6 +23,8 @@ import confluent_kafka
 from confluent_kafka import KafkaError, KafkaException
 from confluent_kafka.admin import AdminClient
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+
+from ros2_kafka_bridge.ros import rcl
 
 Call = tuple[str, str]
 """Route and name of a call."""
@@ -122,6 +124,12 @@ def sabotage_ros(saboteur: Saboteur) -> None:
     for name, function in vars(_rclpy).copy().items():
         if name.startswith('rclpy_') and callable(function):
             setattr(_rclpy, name, saboteur.wrap(name, function))
+    make_take = rcl.make_take
+
+    def make(subscription: Any, otherwise: rcl.Take) -> rcl.Take:
+        return saboteur.wrap('rcl.take', make_take(subscription, otherwise))
+
+    rcl.make_take = make
 
 
 class Trial:

@@ -76,6 +76,7 @@ def test_guarantee_5_each_call_of_rclpy_and_confluent_kafka_may_fail_and_its_rou
     tried = re.findall(r'^(to_\w+): (\S+): flows', output, re.MULTILINE)
     assert {route for route, _ in tried} == {'to_ros', 'to_kafka'}
     assert ('to_ros', 'Consumer.unsubscribe') in tried, 'what ends a client fails, too'
+    assert {('to_ros', 'Publisher.publish_raw'), ('to_kafka', 'rcl.take')} <= {*tried}
     assert len(set(tried)) > 50
 
 

@@ -37,6 +37,7 @@ class Abilities(NamedTuple):
         own: What the gids of all endpoints of this process begin with; empty where none is told.
         denies: It has said of a full history that not all is acknowledged; else that it tells the
             truth has to be shown otherwise.
+        by_rcl: rcl itself tells the same of a message as rclpy.
     """
 
     bounded: bool
@@ -44,6 +45,7 @@ class Abilities(NamedTuple):
     seq: bool
     own: bytes
     denies: bool
+    by_rcl: bool = False
 
 
 def probe_topic() -> str:
@@ -76,7 +78,11 @@ def probe(node: RosNode, topic: str) -> Abilities:
 
 
 def _try(publisher: Any, subscription: Any) -> Abilities:
-    from ros2_kafka_bridge.ros.take import MatchEvents, take  # noqa: PLC0415 (heavy)
+    from ros2_kafka_bridge.ros.take import (  # noqa: PLC0415 (heavy)
+        MatchEvents,
+        is_told_by_rcl,
+        take,
+    )
 
     events = MatchEvents(publisher)
     deadline_s = time.monotonic() + _ANSWER_S
@@ -98,6 +104,7 @@ def _try(publisher: Any, subscription: Any) -> Abilities:
         if 'publisher_gid' in info
         else b'',
         denies=denied,
+        by_rcl=bool(taken) and is_told_by_rcl(subscription, taken[0]),
     )
 
 
@@ -118,7 +125,8 @@ def _accepts(publisher: Any) -> bool:
     deadline_s = time.monotonic() + _PATIENCE_S
     while True:
         try:
-            publisher.publish(MESSAGE)
+            with publisher.handle:
+                publisher.handle.publish_raw(MESSAGE)
         except rclpy_implementation.RCLError:
             if time.monotonic() > deadline_s:
                 return False

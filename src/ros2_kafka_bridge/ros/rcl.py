@@ -1,19 +1,43 @@
-"""What the bridge calls of rcl itself, ROS 2's library in C, where rclpy has no binding for it.
+"""What the bridge calls of rcl itself, ROS 2's library in C: what rclpy lacks, or makes dear.
 
-Its interface is the same from Humble to Rolling. A function that is called from a thread of DDS is
-one of C, too: DDS holds the lock of a reader meanwhile, and a function of Python would wait there
-for the interpreter, which another thread holds that waits for the lock (rclpy's issue 1722).
+The functions are the same from Humble to Rolling; what a take tells is laid out so since Iron, and
+`probe.py` tries it. A function that is called from a thread of DDS is one of C, too: DDS holds the
+lock of a reader meanwhile, and a function of Python would wait there for the interpreter, which
+another thread holds that waits for the lock (rclpy's issue 1722).
 """
 
 import ctypes
+import struct
+from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
+from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.threads.wakeup import Wakeup
 
 _ADDRESS: Final = ctypes.c_void_p
 _ADDRESS_BYTES: Final = 8
+
+# Two structures behind each other: rcutils_uint8_array_t, of which is read where the message lies
+# and how long it is; and rmw_message_info_t (rmw/types.h, since Iron), of which when it was sent,
+# its number and its publisher.
+_TAKEN: Final = struct.Struct('=QQ48xq8xQ16x16s')
+_INFO_AT: Final = 64
+_TAKEN_BYTES: Final = 320  # more than they have
+_ROOM: Final = ctypes.c_char * 65_536  # for a larger message rcl makes more
+_NOTHING_THERE: Final = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
+
+Take = Callable[[int], tuple[list[Message], bool]]
+"""Takes at most so many messages that are there, without waiting; tells also whether nothing was
+left behind them. Where the middleware fails in the middle, the next call tells."""
+
+
+class _Allocator(ctypes.Structure):
+    """rcutils_allocator_t: four functions and what they get."""
+
+    _fields_ = (('functions', _ADDRESS * 4), ('state', _ADDRESS))
 
 
 def is_there() -> bool:
@@ -47,6 +71,58 @@ def _set_callback(subscription: Any, callback: Any, user_data: int | None) -> bo
     with subscription.handle:
         place = subscription.handle.pointer
         return not _rcl().rcl_subscription_set_on_new_message_callback(place, callback, user_data)
+
+
+def make_take(subscription: Any, otherwise: Take) -> Take:
+    """Make what takes the messages of a subscription with one call of rcl for each.
+
+    rclpy makes two dicts and a buffer for each message, which cost more than the take itself.
+
+    Args:
+        subscription: That of rclpy.
+        otherwise: Asked where rcl fails, so that it tells why.
+
+    Raises:
+        OSError: There is no rcl of that name, or it is not one of 64 bits.
+        AttributeError: It lacks something.
+    """
+    if ctypes.sizeof(_ADDRESS) != _ADDRESS_BYTES:
+        raise OSError('what rcl tells is read as a machine of 64 bits lays it out')
+    # `PyDLL` keeps the interpreter during a call, as rclpy does: it would change hands for each.
+    rcl, utils = ctypes.PyDLL('librcl.so'), ctypes.PyDLL('librcutils.so')
+    take_one, reset = rcl.rcl_take_serialized_message, utils.rcutils_reset_error
+    begin, end = utils.rcutils_uint8_array_init, utils.rcutils_uint8_array_fini
+    utils.rcutils_get_default_allocator.restype = _Allocator
+    memory = ctypes.byref(utils.rcutils_get_default_allocator())
+    told = ctypes.create_string_buffer(_TAKEN_BYTES)
+    into, info, handle = ctypes.byref(told), ctypes.byref(told, _INFO_AT), subscription.handle
+    read, new = _TAKEN.unpack_from, partial(tuple.__new__, Message)
+    room = ctypes.sizeof(_ROOM)
+
+    def take(limit: int) -> tuple[list[Message], bool]:
+        taken: list[Message] = []
+        status = 0
+        with handle:
+            if begin(into, ctypes.c_size_t(room), memory):
+                return otherwise(limit)
+            try:
+                subscribed, place = _ADDRESS(handle.pointer), read(told)[0]
+                buffer = _ROOM.from_address(place)
+                while len(taken) < limit:
+                    if status := take_one(subscribed, into, info, None):
+                        break
+                    at, length, made_ns, seq, gid = read(told)
+                    in_place = at == place and length <= room  # `string_at` costs a call more
+                    cdr = buffer[:length] if in_place else ctypes.string_at(at, length)
+                    taken.append(new((cdr, gid, seq, made_ns)))
+            finally:
+                end(into)  # it is as large as the largest one
+        if status and status != _NOTHING_THERE:
+            reset()
+            return (taken, False) if taken else otherwise(limit)
+        return taken, bool(status)
+
+    return take
 
 
 class GraphChanges:

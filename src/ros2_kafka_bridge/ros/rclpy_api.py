@@ -115,11 +115,12 @@ TABLE: Final = (
     Used(_NODE, 'Node.destroy_client', 1),
     Used(_NODE, 'Node.destroy_publisher', 1),
     Used(_NODE, 'Node.destroy_subscription', 1),
-    # Taking without an executor
+    # Publishing bytes, and taking without an executor
     Used(_C, 'rclpy_implementation.Client.take_response', 1),
     Used(_C, 'rclpy_implementation.EventHandle', 2),
     Used(_C, 'rclpy_implementation.EventHandle.destroy_when_not_in_use'),
     Used(_C, 'rclpy_implementation.EventHandle.take_event'),
+    Used(_C, 'rclpy_implementation.Publisher.publish_raw', 1),
     Used(_C, 'rclpy_implementation.RCLError'),
     Used(_C, 'rclpy_implementation.Subscription.pointer'),
     Used(_C, 'rclpy_implementation.Subscription.take_message', 2),
@@ -191,6 +192,7 @@ _HANDED_OUT: Final = frozenset(
         f'{_C}.rclpy_implementation.Client',
         f'{_C}.rclpy_implementation.LifecycleStateMachine',
         f'{_C}.rclpy_implementation.Node',
+        f'{_C}.rclpy_implementation.Publisher',
         f'{_C}.rclpy_implementation.Subscription',
     }
 )

@@ -1,9 +1,9 @@
 """The numbers of the publishers of a topic: no message twice, and every gap counted."""
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
-from ros2_kafka_bridge.endpoints import Offer
+from ros2_kafka_bridge.endpoints import Message, Offer
 from ros2_kafka_bridge.errors import About
 from ros2_kafka_bridge.logs.lines import summed
 
@@ -60,6 +60,25 @@ class Sequences:
         """Note that what lay in the reader of this offer has gone with it."""
         for publisher in self._publishers.values():
             publisher.loses = publisher.loses or publisher.offer in {None, offer}
+
+    def accept_all(self, messages: Sequence[Message]) -> bool:
+        """Accept messages at once; False: nothing was noted, each is to be asked for.
+
+        So it is where they are of several publishers, or do not follow what was taken before.
+        """
+        if not messages:
+            return True
+        gid, first = messages[0].gid, messages[0].seq
+        publisher = self._publishers.get(gid)
+        if publisher is None or publisher.last + 1 != first:
+            return False
+        end = first + len(messages)
+        if [message.seq for message in messages] != [*range(first, end)]:
+            return False
+        if {message.gid for message in messages} != {gid}:
+            return False
+        publisher.last, publisher.loses = end - 1, False
+        return True
 
     def accept(self, gid: bytes, seq: int, offer: Offer) -> bool:
         """Whether to keep message `seq` that came through the subscription of `offer`.

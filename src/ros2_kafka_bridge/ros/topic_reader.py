@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from ros2_kafka_bridge.endpoints import Matches, Message, Offer
@@ -22,7 +21,7 @@ from ros2_kafka_bridge.ros.sequences import Sequences
 from ros2_kafka_bridge.ros.topic_end import TopicEnd
 
 if TYPE_CHECKING:
-    from ros2_kafka_bridge.ros.take import Taken
+    from ros2_kafka_bridge.ros.rcl import Take
 
 DEFAULT: Final = Offer('reliable', 'volatile')
 _AGAIN_S: Final = 0.1
@@ -48,7 +47,7 @@ class _Subscription:
     """
 
     handle: Any
-    take: Callable[[int], tuple[list['Taken'], bool]]
+    take: 'Take'
     is_unwanted: bool = False
     is_empty: bool = False
     has_failed: bool = False
@@ -62,6 +61,7 @@ class TopicReader:
         end: What the route has at the topic; what its QoS fixes is not followed.
         arrivals: Where it is told that messages have come.
         has_gid: Whether the middleware tells the publisher of a message.
+        by_rcl: Whether messages may be taken by rcl itself.
         on_offer: Called before a subscription of a new offer is made.
     """
 
@@ -71,6 +71,7 @@ class TopicReader:
         arrivals: Arrivals,
         *,
         has_gid: bool = True,
+        by_rcl: bool = False,
         on_offer: Callable[[Offer], None] = lambda _: None,
     ) -> None:
         self.exhausted = False  # whether the last take has found nothing more to take
@@ -78,13 +79,14 @@ class TopicReader:
         self._notifier = arrivals.of(end.topic)
         self._occasional = summed(end.log)
         self._has_gid = has_gid
+        self._by_rcl = by_rcl
         self._on_offer = on_offer
         # News of the graph ring as messages do: both are for the next take.
         self._publishers = Publishers(end._replace(interrupt=self._notifier.wakeup.ring))
         self._sequences = Sequences(end.log, end.topic, self._learn)
         self._subscriptions: dict[Offer, _Subscription] = {}
         self._postponed: dict[Offer, float] = {}  # since when
-        self._unread: list[tuple[Offer, list[Taken]]] = []  # taken, behind an unknown publisher
+        self._unread: list[tuple[Offer, list[Message]]] = []  # taken, behind an unknown publisher
         self._failure: Exception | None = None  # told at the next take: first, what was taken
         self._look_at_s = 0.0
 
@@ -192,7 +194,7 @@ class TopicReader:
                 self._subscribe(offer)
 
     def _subscribe(self, offer: Offer) -> None:
-        from ros2_kafka_bridge.ros.take import take  # noqa: PLC0415 (heavy)
+        from ros2_kafka_bridge.ros.take import make_take  # noqa: PLC0415 (heavy)
 
         try:
             self._on_offer(offer)
@@ -205,7 +207,8 @@ class TopicReader:
             return
         handle = self._end.subscribe(profile(self._end.qos, *offer))
         self._notifier.attach(handle)
-        self._subscriptions[offer] = _Subscription(handle, partial(take, handle))
+        take = make_take(handle, has_gid=self._has_gid, by_rcl=self._by_rcl)
+        self._subscriptions[offer] = _Subscription(handle, take)
         self.exhausted = False
         self._end.log.info('subscribes to %s (%s, %s)', self._end.topic, *offer)
 
@@ -248,7 +251,7 @@ class TopicReader:
             with translated(f'subscription of {self._end.topic}'):
                 raise failure
 
-    def _take(self, offer: Offer, subscription: _Subscription, limit: int) -> list['Taken']:
+    def _take(self, offer: Offer, subscription: _Subscription, limit: int) -> list[Message]:
         try:
             taken, subscription.is_empty = subscription.take(limit)
         except Exception as error:  # noqa: BLE001 (raised by the next take)
@@ -288,31 +291,17 @@ class TopicReader:
             self._sequences.expect_loss(offer)
             self._unsubscribe(subscription)
 
-    def _select(self, taken: list['Taken'], offer: Offer, messages: list[Message]) -> None:
+    def _select(self, taken: list[Message], offer: Offer, messages: list[Message]) -> None:
         """Keep what counts; what stands behind a publisher that nobody can tell of now waits."""
-        read, accept = _told if self._has_gid else _untold, self._sequences.accept
-        number = 0
+        if not self._has_gid or self._sequences.accept_all(taken):
+            messages += taken
+            return
+        accept, number = self._sequences.accept, 0
         try:
-            for number, (cdr, info) in enumerate(taken):  # noqa: B007 (read where one fails)
-                message = read(cdr, info)
-                if not message.gid or accept(message.gid, message.seq, offer):
+            for number, message in enumerate(taken):  # noqa: B007 (read where one fails)
+                if accept(message.gid, message.seq, offer):
                     messages.append(message)
         except BridgeError as error:
             self._failure = error
             self._unread.append((offer, taken[number:]))
             self.exhausted = False
-
-
-def _told(cdr: bytes, info: Mapping[str, Any]) -> Message:
-    return Message(
-        cdr,
-        info['publisher_gid']['data'],
-        info['publication_sequence_number'],
-        info['source_timestamp'],
-    )
-
-
-def _untold(cdr: bytes, info: Mapping[str, Any]) -> Message:
-    """Read a message of a ROS that does not tell its publisher, and perhaps not its number."""
-    seq = info.get('publication_sequence_number') or 0
-    return Message(cdr, b'', seq, info['source_timestamp'])

@@ -40,7 +40,7 @@ OBJECTS: Final[dict[str, dict[str, str]]] = {
         'info': 'rclpy.node.TopicEndpointInfo',
         'qos': QOS,
     },
-    'probe.py': {'publisher': PUBLISHER},
+    'probe.py': {'publisher': PUBLISHER, 'publisher.handle': f'{C}.Publisher'},
     'profile_check.py': {'peer.qos': QOS, 'peer.qos.lifespan': DURATION},
     'qos.py': {
         'publisher': QOS,
@@ -66,7 +66,7 @@ OBJECTS: Final[dict[str, dict[str, str]]] = {
         'self._event': f'{C}.EventHandle',
     },
     'topic_end.py': {'self.handle': PUBLISHER, 'self.node.handle': NODE, 'handle': NODE},
-    'topic_writer.py': {'publisher.handle': PUBLISHER},
+    'topic_writer.py': {'publisher.handle': PUBLISHER, 'handle': f'{C}.Publisher'},
     'trial.py': {'publisher': PUBLISHER},
     'type_request.py': {'client': 'rclpy.client.Client'},
     'control/lifecycle.py': {
@@ -208,6 +208,7 @@ def test_what_no_release_promises_is_used_for_taking_waiting_and_the_managed_nod
         'C.EventHandle',
         'C.EventHandle.destroy_when_not_in_use',
         'C.EventHandle.take_event',
+        'C.Publisher.publish_raw',
         'C.RCLError',
         'C.Subscription.pointer',
         'C.Subscription.take_message',

@@ -3,8 +3,10 @@
 import logging
 
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
-from ros2_kafka_bridge.endpoints import Offer
+from ros2_kafka_bridge.endpoints import Message, Offer
 from ros2_kafka_bridge.ros.sequences import Sequences
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
@@ -100,3 +102,45 @@ def test_the_memory_of_publishers_that_have_gone_is_bounded(sequences: Sequences
         sequences.offers({gid: VOLATILE})
         sequences.accept(gid, 1, VOLATILE)
     assert len(sequences._publishers) < 1100
+
+
+@given(
+    before=st.lists(st.tuples(st.sampled_from([ONE, TWO]), st.integers(1, 12)), max_size=8),
+    batch=st.lists(st.tuples(st.sampled_from([ONE, TWO]), st.integers(1, 14)), max_size=6),
+    known=st.booleans(),
+    loses=st.booleans(),
+)
+@example(before=[(ONE, 1)], batch=[(ONE, 2), (ONE, 3)], known=True, loses=True)
+@example(before=[(ONE, 1)], batch=[(ONE, 2), (TWO, 3)], known=True, loses=False)
+def test_guarantee_8_what_is_accepted_at_once_is_what_would_be_one_by_one(
+    *, before: list[tuple[bytes, int]], batch: list[tuple[bytes, int]], known: bool, loses: bool
+) -> None:
+    at_once, one_by_one = Sequences(LOG, '/orders'), Sequences(LOG, '/orders')
+    for sequences in (at_once, one_by_one):
+        if known:
+            sequences.offers({ONE: VOLATILE, TWO: LATCHED})
+        for gid, seq in before:
+            sequences.accept(gid, seq, VOLATILE)
+        if loses:
+            sequences.expect_loss(VOLATILE)
+    messages = [Message(b'', gid, seq, 0) for gid, seq in batch]
+    state = vars_of(at_once)
+    if at_once.accept_all(messages):
+        assert all(one_by_one.accept(gid, seq, VOLATILE) for gid, seq in batch)
+        assert vars_of(at_once) == vars_of(one_by_one)
+    else:
+        assert vars_of(at_once) == state, 'nothing was noted'
+
+
+def vars_of(sequences: Sequences) -> object:
+    """All that it knows."""
+    known = {gid: (one.offer, one.last, one.loses) for gid, one in sequences._publishers.items()}
+    return known, sequences.lost
+
+
+def test_what_follows_without_a_gap_is_accepted_at_once(sequences: Sequences) -> None:
+    sequences.offers({ONE: VOLATILE})
+    assert sequences.accept_all([Message(b'', ONE, seq, 0) for seq in (1, 2, 3)])
+    assert not sequences.accept_all([Message(b'', ONE, seq, 0) for seq in (4, 6)])
+    assert accepted(sequences, ONE, [3, 4], VOLATILE) == [4]
+    assert sequences.accept_all([])
