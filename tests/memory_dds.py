@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from threading import Lock
 from types import SimpleNamespace
@@ -70,6 +70,13 @@ class Reader:
         )
 
 
+class Handle(nullcontext['Writer']):
+    """What rclpy holds of a publisher while it is used."""
+
+    def publish_raw(self, cdr: bytes) -> None:
+        self.enter_result.write(cdr)
+
+
 class Writer:
     """A publisher, and its history: a sample stays until all its reliable readers have it.
 
@@ -88,7 +95,7 @@ class Writer:
         self.total = 0
         self.seen = (0, 0)  # the matched and the total, as somebody has looked last
         self.events = 0
-        self.handle: AbstractContextManager[Any] = nullcontext(self)
+        self.handle = Handle(self)
 
     @property
     def is_full(self) -> bool:
@@ -98,7 +105,7 @@ class Writer:
     def held(self) -> int:
         return self.samples - min((self.got[it] for it in self.waits_for), default=self.samples)
 
-    def publish(self, cdr: bytes) -> None:
+    def write(self, cdr: bytes) -> None:
         self.dds.let_fail('publish')
         if self.is_full:
             raise _rclpy.RCLError(_FULL)

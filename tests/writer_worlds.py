@@ -117,7 +117,8 @@ class World:
         is_full = writer is None or writer.is_full
         is_at_bound = self._paces and self.writer.load.queued == ROOM
         try:
-            taken = self.writer.publish(cdr)
+            taken = bool(self.writer.publish([cdr]))
+            self.writer.raise_failure()
         except RouteError:
             assert writer is None or len(dds.failed) > failures, 'ROS has not failed'
             taken, self._is_broken = False, True

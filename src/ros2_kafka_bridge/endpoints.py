@@ -326,9 +326,16 @@ class Readers(NamedTuple):
 class MessageWriter(Protocol):
     """Where messages are published: one topic."""
 
-    def publish(self, cdr: bytes) -> bool:
-        """Publish; False: there is no room, nothing was taken, try the same bytes again."""
+    def publish(self, messages: Iterable[bytes]) -> int:
+        """Publish in this order, as far as there is room; returns how many were taken."""
         ...
+
+    def raise_failure(self) -> None:
+        """Tell what has failed in the last publish.
+
+        Raises:
+            RouteError: ROS has failed; what was taken before that was returned.
+        """
 
     def readers(self) -> Readers:
         """Look at the readers."""

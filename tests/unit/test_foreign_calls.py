@@ -141,7 +141,8 @@ def ros_sink(handle: Library) -> Iterator[Callable[[], object]]:
     writer = writer_of(end_of(still_node(handle, handle.context), TYPE))
     yield writer.open
     yield writer.readers
-    yield lambda: writer.publish(b'')
+    yield lambda: writer.publish([b''])
+    yield writer.raise_failure
     yield writer.readers
     yield writer.close
 
@@ -322,13 +323,14 @@ def test_guarantee_5_a_publisher_that_fails_is_replaced_and_its_readers_are_new(
     writer = writer_of(end_of(still_node(handle, handle.context), TYPE))
     writer.open()
     assert writer.readers().come == 2
-    publisher = handle.create_publisher.return_value
-    publisher.publish.side_effect = _rclpy.RCLError('cannot publish data, at ./rcl.c:1')
-    assert not writer.publish(b''), 'a full history is no failure'
-    publisher.publish.side_effect = _rclpy.RCLError('publisher is invalid, at ./rcl.c:1')
+    publisher = handle.create_publisher.return_value.handle
+    publisher.publish_raw.side_effect = _rclpy.RCLError('cannot publish data, at ./rcl.c:1')
+    assert not writer.publish([b'']), 'a full history is no failure'
+    publisher.publish_raw.side_effect = _rclpy.RCLError('publisher is invalid, at ./rcl.c:1')
+    assert not writer.publish([b''])
     with pytest.raises(RouteError, match=r'^publisher of /t: publisher is invalid$'):
-        writer.publish(b'')
-    publisher.publish.side_effect = None
+        writer.raise_failure()
+    publisher.publish_raw.side_effect = None
     event.take_event.return_value = MagicMock(current_count=0, total_count=0)
     after = writer.readers()
     assert handle.create_publisher.call_count == 2

@@ -4,7 +4,9 @@ import math
 import re
 import time
 from collections import Counter, deque
+from collections.abc import Iterable
 from datetime import datetime, timedelta
+from itertools import takewhile
 from random import Random
 
 import pytest
@@ -14,6 +16,7 @@ from hypothesis import given, settings, strategies
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka_to_ros import BATCH
 from ros2_kafka_bridge.route import obstacle, readiness
+from ros2_kafka_bridge.testing.memory import MemoryMessageSink
 
 
 @pytest.fixture(autouse=True)
@@ -295,3 +298,32 @@ def test_a_message_that_is_larger_than_its_value_counts_with_its_own_size() -> N
         house.steps(1)
     assert len(house.source.waiting) == 1
     assert house.pipeline._flight.size_bytes == 3 * 50_000
+
+
+class Broken(MemoryMessageSink):
+    """A sink of which ROS takes a message, and then fails."""
+
+    failing = b''
+
+    def publish(self, messages: Iterable[bytes]) -> int:
+        return super().publish(takewhile(lambda cdr: cdr != self.failing, messages))
+
+    def raise_failure(self) -> None:
+        if self.failing:
+            raise RouteError('publisher is invalid')
+
+
+def test_drop_oldest_drops_nothing_for_a_publisher_that_has_failed() -> None:
+    sink = Broken(room=0)
+    house = House(sink, when_full='drop_oldest', max_in_flight=3)
+    house.give(b'a', b'b', b'c')
+    house.steps(1)
+    sink.room, sink.failing = 100, b'cdr:c'
+    house.give(*[b'%d' % number for number in range(20)], first=3)
+    with pytest.raises(RouteError, match='publisher is invalid'):
+        house.steps(1)
+    assert sink.published == [b'cdr:a', b'cdr:b']
+    assert house.pipeline.counters.snapshot(0).dropped == 0
+    sink.failing = b''
+    house.steps()
+    assert sink.published[:3] == [b'cdr:a', b'cdr:b', b'cdr:c']

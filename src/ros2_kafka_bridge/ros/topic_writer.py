@@ -1,11 +1,11 @@
 """Publishing to one topic of ROS, and knowing what has arrived."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from ros2_kafka_bridge.endpoints import Load, Matches, Readers
-from ros2_kafka_bridge.ros.errors import translate
+from ros2_kafka_bridge.ros.errors import translate, translated
 from ros2_kafka_bridge.ros.qos import profile
 from ros2_kafka_bridge.ros.subscribers import Subscribers
 from ros2_kafka_bridge.ros.topic_end import OwnPublisher, TopicEnd
@@ -32,6 +32,7 @@ class TopicWriter:
         self._come_before = 0  # to publishers that this one has replaced
         self._is_replaced = False  # since the last look
         self._faults = 0
+        self._failure: Exception | None = None  # told behind what was published before it
 
     @property
     def load(self) -> Load:
@@ -70,28 +71,43 @@ class TopicWriter:
         if publisher is not None:
             self._end.withdraw(publisher)
 
-    def publish(self, cdr: bytes) -> bool:
-        """Publish; False: nothing was taken, try the same bytes again.
+    def publish(self, messages: Iterable[bytes]) -> int:
+        """Publish in this order, as far as there is room; returns how many were taken.
 
-        The history is full, or there is no publisher, which the next look at the readers makes.
+        There is none where the history is full, where there is no publisher, which the next look
+        at the readers makes, and where ROS fails: `raise_failure` tells.
+        """
+        publisher, history = self._publisher, self._history
+        if publisher is None:
+            return 0
+        count, room = 0, history.most - (history.published - history.acknowledged)
+        # Held once for all: rclpy's own `publish` does so for each, and asks what it was given.
+        handle = publisher.handle.handle
+        try:
+            with handle:
+                publish = handle.publish_raw
+                for cdr in messages:
+                    if count >= room:
+                        break
+                    publish(cdr)
+                    count += 1
+        except Exception as error:  # noqa: BLE001 (raised by `raise_failure`)
+            if 'cannot publish data' not in str(error):  # a full history has no class of its own
+                self._failure = error
+        history.published += count
+        return count
+
+    def raise_failure(self) -> None:
+        """Tell what has failed in the last publish.
 
         Raises:
             RouteError: ROS has failed. Another publisher takes the place of this one.
         """
-        publisher, history = self._publisher, self._history
-        if publisher is None or history.published - history.acknowledged >= history.most:
-            return False
-        try:
-            publisher.handle.publish(cdr)
-        except Exception as error:
-            if 'cannot publish data' in str(error):  # a full history has no class of its own
-                return False
+        failure, self._failure = self._failure, None
+        if failure is not None:
             self._faults = _MOST_FAULTS
-            if known := translate(error, self._where):
-                raise known from error
-            raise
-        history.published += 1
-        return True
+            with translated(self._where):
+                raise failure
 
     def readers(self) -> Readers:
         """Look at the readers.

@@ -1,7 +1,7 @@
 """What waits to be published, what holds it back, and what the readers of a route have got."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
@@ -62,22 +62,33 @@ class Publishing:
         return obstacle, published
 
     def _publish(self, lane: Lane[RecordEntry], published: list[RecordEntry]) -> Obstacle | None:
-        publish, ages, paces = self._writer.publish, self._ages, self._paces
-        count = 0
-        try:
-            for entry in lane.ready:
-                if ages and clock.since_boot_s() > entry.expires_s:
-                    return _EXPIRED
-                if paces and not self._pace.go():
-                    return PACED
-                if not publish(entry.cdr):
-                    return HISTORY_FULL
-                count += 1
-        finally:
-            sent = self._flight.sent(lane, count)
-            self._unconfirmed += sent
-            published += sent
-        return None
+        if not lane.ready:
+            return None
+        held_by: list[Obstacle] = []
+        if self._ages or self._paces:
+            going = self._going(lane.ready, held_by)
+        else:
+            going = (entry.cdr for entry in lane.ready)
+        sent = self._flight.sent(lane, self._writer.publish(going))
+        self._unconfirmed += sent
+        published += sent
+        if not lane.ready:
+            return None
+        if held_by:
+            return held_by[0]
+        self._writer.raise_failure()
+        return HISTORY_FULL
+
+    def _going(self, ready: Iterable[RecordEntry], held_by: list[Obstacle]) -> Iterator[bytes]:
+        """What may be published now; `held_by` is told what holds back the next one."""
+        for entry in ready:
+            if self._ages and clock.since_boot_s() > entry.expires_s:
+                held_by.append(_EXPIRED)
+                return
+            if self._paces and not self._pace.go():
+                held_by.append(PACED)
+                return
+            yield entry.cdr
 
     def confirm(self) -> int:
         """End what all readers have got.

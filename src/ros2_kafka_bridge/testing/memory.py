@@ -336,13 +336,19 @@ class MemoryMessageSink:
     def open(self) -> None:
         """Make the publisher."""
 
-    def publish(self, cdr: bytes) -> bool:
-        """Take a message, if there is room."""
-        if self._since_loss - self._confirmed >= self.room:
-            return False
-        self.published.append(cdr)
-        self._since_loss += 1
-        return True
+    def publish(self, messages: Iterable[bytes]) -> int:
+        """Take messages, as far as there is room."""
+        count, room = 0, self.room - (self._since_loss - self._confirmed)
+        for cdr in messages:
+            if count >= room:
+                break
+            self.published.append(cdr)
+            count += 1
+        self._since_loss += count
+        return count
+
+    def raise_failure(self) -> None:
+        """Tell of no failure."""
 
     def acknowledge(self, count: int) -> None:
         """Let the readers acknowledge the oldest `count` messages."""

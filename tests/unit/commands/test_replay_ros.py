@@ -1,7 +1,7 @@
 """Dead letters on their way straight to ROS, with readers in memory."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import pytest
@@ -42,11 +42,14 @@ class Readers(MemoryMessageSink):
     def happen_at(self, number: int, event: Callable[[], None]) -> None:
         self.number, self.event = number, event
 
-    def publish(self, cdr: bytes) -> bool:
-        taken = super().publish(cdr)
-        if taken and len(self.published) == getattr(self, 'number', 0):
-            self.event()
-        return taken
+    def publish(self, messages: Iterable[bytes]) -> int:
+        before = len(self.published)
+        for cdr in messages:
+            if not super().publish([cdr]):
+                break
+            if len(self.published) == getattr(self, 'number', 0):
+                self.event()
+        return len(self.published) - before
 
 
 def channel(readers: Readers, stop: Stop | None = None) -> LetterChannel:

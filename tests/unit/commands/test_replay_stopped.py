@@ -68,12 +68,15 @@ class StoppingReaders(MemoryMessageSink):
         self.ask: Callable[[], None]
         self._at, self._asks = at, asks
 
-    def publish(self, cdr: bytes) -> bool:
-        taken = super().publish(cdr)
-        if taken and len(self.published) == self._at:
-            for _ in range(self._asks):
-                self.ask()
-        return taken
+    def publish(self, messages: Iterable[bytes]) -> int:
+        before = len(self.published)
+        for cdr in messages:
+            if not super().publish([cdr]):
+                break
+            if len(self.published) == self._at:
+                for _ in range(self._asks):
+                    self.ask()
+        return len(self.published) - before
 
 
 def as_it_is(value: bytes | None) -> bytes:

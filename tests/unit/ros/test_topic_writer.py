@@ -6,6 +6,7 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from ros_ends import end_of, still_graph, writer_of
 
 from ros2_kafka_bridge.config.settings import QoS
@@ -176,7 +177,7 @@ def test_guarantee_6c_only_what_a_reader_acknowledges_counts_as_acknowledged(
     for number, qos in enumerate(readers):
         graph.enter(f'/reader_{number}', OURS, qos=qos)
     graph.writer.readers()
-    graph.writer.publish(b'a')
+    graph.writer.publish([b'a'])
     assert ended(graph) == [(0, False), (1, acknowledged), (1, acknowledged)]
 
 
@@ -185,10 +186,10 @@ def test_guarantee_6c_what_was_published_before_a_reliable_reader_came_it_has_no
     graph = Graph()
     graph.enter('/lossy', OURS, qos=BEST_EFFORT)
     graph.writer.readers()
-    graph.writer.publish(b'before')
+    graph.writer.publish([b'before'])
     graph.enter('/reliable', OURS)
     assert ended(graph, 2) == [(0, False), (1, False)]
-    graph.writer.publish(b'then')
+    graph.writer.publish([b'then'])
     assert ended(graph, 2) == [(1, True), (2, True)]
 
 
@@ -198,9 +199,9 @@ def test_guarantee_6c_where_nobody_asks_offsets_follow_the_publication() -> None
     graph = Graph(asks=False)
     graph.handle.wait_for_all_acked.side_effect = AssertionError('it would lie')
     graph.enter('/reader', OURS)
-    graph.writer.publish(b'a')
+    graph.writer.publish([b'a'])
     assert ended(graph, 2) == [(0, False), (1, False)]
-    graph.writer.publish(b'b')
+    graph.writer.publish([b'b'])
     graph.matched = 0
     assert graph.writer.readers().lost
 
@@ -212,7 +213,7 @@ def test_guarantee_6c_who_reads_is_not_known_where_the_graph_cannot_be_read() ->
     graph.writer.readers()
     graph.strangers = True
     graph.tell()
-    graph.writer.publish(b'a')
+    graph.writer.publish([b'a'])
     assert ended(graph, 2) == [(0, False), (1, False)]
 
 
@@ -227,10 +228,31 @@ def test_where_no_history_is_bounded_no_more_are_published_until_all_are_acknowl
     acknowledges = graph.handle.wait_for_all_acked
     acknowledges.return_value = False
     graph.writer.readers()
-    assert [graph.writer.publish(b'x') for _ in range(8)].count(True) == taken
+    assert graph.writer.publish([b'x'] * 8) == taken
     assert graph.writer.readers().confirmed == 0
     assert graph.writer.load == (ROOM, ROOM)
     assert Graph(asks=False, bounded=False).writer.load == (0, None), 'nothing bounds it'
     acknowledges.return_value = True
     assert [graph.writer.readers().confirmed for _ in range(2)][-1] == taken
-    assert graph.writer.publish(b'x')
+    assert graph.writer.publish([b'x'])
+
+
+def test_guarantee_1_of_a_batch_as_many_count_as_ros_has_taken() -> None:
+    graph, taken = Graph(), list[bytes]()
+
+    def publish(cdr: bytes) -> None:
+        if cdr == b'full':
+            raise rclpy_implementation.RCLError('cannot publish data, at ./rcl.c:1')
+        if cdr == b'broken':
+            raise rclpy_implementation.RCLError('publisher is invalid, at ./rcl.c:1')
+        taken.append(cdr)
+
+    graph.handle.handle.publish_raw.side_effect = publish
+    assert graph.writer.publish([b'a', b'b', b'full', b'c']) == 2
+    assert graph.writer.publish(iter([b'full'])) == 0
+    graph.writer.raise_failure()
+    assert graph.writer.publish([b'c', b'broken', b'd']) == 1
+    assert (taken, graph.writer.load.queued) == ([b'a', b'b', b'c'], 3)
+    with pytest.raises(RouteError, match=r'^publisher of /crane: publisher is invalid$'):
+        graph.writer.raise_failure()
+    graph.writer.raise_failure()
