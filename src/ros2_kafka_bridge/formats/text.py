@@ -14,7 +14,10 @@ from ros2_kafka_bridge.message_types.layout import Layout
 
 MESSAGE_TYPE: Final = 'std_msgs/msg/String'
 
-_LENGTH_LITTLE: Final = struct.Struct('<I').unpack_from
+# The kind of encapsulation, then the length if that is little endian.
+_BEGIN: Final = struct.Struct('<HxxI').unpack_from
+_LITTLE: Final = 0x0100
+_BIG: Final = 0
 _LENGTH_BIG: Final = struct.Struct('>I').unpack_from
 # The header of little endian, then the length.
 _PREFIX: Final = struct.Struct('<4sI').pack
@@ -67,15 +70,25 @@ def _decode(value: bytes | None) -> bytes:
 
 
 def _encode(message: bytes) -> bytes:
-    if len(message) < 9 or message[0] or message[1] > 1:
-        found = message[:4].hex(' ') or 'nothing'
-        raise EncodeError(f'not the bytes of a String: {len(message)} bytes, from {found} on')
-    (length,) = (_LENGTH_LITTLE if message[1] else _LENGTH_BIG)(message, 4)
+    size = len(message)
+    if size < 9:
+        raise _no_string(message)
+    kind, length = _BEGIN(message)
+    if kind != _LITTLE:
+        if kind != _BIG:
+            raise _no_string(message)
+        (length,) = _LENGTH_BIG(message, 4)
     nul = 7 + length
     text = message[8:nul]
-    if message.find(0, 8) != nul or len(message) > nul + 4 or not text.isascii():
+    is_plain = 8 <= nul < size <= nul + 4 and not message[nul] and 0 not in text
+    if not is_plain or not text.isascii():
         _check_string(message, nul)
     return text
+
+
+def _no_string(message: bytes) -> EncodeError:
+    found = message[:4].hex(' ') or 'nothing'
+    return EncodeError(f'not the bytes of a String: {len(message)} bytes, from {found} on')
 
 
 def _check_text(value: bytes) -> None:
