@@ -76,7 +76,7 @@ class Route:
             assert isinstance(record, Told)
             self._witness.handed_out(record, self.kept.get(record.partition(), 0))
             self._taken.setdefault(record.partition(), []).append(record.at)
-            self._flight.take(RecordEntry(record, 0.0), record.partition())
+            self._flight.take([RecordEntry(record, 0.0)], record.partition())
         return len(found)
 
     def end(self, count: int, seed: int) -> None:

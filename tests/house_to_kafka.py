@@ -1,7 +1,7 @@
 """The pipeline ROS -> Kafka with ends in memory, driven step by step."""
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import flights
@@ -43,8 +43,8 @@ class InKafka:
         self.numbers = set(numbers)
         self.letters = letters
 
-    def contains(self, message: Message) -> bool:
-        return message.seq in self.numbers
+    def not_there(self, messages: Sequence[Message]) -> Iterable[Message]:
+        return (message for message in messages if message.seq not in self.numbers)
 
     def add(self, numbers: Iterable[tuple[bytes, int]]) -> None:
         self.numbers |= {seq for _, seq in numbers}

@@ -9,7 +9,7 @@ sent until its readers have it. A position moves once all before it have ended.
 import logging
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
@@ -154,28 +154,30 @@ class KafkaToRos:
             self._accept_all(piece)
 
     def _accept_all(self, last_first: list[Record]) -> None:
-        taken_s, flight = time.monotonic(), self._flight
-        while last_first:  # none is held for longer than it is looked at
-            record = last_first.pop()
-            if flight.failure is None:
-                self._accept(record, taken_s)
-            else:
-                flight.refuse(self._take(record, taken_s), flight.failure)
+        flight, waiting = self._flight, []
+        for entry in self._take(reversed(last_first)):
+            record = last_first.pop()  # none is held for longer than it is looked at
+            if flight.failure is not None:
+                flight.refuse(entry, flight.failure)
+            elif self._accept(entry, record):
+                waiting.append(entry)
+        flight.ready(waiting)
 
-    def _take(self, record: Record, taken_s: float) -> RecordEntry:
-        entry = RecordEntry(record, taken_s)
-        self.counters.taken += 1
-        self._flight.take(entry, entry.partition)
-        return entry
+    def _take(self, records: Iterable[Record]) -> list[RecordEntry]:
+        taken_s = time.monotonic()
+        entries = [RecordEntry(record, taken_s) for record in records]
+        self.counters.taken += len(entries)
+        self._flight.take_records(entries)
+        return entries
 
-    def _accept(self, record: Record, taken_s: float) -> None:
-        flight, entry = self._flight, self._take(record, taken_s)
+    def _accept(self, entry: RecordEntry, record: Record) -> bool:
+        """Decode a record; tells whether it waits for a sink now."""
         headers = headers_of(record)
         if self._traces.follow:
             self._traces.begin(entry, record, headers)
         if headers and self._skips(headers):
-            flight.end([entry], Outcome.SKIPPED)
-            return
+            self._flight.end([entry], Outcome.SKIPPED)
+            return False
         try:
             if headers:
                 self._check_headers(headers)
@@ -183,20 +185,19 @@ class KafkaToRos:
             if self._max_age_s is not None:
                 entry.expires_s = expires_s(record.timestamp(), self._max_age_s)
         except RecordError as error:
-            self._refuse(entry, record, headers, error)
+            return self._becomes_letter(entry, record, headers, error)
         except RouteError as error:
-            flight.refuse(entry, error)
-        else:
-            if len(entry.cdr) > entry.size_bytes:
-                flight.grow(entry, len(entry.cdr))
-            entry.made_ms = record.timestamp()[1]
-            if headers and (made_ns := source_time_ns(headers)):
-                entry.made_ms = made_ns // _NS_PER_MS
-            flight.ready(entry)
+            self._flight.refuse(entry, error)
+            return False
+        if len(entry.cdr) > entry.size_bytes:
+            self._flight.grow(entry, len(entry.cdr))
+        made_ns = source_time_ns(headers) if headers else 0
+        entry.made_ms = made_ns // _NS_PER_MS or record.timestamp()[1]
+        return True
 
-    def _refuse(
+    def _becomes_letter(
         self, entry: RecordEntry, record: Record, headers: HeaderList | None, error: RecordError
-    ) -> None:
+    ) -> bool:
         rejection = rejection_of_record(self._route, record, headers, error)
         policy = rejection.policy(self._route.on_error)
         rejection.tell_bug(self._occasional)
@@ -204,13 +205,13 @@ class KafkaToRos:
         self._traces.refused(entry, error)
         if policy == 'stop':
             self._flight.refuse(entry, rejection.failure())
-            return
+            return False
         rejection.tell(policy, self._occasional)
         if policy == 'drop':
             self._flight.end([entry], Outcome.DROPPED)
-            return
+            return False
         self._flight.divert(entry, letter_of_record(self._route, record, headers, error))
-        self._flight.ready(entry)
+        return True
 
     # 2. entries -> ROS
 
@@ -373,9 +374,8 @@ class KafkaToRos:
 
     def _stay_draining(self) -> bool:
         """Stay in the group, if that is possible; what still comes goes back as it is."""
-        taken_s = time.monotonic()
         try:
-            self._give_back([self._take(it, taken_s) for it in self._source.stay()])
+            self._give_back(self._take(self._source.stay()))
             self._tick(None)
         except BridgeError as error:
             self._log.warning('%s', error)

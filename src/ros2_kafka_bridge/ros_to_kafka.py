@@ -9,7 +9,7 @@ and DDS holds the publisher back. A route with a spool goes on taking: see `spoo
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
@@ -193,35 +193,51 @@ class RosToKafka:
         messages = self._source.take(limit, timeout_s)
         taken_s = time.monotonic()
         self._meter.bytes_taken += sum([len(message.cdr) for message in messages])
-        for message in messages:
-            self._accept(message, taken_s)
+        self._accept(messages, taken_s)
         self._spooling.write()
         return messages
 
-    def _accept(self, message: Message, taken_s: float) -> None:
-        self.counters.taken += 1
-        if self._in_kafka.contains(message):
-            self.counters.end(Outcome.SKIPPED)
-            return
-        headers = self._make_headers(message)
-        assert self._encode is not None, 'the route runs'
-        refusal: RecordError | None = None
+    def _accept(self, messages: Sequence[Message], taken_s: float) -> None:
+        entries: list[MessageEntry] = []
+        refused: list[tuple[MessageEntry, RecordError]] = []
+        topic, make_headers, make_key = self._topic, self._make_headers, self._make_key
+        check_headers, encode = self._check_headers, self._encode
+        assert encode is not None, 'the route runs'
         try:
-            self._check_headers(headers)
-            value = self._encode(message.cdr)
-            record = Outgoing(self._topic, self._make_key(message), value, headers)
-        except RecordError as error:
-            refusal, record = error, Outgoing(self._topic, None, message.cdr, headers)
-        entry = MessageEntry(record, message, taken_s)
-        ring = TAIL if self._spooling.active else LINE
-        self._flight.take(entry, ring)
-        goes_on = refusal is None or self._becomes_letter(entry, refusal)
-        if goes_on and ring == LINE:
-            self._flight.ready(entry)
+            for message in self._in_kafka.not_there(messages):
+                headers, refusal = make_headers(message), None
+                try:
+                    check_headers(headers)
+                    value = encode(message.cdr)
+                    record = Outgoing(topic, make_key(message), value, headers)
+                except RecordError as error:
+                    refusal, record = error, Outgoing(topic, None, message.cdr, headers)
+                entry = MessageEntry(record, message, taken_s)
+                entries.append(entry)
+                if refusal is not None:
+                    refused.append((entry, refusal))
+        finally:  # what a bug meets is lost with what is behind it; what is before it is not
+            self._hold(entries, refused)
+        skipped = len(messages) - len(entries)
+        self.counters.taken += skipped
+        self.counters.end(Outcome.SKIPPED, skipped)
+
+    def _hold(
+        self, entries: Sequence[MessageEntry], refused: Iterable[tuple[MessageEntry, RecordError]]
+    ) -> None:
+        behind_disk = self._spooling.active
+        self.counters.taken += len(entries)
+        self._flight.take(entries, TAIL if behind_disk else LINE)
+        gone = set()
+        for entry, error in refused:
+            if not self._becomes_letter(entry, error):
+                gone.add(entry)
+        if not behind_disk:
+            self._flight.ready([it for it in entries if it not in gone] if gone else entries)
 
     def _refuse_waiting(self, entry: MessageEntry, error: RecordError) -> None:
         if self._becomes_letter(entry, error):
-            self._flight.ready(entry)
+            self._flight.ready([entry])
 
     def _becomes_letter(self, entry: MessageEntry, error: RecordError) -> bool:
         """Do with a message that can never be delivered what the route says."""

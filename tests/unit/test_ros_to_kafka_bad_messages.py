@@ -6,6 +6,7 @@ from contextlib import suppress
 import pytest
 from house_to_kafka import House, encode
 
+from ros2_kafka_bridge.endpoints import HeaderList, Message
 from ros2_kafka_bridge.errors import (
     RecordTooLargeError,
     RouteError,
@@ -54,6 +55,26 @@ def test_a_message_that_meets_a_bug_of_the_encoder_becomes_a_dead_letter() -> No
         "EncodeError: the bridge's own encoder failed: AttributeError: 'NoneType' object has no "
         "attribute 'get': a bug of the bridge, report it with the traceback of its log"
     )
+
+
+def test_guarantee_1_what_was_taken_before_a_bug_of_the_bridge_is_sent_all_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    house = House()
+    make_headers = house.pipeline._make_headers
+
+    def headers(message: Message) -> HeaderList:
+        if message.cdr == b'c':
+            raise ValueError('a bug')
+        return make_headers(message)
+
+    monkeypatch.setattr(house.pipeline, '_make_headers', headers)
+    house.give(b'a', b'bad', b'b', b'c')
+    with pytest.raises(ValueError, match='a bug'):
+        house.steps()
+    house.steps()
+    assert house.values() == [b'a', b'b']
+    assert [letter.value for letter in house.letters.records] == [b'bad']
 
 
 def test_a_message_above_max_message_bytes_goes_to_the_dead_letters_without_its_value() -> None:

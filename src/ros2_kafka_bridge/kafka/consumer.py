@@ -178,7 +178,8 @@ class KafkaSource:
             batch += self._member.consumer.consume(limit - 1, 0.0)
             if self._offsets.get(first.partition()) is not partition:
                 del batch[0]  # handed over meanwhile
-        if self._offsets.are_cut_off or any(message.error() for message in batch):
+        errors = [message.error() for message in batch]
+        if self._offsets.are_cut_off or any(errors):
             batch = self._records(batch)
         else:
             self._offsets.hand_out(batch)

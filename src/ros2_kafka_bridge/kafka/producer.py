@@ -115,16 +115,12 @@ class KafkaSink(Generic[Token]):
         partition that is just beginning, Kafka may refuse the first and take the second, as it
         knows nothing of this producer yet. librdkafka then reports both as delivered.
         """
-        if not self._answering and self._is_idempotent and len(self._client):
+        producer, (topic, key, value, headers) = self._client, record
+        if not self._answering and self._is_idempotent and len(producer):
             return False
         try:
-            self._client.produce(
-                record.topic,
-                record.value,
-                record.key,
-                headers=record.headers,
-                on_delivery=partial(self._report, token),
-            )
+            on_delivery = partial(self._report, token)
+            producer.produce(topic, value, key, headers=headers, on_delivery=on_delivery)
         except BufferError:
             return False
         except KafkaException as error:
@@ -193,7 +189,7 @@ class KafkaSink(Generic[Token]):
             self._health.on_contact()  # where nothing is sent, nothing else tells that it is back
 
     def _report(self, token: Token, error: KafkaError | None, message: Message) -> None:
-        if error is None and self._is_there(message):
+        if error is None and (message.partition() in self._answering or self._is_there(message)):
             self._confirmed.append(token)
         elif error is None:
             self._failed.append((token, TransportError(f'{self._where}: {_PASSED_OVER}')))

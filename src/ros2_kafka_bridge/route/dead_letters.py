@@ -104,7 +104,7 @@ class DeadLetters(Generic[E]):
         less = smaller(entry.record) if isinstance(error, RecordTooLargeError) else None
         if less is not None:
             flight.divert(entry, less)
-        flight.ready(entry)
+        flight.ready([entry])
         return None if less is not None or isinstance(error, TransportError) else error
 
     def _fail(self, flight: Flight[E], error: BridgeError) -> None:

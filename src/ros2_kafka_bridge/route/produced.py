@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Final, Protocol
 
@@ -146,9 +146,15 @@ class Produced:
         for gid, seq in numbers:
             self._on_disk.setdefault(gid, Numbers(MAX_RECORDS)).add(seq)
 
+    def not_there(self, messages: Sequence[Message]) -> Iterable[Message]:
+        """Those that are not there yet; may read further back for them."""
+        if not self._on_disk and not self._looked:
+            return messages
+        return (message for message in messages if not self.contains(message))
+
     def contains(self, message: Message) -> bool:
         """Whether a message is there already; may read further back for it."""
-        if self._on_disk and self._is_on_disk(message):
+        if self._is_on_disk(message):
             return True
         if not self._looked:
             return False

@@ -6,7 +6,7 @@ end of the topic is read, and what is there is not sent again.
 """
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from enum import Enum
 from typing import Protocol
 
@@ -25,8 +25,8 @@ class InKafka(Protocol):
         """How many messages were sent though a record there has their number."""
         ...
 
-    def contains(self, message: Message) -> bool:
-        """Whether a message that a publisher may send again is there."""
+    def not_there(self, messages: Sequence[Message]) -> Iterable[Message]:
+        """Those messages that are not there; a publisher may send again what is."""
         ...
 
     def add(self, numbers: Iterable[tuple[bytes, int]]) -> None:

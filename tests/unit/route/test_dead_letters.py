@@ -83,9 +83,9 @@ def fails(*_: object) -> NoReturn:
 
 def refuse(flight: MessageFlight) -> None:
     entry = MessageEntry(LETTER, Message(b'bad', b'', 0, 0), 0.0)
-    flight.take(entry, LINE)
+    flight.take([entry], LINE)
     flight.divert(entry, LETTER)
-    flight.ready(entry)
+    flight.ready([entry])
 
 
 def outcomes(flight: MessageFlight) -> list[Outcome | None]:

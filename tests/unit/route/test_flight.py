@@ -11,8 +11,7 @@ from ros2_kafka_bridge.testing.memory import MemoryRecord
 
 def taken(flight: RecordFlight, *offsets: int, partition: int = 0) -> list[RecordEntry]:
     entries = [RecordEntry(MemoryRecord(b'x', offset, partition), 0.0) for offset in offsets]
-    for entry in entries:
-        flight.take(entry, partition)
+    flight.take(entries, partition)
     return entries
 
 

@@ -102,17 +102,22 @@ class Flight(Generic[E]):
         for ring in self._rings.values():
             yield from cast('Iterator[E]', iter(ring))
 
-    def take(self, entry: E, ring: int) -> None:
-        """Hold one more, behind all others of its ring."""
+    def take(self, entries: Sequence[E], ring: int) -> None:
+        """Hold more, in their order behind all others of their ring."""
         head = self._rings.get(ring)
         if head is None:
             head = self._rings[ring] = Ring()
-        entry.stage, entry.lane = HELD, self.lane
-        last = head.previous
-        entry.previous, entry.next = last, head
-        last.next = head.previous = entry
-        self.size_bytes += entry.size_bytes
-        self._open += 1
+        last, lane, size_bytes = head.previous, self.lane, 0
+        for entry in entries:
+            entry.stage = HELD
+            entry.lane = lane
+            entry.previous = last
+            last.next = entry
+            last = entry
+            size_bytes += entry.size_bytes
+        last.next, head.previous = head, last
+        self.size_bytes += size_bytes
+        self._open += len(entries)
 
     def grow(self, entry: E, size_bytes: int) -> None:
         """Count an entry as larger than it was."""
@@ -125,10 +130,11 @@ class Flight(Generic[E]):
 
     # From a lane to its sink
 
-    def ready(self, entry: E) -> None:
-        """Let an entry wait for the sink, behind all others of its lane."""
-        entry.stage = READY
-        entry.lane.ready.append(entry)
+    def ready(self, entries: Sequence[E]) -> None:
+        """Let entries wait for their sink, in their order behind all others of their lane."""
+        for entry in entries:
+            entry.stage = READY
+            entry.lane.ready.append(entry)
 
     def sent(self, lane: Lane[E], count: int) -> list[E]:
         """Note that the sink has the first of a lane; returns them."""

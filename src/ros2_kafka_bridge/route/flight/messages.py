@@ -88,12 +88,10 @@ class MessageFlight(Flight[MessageEntry]):
             return 0
         return max(0, self.max_entries - self._open)
 
-    def ready(self, entry: MessageEntry) -> None:
-        """Let an entry of the line wait for its sink, unless it is behind what ends the route."""
-        if not self.line_ends:
-            super().ready(entry)
-        elif entry.next is not self._line:  # that may be behind it, too
-            super().ready(entry)
+    def ready(self, entries: Sequence[MessageEntry]) -> None:
+        """Let entries of the line wait for their sink, but those behind what ends the route."""
+        super().ready(entries)
+        if self.line_ends:
             self._hold_behind_failure()
 
     def requeue(self, entries: Sequence[MessageEntry]) -> None:
@@ -114,7 +112,7 @@ class MessageFlight(Flight[MessageEntry]):
             if entry.stage is not REFUSED:
                 entry.stage = HELD
                 if not behind_disk:
-                    super().ready(entry)
+                    super().ready([entry])
         self._hold_behind_failure()
 
     # The end of a route
@@ -160,14 +158,14 @@ class MessageFlight(Flight[MessageEntry]):
     def move_to_line(self, entry: MessageEntry) -> None:
         """Let the first of the tail go to Kafka."""
         self._move(entry, self._line)
-        self.ready(entry)
+        self.ready([entry])
 
     def load(self, entry: MessageEntry, *, dead: bool) -> None:
         """Let what has waited on disk alone go to Kafka, or to the dead letters."""
-        self.take(entry, LINE)
+        self.take([entry], LINE)
         if dead:
             self.divert(entry, entry.record)
-        self.ready(entry)
+        self.ready([entry])
 
     def unwritten_line(self) -> list[MessageEntry]:
         """What of the line is in memory alone; it is behind all that is on disk as well."""

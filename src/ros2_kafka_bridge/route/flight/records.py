@@ -56,6 +56,14 @@ class RecordFlight(Flight[RecordEntry]):
         self._refused = 0
         self._detached: list[Ring] = []  # of topics that are gone: there is no position to tell
 
+    def take_records(self, entries: Sequence[RecordEntry]) -> None:
+        """Hold more, in the order of reading."""
+        of_each: dict[int, list[RecordEntry]] = {}
+        for entry in entries:
+            of_each.setdefault(entry.partition, []).append(entry)
+        for number, of_one in of_each.items():
+            self.take(of_one, number)
+
     def __iter__(self) -> Iterator[RecordEntry]:
         """Those that have not ended; of each partition in the order of taking."""
         return chain(super().__iter__(), self._of(self._detached))
