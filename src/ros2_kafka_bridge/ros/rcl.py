@@ -43,7 +43,7 @@ class _Allocator(ctypes.Structure):
 def is_there() -> bool:
     """Whether rcl has all that is called of it here, and the C library has its eventfd."""
     if ctypes.sizeof(_ADDRESS) != _ADDRESS_BYTES:
-        return False  # a callback's arguments would lie elsewhere than those of `eventfd_write`
+        return False  # what a take tells lies elsewhere, and a callback's arguments do
     try:
         _rcl()
         _ring()
@@ -83,11 +83,11 @@ def make_take(subscription: Any, otherwise: Take) -> Take:
         otherwise: Asked where rcl fails, so that it tells why.
 
     Raises:
-        OSError: There is no rcl of that name, or it is not one of 64 bits.
+        OSError: There is no rcl as the bridge knows it.
         AttributeError: It lacks something.
     """
-    if ctypes.sizeof(_ADDRESS) != _ADDRESS_BYTES:
-        raise OSError('what rcl tells is read as a machine of 64 bits lays it out')
+    if not is_there():
+        raise OSError('there is no rcl here as the bridge knows it, of 64 bits')
     # `PyDLL` keeps the interpreter during a call, as rclpy does: it would change hands for each.
     rcl, utils = ctypes.PyDLL('librcl.so'), ctypes.PyDLL('librcutils.so')
     take_one, reset = rcl.rcl_take_serialized_message, utils.rcutils_reset_error
