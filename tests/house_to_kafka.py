@@ -16,6 +16,7 @@ from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.identity import Identity
+from ros2_kafka_bridge.route.labels import Conversion
 from ros2_kafka_bridge.route.type_hash import check_nothing
 from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSink
 
@@ -90,10 +91,12 @@ class House:
             self.source,
             InKafka(seen, refused),
             self.sink,
-            lambda: guarded(encode, route.max_message_bytes, EncodeError),
-            lambda _: b'key',
-            lambda message: [('ros.seq', str(message.seq))],
-            check_nothing,
+            Conversion(
+                lambda: guarded(encode, route.max_message_bytes, EncodeError),
+                lambda _: b'key',
+                lambda message: [('ros.seq', str(message.seq))],
+                check_nothing,
+            ),
             dead,
             None,
             LOG,

@@ -22,7 +22,7 @@ from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.flight.messages import MessageEntry
-from ros2_kafka_bridge.route.labels import make_headers
+from ros2_kafka_bridge.route.labels import Conversion, make_headers
 from ros2_kafka_bridge.route.produced import Produced
 from ros2_kafka_bridge.route.type_hash import check_nothing
 from ros2_kafka_bridge.spool.backlog import Backlog
@@ -141,10 +141,12 @@ class House:
             self.source,
             Produced(self.tail, NoTail(), identify, lambda _: None, LOG),
             self.sink,
-            lambda: guarded(encode, route.max_message_bytes, EncodeError),
-            lambda _: b'key',
-            make_headers(AUTHOR, STRING, lambda _: ''),
-            check_nothing,
+            Conversion(
+                lambda: guarded(encode, route.max_message_bytes, EncodeError),
+                lambda _: b'key',
+                make_headers(AUTHOR, STRING, lambda _: ''),
+                check_nothing,
+            ),
             DeadLetters('orders.dead', self.letters, lambda: None, LOG),
             self.backlog,
             LOG,

@@ -9,7 +9,7 @@ and DDS holds the publisher back. A route with a spool goes on taking: see `spoo
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
@@ -20,17 +20,15 @@ from ros2_kafka_bridge.logs.lines import summed
 from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.flight.messages import LINE, TAIL, MessageEntry, MessageFlight
-from ros2_kafka_bridge.route.gathering import Gathering
 from ros2_kafka_bridge.route.identity import Identity
 from ros2_kafka_bridge.route.idling import Idling
-from ros2_kafka_bridge.route.labels import MakeHeaders, MakeKey
+from ros2_kafka_bridge.route.labels import Conversion
 from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.route.obstacle import KAFKA_IS_SLOW
 from ros2_kafka_bridge.route.producing import Producing
 from ros2_kafka_bridge.route.rejections import Rejection, letter_of_message, rejection_of_message
 from ros2_kafka_bridge.route.status import given_up
 from ros2_kafka_bridge.route.telling import Telling
-from ros2_kafka_bridge.route.type_hash import CheckHeaders
 from ros2_kafka_bridge.spool.already_sent import InKafka
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.spool.spooling import Spooling
@@ -56,17 +54,14 @@ class RosToKafka:
         source: Where the messages come from; opened once, and held while the route has failed.
         in_kafka: Tells what was produced before a restart.
         sink: Where the records go.
-        make_encode: Makes, when the route runs for the first time, what makes a record's value
-            from the CDR bytes of a message. It may raise a RouteError and be asked again: the
-            source holds the publishers back meanwhile.
-        make_key: Makes a record's key from a message that was encoded.
-        make_headers: Makes a record's headers.
-        check_headers: Refuses a message of another version of its type.
+        conversion: Makes a record of a message.
         dead_letters: Where messages go that can never be delivered.
         backlog: What waits on disk; None without a spool.
         log: Where to say what happens.
         traces: What follows the messages that are sampled.
     """
+
+    _encode: Encode | None = None  # made when it runs for the first time
 
     def __init__(
         self,
@@ -74,10 +69,7 @@ class RosToKafka:
         source: MessageSource,
         in_kafka: InKafka,
         sink: RecordSink[MessageEntry],
-        make_encode: Callable[[], Encode],
-        make_key: MakeKey,
-        make_headers: MakeHeaders,
-        check_headers: CheckHeaders,
+        conversion: Conversion,
         dead_letters: DeadLetters[MessageEntry],
         backlog: Backlog | None,
         log: logging.LoggerAdapter[logging.Logger],
@@ -86,15 +78,10 @@ class RosToKafka:
         self.counters = Counters(route.name)
         self.snapshot = self.counters.snapshot(0, spooled=None if backlog else 0)
         self._route = route
-        self._topic = route.kafka_topic
         self._source = source
         self._in_kafka = in_kafka
         self._sink = sink
-        self._make_encode = make_encode
-        self._encode: Encode | None = None
-        self._make_key = make_key
-        self._make_headers = make_headers
-        self._check_headers = check_headers
+        self._conversion = conversion
         self._dead_letters = dead_letters
         self._occasional = summed(log)
         self._traces = traces
@@ -105,7 +92,6 @@ class RosToKafka:
         self._spooling = Spooling(route, self._flight, backlog, in_kafka, self.counters, log)
         self._meter = Meter()
         self.telling = Telling(self.counters, self._meter, dead_letters)
-        self._gathering = Gathering(sink.hurry)
         self._idling = Idling(_BUSY_S)
         self._pause = Pause()
 
@@ -127,7 +113,7 @@ class RosToKafka:
 
     def _prepare(self) -> None:
         if self._encode is None:
-            self._encode = self._make_encode()
+            self._encode = self._conversion.make_encode()
 
     def deliver_backlog(self, stop: Stop) -> None:
         """Deliver what an earlier life has left on disk, and take nothing new.
@@ -152,7 +138,7 @@ class RosToKafka:
                 self._idling.note_work()
             taken = self._take(room, self._idling.wait_s(busy=bool(self._flight)))
             self._producing.produce_ready()
-            self._gathering.send(len(taken))
+            self._producing.send(len(taken))
             self._confirm(0.0)
         else:
             since_s = time.monotonic()
@@ -200,8 +186,8 @@ class RosToKafka:
     def _accept(self, messages: Sequence[Message], taken_s: float) -> None:
         entries: list[MessageEntry] = []
         refused: list[tuple[MessageEntry, RecordError]] = []
-        topic, make_headers, make_key = self._topic, self._make_headers, self._make_key
-        check_headers, encode = self._check_headers, self._encode
+        _, make_key, make_headers, check_headers = self._conversion
+        topic, encode = self._route.kafka_topic, self._encode
         assert encode is not None, 'the route runs'
         try:
             for message in self._in_kafka.not_there(messages):

@@ -44,16 +44,12 @@ from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.flight.messages import MessageEntry
 from ros2_kafka_bridge.route.format import asks_registry, decode_of, encode_of
 from ros2_kafka_bridge.route.identity import Author, make_identify
-from ros2_kafka_bridge.route.labels import make_headers, make_key
+from ros2_kafka_bridge.route.labels import Conversion, make_headers, make_key
 from ros2_kafka_bridge.route.produced import Produced
 from ros2_kafka_bridge.route.rejections import message_of_letter
-from ros2_kafka_bridge.route.type_hash import (
-    check_message_of,
-    check_nothing,
-    check_record_of,
-)
+from ros2_kafka_bridge.route.type_hash import check_message_of, check_record_of
 from ros2_kafka_bridge.spool.backlog import Backlog
-from ros2_kafka_bridge.spool.backlog_source import Silence, encode_nothing
+from ros2_kafka_bridge.spool.backlog_source import OF_NOTHING, Silence
 from ros2_kafka_bridge.spool.lock import is_in_use, lock_of
 from ros2_kafka_bridge.spool.store import Spool, file_of
 from ros2_kafka_bridge.threads.stop import Stop
@@ -155,10 +151,7 @@ class Wiring:
             Silence(),
             self._produced(route, log),
             self._kafka_sink(route, log),
-            lambda: encode_nothing,
-            lambda _: None,
-            lambda _: [],
-            check_nothing,
+            OF_NOTHING,
             self._dead_letters(route, log),
             self._backlog(route, log),
             log,
@@ -276,9 +269,11 @@ class Wiring:
                     raise
                 raise RouteError(str(error)) from error  # as where the type is learned
 
-        make_value_key = make_key(route.key, topic, kind.layout)
-        headers = self._tracing.headers(
-            make_headers(self._author(route), kind.name, reader.type_hash)
+        conversion = Conversion(
+            make_encode,
+            make_key(route.key, topic, kind.layout),
+            self._tracing.headers(make_headers(self._author(route), kind.name, reader.type_hash)),
+            check_message_of(route, kind.layout),
         )
         # From here on DDS holds the publishers back: nothing behind this line may ask Kafka, or
         # an outage would close the reader again.
@@ -288,10 +283,7 @@ class Wiring:
             source,
             produced,
             self._kafka_sink(route, log),
-            make_encode,
-            make_value_key,
-            headers,
-            check_message_of(route, kind.layout),
+            conversion,
             self._dead_letters(route, log),
             self._backlog(route, log),
             log,

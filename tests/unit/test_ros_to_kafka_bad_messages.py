@@ -1,7 +1,9 @@
 """Messages that the pipeline ROS -> Kafka cannot deliver, driven step by step."""
 
 import traceback
+from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 import pytest
 from house_to_kafka import House, encode
@@ -57,18 +59,21 @@ def test_a_message_that_meets_a_bug_of_the_encoder_becomes_a_dead_letter() -> No
     )
 
 
-def test_guarantee_1_what_was_taken_before_a_bug_of_the_bridge_is_sent_all_the_same(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def convert_by(house: House, **ways: Callable[..., Any]) -> None:
+    """Let the route make its records by these instead."""
+    house.pipeline._conversion = house.pipeline._conversion._replace(**ways)
+
+
+def test_guarantee_1_what_was_taken_before_a_bug_of_the_bridge_is_sent_all_the_same() -> None:
     house = House()
-    make_headers = house.pipeline._make_headers
+    make_headers = house.pipeline._conversion.make_headers
 
     def headers(message: Message) -> HeaderList:
         if message.cdr == b'c':
             raise ValueError('a bug')
         return make_headers(message)
 
-    monkeypatch.setattr(house.pipeline, '_make_headers', headers)
+    convert_by(house, make_headers=headers)
     house.give(b'a', b'bad', b'b', b'c')
     with pytest.raises(ValueError, match='a bug'):
         house.steps()
@@ -179,11 +184,12 @@ def test_a_dead_letter_topic_that_refuses_stops_the_taking() -> None:
 def test_a_message_of_another_version_of_its_type_is_a_dead_letter_that_keeps_its_bytes() -> None:
     ours, theirs = ('RIHS01_' + digit * 64 for digit in '12')
     house = House()
-    house.pipeline._check_headers = make_publisher_check('std_msgs/msg/String', ours)
     hashes = {1: ours, 2: theirs, 3: ''}
-    house.pipeline._make_headers = lambda message: [
-        ('ros.type_hash', hashes[message.seq].encode())
-    ]
+    convert_by(
+        house,
+        check_headers=make_publisher_check('std_msgs/msg/String', ours),
+        make_headers=lambda message: [('ros.type_hash', hashes[message.seq].encode())],
+    )
     house.give(b'a', b'b', b'c')
     house.steps()
     assert [record.value for record in house.sink.records] == [encode(b'a'), encode(b'c')]
@@ -206,7 +212,8 @@ def test_a_registry_that_is_away_at_the_start_is_asked_again_and_nothing_is_take
             raise error
         return encode
 
-    house.pipeline._encode, house.pipeline._make_encode = None, make_encode
+    house.pipeline._encode = None
+    convert_by(house, make_encode=make_encode)
     house.give(b'a')
     stop = Stop()
     stop.ask()

@@ -1,13 +1,16 @@
-"""Key and headers of the records that carry ROS messages."""
+"""What makes a record of a ROS message: its key and headers, beside the value of its format."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 from ros2_kafka_bridge.config.checks import KeyPart, key_parts
 from ros2_kafka_bridge.endpoints import HeaderList, Message
 from ros2_kafka_bridge.errors import BridgeError, EncodeError, error_of_bug
+from ros2_kafka_bridge.formats import Encode
 from ros2_kafka_bridge.formats.walk import make_reader
 from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.route.identity import Author
+from ros2_kafka_bridge.route.type_hash import CheckHeaders
 
 MakeKey = Callable[[Message], bytes | None]
 """Message -> key of its record."""
@@ -15,8 +18,27 @@ MakeKey = Callable[[Message], bytes | None]
 MakeHeaders = Callable[[Message], HeaderList]
 """Message -> headers of its record."""
 
+
 KEY_LIMIT_BYTES = 8192
 """The longest key that a message's own fields may make."""
+
+
+class Conversion(NamedTuple):
+    """What makes a record of a message.
+
+    Args:
+        make_encode: Makes, when the route runs for the first time, what makes a record's value
+            from the CDR bytes of a message. It may raise a RouteError and be asked again: the
+            source holds the publishers back meanwhile.
+        make_key: Makes a record's key from a message that was encoded.
+        make_headers: Makes a record's headers.
+        check_headers: Refuses a message of another version of its type.
+    """
+
+    make_encode: Callable[[], Encode]
+    make_key: MakeKey
+    make_headers: MakeHeaders
+    check_headers: CheckHeaders
 
 
 def make_headers(

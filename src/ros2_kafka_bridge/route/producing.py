@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from typing import Final
 
 from ros2_kafka_bridge.endpoints import RecordSink, Reports
 from ros2_kafka_bridge.errors import (
@@ -11,6 +12,12 @@ from ros2_kafka_bridge.errors import (
     TransportError,
 )
 from ros2_kafka_bridge.route.flight.messages import MessageEntry, MessageFlight
+
+# A wake-up costs as much as ten messages, a request as much as a hundred. Where messages come
+# often, a short rest lets the next ones gather; where they come seldom, none waits for another.
+_OFTEN_PER_S: Final = 2000.0
+_SMALL_BATCH: Final = 50
+_GATHER_S: Final = 0.001
 
 
 class Producing:
@@ -36,6 +43,7 @@ class Producing:
         self._refuse = refuse
         self._sent = 0  # how many the producer has got
         self._alone: MessageEntry | None = None  # what it has got by itself
+        self._taken_at_s = 0.0
 
     @property
     def is_idle(self) -> bool:
@@ -75,6 +83,16 @@ class Producing:
         finally:
             self._sent += len(self._flight.sent(self._flight.lane, produced))
         return None
+
+    def send(self, taken: int) -> None:
+        """Send a batch that was taken and produced, or rest for the next one."""
+        now_s = time.monotonic()
+        if 0 < taken < _SMALL_BATCH:
+            if taken > _OFTEN_PER_S * (now_s - self._taken_at_s):
+                time.sleep(_GATHER_S)
+            else:
+                self._sink.hurry()
+        self._taken_at_s = now_s
 
     def poll(self, timeout_s: float) -> Reports[MessageEntry]:
         """Wait up to `timeout_s` for reports; who has read them lets the failed ones go again."""

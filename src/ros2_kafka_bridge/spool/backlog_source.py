@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from typing import Final
 
 from ros2_kafka_bridge.endpoints import Matches, Message
+from ros2_kafka_bridge.route.labels import Conversion
+from ros2_kafka_bridge.route.type_hash import check_nothing
 
 _WAIT_S: Final = 0.1
 
@@ -32,6 +34,11 @@ class Silence:
         """Nothing is subscribed."""
 
 
-def encode_nothing(_cdr: bytes) -> bytes:
-    """Encode none of its messages."""
+def _encode_nothing(_cdr: bytes) -> bytes:
     raise AssertionError('nothing is taken')
+
+
+OF_NOTHING: Final = Conversion(
+    lambda: _encode_nothing, lambda _: None, lambda _: [], check_nothing
+)
+"""What makes records of none of its messages."""
