@@ -121,6 +121,7 @@ class RosToKafka:
         Raises:
             RouteError: That is not possible now; it stays on disk.
         """
+        self._prepare()
         self._idling.note_work()
         with self._opened():
             while not stop.asked and (self._flight or self._spooling.waiting):

@@ -6,6 +6,8 @@ from houses import GID, Make, come_back, go_away
 from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import RecordTooLargeError, RouteError, TransportError
 from ros2_kafka_bridge.route.counters import Outcome, State
+from ros2_kafka_bridge.spool.backlog_source import OF_NOTHING, Silence
+from ros2_kafka_bridge.threads.stop import Stop
 
 
 def test_a_route_that_fails_and_runs_again_sends_nothing_twice(house: Make) -> None:
@@ -48,6 +50,22 @@ def test_what_came_back_from_disk_keeps_its_place_where_kafka_goes_away_at_once(
     h.give(*range(7, 12))
     h.until_all_taken_are_confirmed()
     assert h.numbers() == list(range(1, 12))
+
+
+def test_guarantee_8_a_bridge_that_stands_by_delivers_what_it_has_on_disk(house: Make) -> None:
+    first = house()
+    go_away(first)
+    first.give(1, 2, 3)
+    first.steps()
+    first.drain()
+    assert first.numbers() == []
+    again = house()
+    again._opened.__exit__(None, None, None)
+    pipeline = again.pipeline
+    pipeline._source, pipeline._conversion, pipeline._encode = Silence(), OF_NOTHING, None
+    pipeline.deliver_backlog(Stop())
+    assert again.numbers() == [1, 2, 3]
+    assert again.count('spooled') == 0
 
 
 def test_on_error_stop_keeps_what_was_behind_for_the_next_start(house: Make) -> None:
