@@ -19,14 +19,14 @@ from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.logs.lines import RouteLog
 from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.monitoring import letters
-from ros2_kafka_bridge.monitoring.caller import who
-from ros2_kafka_bridge.monitoring.guard import Refusal, is_of_own_user, refused, without_json
 from ros2_kafka_bridge.monitoring.replay import ReplayRunner
 from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
-from ros2_kafka_bridge.monitoring.rights import Rights, has_shown_token
+from ros2_kafka_bridge.monitoring.rights import Rights, is_of_own_user
 from ros2_kafka_bridge.monitoring.shared_cache import SharedCache
 from ros2_kafka_bridge.monitoring.state import Watch
 from ros2_kafka_bridge.protocol.monitor import Answer, Do
+from ros2_kafka_bridge.web.caller import has_shown_token, who
+from ros2_kafka_bridge.web.guard import Refusal, read_body, refused, without_json
 
 _MOST_BODY_BYTES: Final = 256 * 1024
 _LETTERS_KEPT_S: Final = 3.0
@@ -106,14 +106,11 @@ class Orders:
             refusal = without_json(request.headers) or await self._rights.require_token(request)
             if refusal is not None:
                 return refused(refusal)
-            body = bytearray()
-            async for part in request.stream():
-                body += part
-                if len(body) > _MOST_BODY_BYTES:
-                    text = f'the body is over {_MOST_BODY_BYTES // 1024} KiB'
-                    return refused(Refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text))
+            body = await read_body(request, _MOST_BODY_BYTES)
+            if isinstance(body, Refusal):
+                return refused(body)
             try:
-                asked = msgspec.json.decode(bytes(body) or b'{}', type=form)
+                asked = msgspec.json.decode(body or b'{}', type=form)
             except msgspec.DecodeError as error:
                 return refused(Refusal(HTTPStatus.BAD_REQUEST, printable(str(error))))
             return await act(request, asked)

@@ -1,19 +1,21 @@
-"""Who shows the token, and who shows a wrong one."""
+"""Who shows the token, who shows a wrong one, and who needs none."""
 
 import asyncio
-from collections.abc import Mapping
+import hmac
+import os
+from http import HTTPStatus
 from typing import Final
 
 from starlette.requests import Request
 
 from ros2_kafka_bridge.config.monitoring import MonitoringSettings
 from ros2_kafka_bridge.logs.summed import Summed
-from ros2_kafka_bridge.monitoring.caller import who
-from ros2_kafka_bridge.monitoring.guard import Refusal, without_right
 from ros2_kafka_bridge.monitoring.state import Watch
+from ros2_kafka_bridge.web.caller import RIGHT_SHOWN, SocketAddress, user_of, who
+from ros2_kafka_bridge.web.guard import Refusal, is_loopback
 
 _WRONG_TOKEN_S: Final = 0.5
-_SHOWN: Final = 'ros2_kafka_bridge.token_shown'
+_PASSED_ON: Final = ('forwarded', 'x-forwarded-for', 'x-real-ip')  # by a proxy, for another
 
 
 class Rights:
@@ -36,9 +38,9 @@ class Rights:
     async def require_token(self, request: Request) -> Refusal | None:
         """Why a request may not have what needs the token; None if it may."""
         given = request.headers.get('authorization', '')
-        refusal = without_right(self.settings, given)
+        refusal = _without_right(self.settings, given)
         if refusal is None:
-            request.scope[_SHOWN] = True
+            request.scope[RIGHT_SHOWN] = True
         elif given:
             whom = f' from {who(request.client)}'
             self._said.warning('the page: a wrong token', whom, kind='token')
@@ -56,6 +58,29 @@ class Rights:
         return await self.require_token(request)
 
 
-def has_shown_token(scope: Mapping[str, object]) -> bool:
-    """Whether a request has come with the right one."""
-    return bool(scope.get(_SHOWN))
+def _without_right(settings: MonitoringSettings, authorization: str) -> Refusal | None:
+    if settings.token is None:
+        text = (
+            'this bridge can only be looked at: its configuration names no monitoring.token; '
+            'make one with: openssl rand -hex 16'
+        )
+        return Refusal(HTTPStatus.FORBIDDEN, text)
+    scheme, _, given = authorization.partition(' ')
+    right = hmac.compare_digest(given.strip().encode(), settings.token.encode())
+    if scheme.lower() == 'bearer' and right:
+        return None
+    said = 'this is not the token' if given else 'it needs the token'
+    return Refusal(HTTPStatus.UNAUTHORIZED, f'{said} of the bridge (monitoring.token)')
+
+
+def is_of_own_user(request: Request) -> bool:
+    """Whether a program of the bridge's own user asks, which may read what the bridge reads.
+
+    `Host` and an address do not say it: a proxy on this machine passes on what others send.
+    """
+    headers, client, server = request.headers, request.client, request.scope.get('server')
+    if any(name in headers for name in _PASSED_ON) or not is_loopback(headers.get('host', '')):
+        return False
+    if client is None or server is None:
+        return False
+    return user_of(SocketAddress(*client), SocketAddress(*server)) == os.getuid()

@@ -14,13 +14,12 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from ros2_kafka_bridge.logs.lines import route_log, summed
 from ros2_kafka_bridge.logs.summed import Summed
-from ros2_kafka_bridge.monitoring.caller import network_of, who
-from ros2_kafka_bridge.monitoring.guard import Names, names_of
 from ros2_kafka_bridge.monitoring.replay import ReplayRunner
-from ros2_kafka_bridge.monitoring.rights import has_shown_token
 from ros2_kafka_bridge.monitoring.sides import Sides
 from ros2_kafka_bridge.monitoring.state import Watch
 from ros2_kafka_bridge.monitoring.web import Page, make_app
+from ros2_kafka_bridge.web.caller import has_shown_token, network_of, who
+from ros2_kafka_bridge.web.guard import Names, names_of
 
 _GRACE_S: Final = 2
 _PATIENCE_S: Final = 15

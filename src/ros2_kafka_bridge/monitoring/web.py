@@ -17,11 +17,9 @@ from prometheus_client.registry import CollectorRegistry
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
-from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
-from starlette.routing import Mount, Route
-from starlette.staticfiles import StaticFiles
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route
 
 from ros2_kafka_bridge.logs.lines import RouteLog
 from ros2_kafka_bridge.logs.summed import Summed
@@ -29,9 +27,7 @@ from ros2_kafka_bridge.monitoring import view
 from ros2_kafka_bridge.monitoring.actions import Orders
 from ros2_kafka_bridge.monitoring.board import Board
 from ros2_kafka_bridge.monitoring.chunked import Chunked
-from ros2_kafka_bridge.monitoring.events import Events
 from ros2_kafka_bridge.monitoring.failures import Failures
-from ros2_kafka_bridge.monitoring.guard import Guard, Names
 from ros2_kafka_bridge.monitoring.health import Health, liveness, readiness
 from ros2_kafka_bridge.monitoring.history import BUCKET_S, SPAN_S
 from ros2_kafka_bridge.monitoring.prometheus import BridgeCollector
@@ -40,9 +36,15 @@ from ros2_kafka_bridge.monitoring.rights import Rights
 from ros2_kafka_bridge.monitoring.shared_cache import SharedCache
 from ros2_kafka_bridge.monitoring.sides import Sides
 from ros2_kafka_bridge.monitoring.state import Watch
+from ros2_kafka_bridge.web.events import Events
+from ros2_kafka_bridge.web.files import file_routes
+from ros2_kafka_bridge.web.guard import Guard, Names
 
 STATIC: Final = Path(__file__).parent / 'static'
+_OPEN_PATHS: Final = frozenset({'/metrics', '/livez', '/readyz'})
+_CURE: Final = 'add that name to monitoring.allowed_hosts'
 _TICK_S: Final = 0.5
+_LOOK_S: Final = 0.2
 _KEPT_S: Final = 0.5
 _MOST_NAMES: Final = 100
 
@@ -77,7 +79,7 @@ def make_app(page: Page) -> Starlette:
     orders = Orders(page.watch, page.replay, rights, page.log)
     desk = _Desk(page, rights)
     routes = [
-        Route('/', desk.index),
+        *file_routes(STATIC),
         Route('/metrics', desk.metrics),
         Route('/livez', desk.livez),
         Route('/readyz', desk.readyz),
@@ -86,12 +88,11 @@ def make_app(page: Page) -> Starlette:
         Route('/api/graph', desk.graph),
         Route('/api/events', desk.events, methods=['GET']),
         *orders.routes,
-        Mount('/static', GZipMiddleware(StaticFiles(directory=STATIC), minimum_size=500)),
     ]
     around = [
         Middleware(Chunked),
         Middleware(Failures, said=page.said),
-        Middleware(Guard, names=page.names),
+        Middleware(Guard, names=page.names, cure=_CURE, open_paths=_OPEN_PATHS, has_token=True),
     ]
     missing = {HTTPStatus.NOT_FOUND: _missing, HTTPStatus.METHOD_NOT_ALLOWED: _missing}
     return Starlette(
@@ -127,7 +128,10 @@ class _Desk:
         self._board = Board()
         self._registry = CollectorRegistry()
         self._registry.register(BridgeCollector(page.watch))
-        self.events = Events(self._board, page.stopping, rights, page.said)
+        self.events = Events(
+            self._board.newer, page.stopping, 'bridge', _LOOK_S, rights.reject_wrong_token,
+            page.said,
+        )  # fmt: skip
         self._views = SharedCache[bytes](_KEPT_S)
         self._metrics = SharedCache[_Exposition](_KEPT_S)
         self._named = SharedCache[_Exposition](_KEPT_S)  # apart: there are many different ones
@@ -160,9 +164,6 @@ class _Desk:
     def _show(self) -> None:
         for name, content in self._state().items():
             self._board.put(name, content)
-
-    async def index(self, _request: Request) -> Response:
-        return FileResponse(STATIC / 'index.html')
 
     def _version(self) -> object:
         """What an answer is made of, but for the time."""

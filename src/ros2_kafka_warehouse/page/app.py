@@ -14,14 +14,15 @@ import msgspec
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
-from starlette.routing import Mount, Route
-from starlette.staticfiles import StaticFiles
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
 
+from ros2_kafka_bridge.web.events import Events
+from ros2_kafka_bridge.web.files import file_routes
+from ros2_kafka_bridge.web.guard import Guard, Names, Refusal, read_body, refused, without_json
 from ros2_kafka_warehouse.domain.site import Site
 from ros2_kafka_warehouse.page.feed import Feed
 from ros2_kafka_warehouse.page.forms import BadForm, read_command, read_order, read_rate
-from ros2_kafka_warehouse.page.guard import Guard
 from ros2_kafka_warehouse.page.outbox import NotSent, Outbox
 from ros2_kafka_warehouse.page.random_orders import RandomOrders
 from ros2_kafka_warehouse.page.view import View
@@ -30,12 +31,12 @@ _LOG: Final = logging.getLogger(__name__)
 
 STATIC: Final = Path(__file__).parent / 'static'
 
+_CURE: Final = 'start it with --allow-host to serve that name'
 _PUSH_S = 0.1
 _TICK_S = 1.0
 _ALIVE_S = 2.0
 _SLOW_S = 10.0  # the longest call of either Kafka client takes a second or two
 _MOST_BODY_BYTES = 64 * 1024
-_MOST_BROWSERS = 50
 
 
 class Page(NamedTuple):
@@ -53,7 +54,7 @@ class Page(NamedTuple):
     site: Site
     failures: dict[str, str]
     bootstrap_servers: str
-    names: frozenset[str]
+    names: Names
     stopping: Callable[[], bool]
     give_up: Callable[[], None]
     orders_per_minute: float = 0.0
@@ -64,15 +65,14 @@ def make_app(page: Page) -> Starlette:
     """The page as an ASGI application; its Kafka clients live as long as its lifespan."""
     desk = _Desk(page)
     routes = [
-        Route('/', desk.index),
+        *file_routes(STATIC),
         Route('/api/site', desk.site),
-        Route('/api/events', desk.events),
+        Route('/api/events', desk.events, methods=['GET']),
         Route('/api/orders', desk.order, methods=['POST']),
         Route('/api/commands', desk.command, methods=['POST']),
         Route('/api/rate', desk.rate, methods=['POST']),
-        Mount('/static', StaticFiles(directory=STATIC)),
     ]
-    guard = Middleware(Guard, names=page.names)
+    guard = Middleware(Guard, names=lambda: page.names, cure=_CURE)
     return Starlette(routes=routes, middleware=[guard], lifespan=desk.lifespan)
 
 
@@ -80,7 +80,7 @@ class _Desk:
     def __init__(self, page: Page) -> None:
         self._page = page
         self._view = View(page.site)
-        self._browsers = 0
+        self.events = Events(self._view.newer, page.stopping, 'warehouse', _PUSH_S)
         self._site = msgspec.json.encode({'site': page.site, 'failures': page.failures})
 
     @contextlib.asynccontextmanager
@@ -130,30 +130,8 @@ class _Desk:
             )
             await asyncio.sleep(_TICK_S)
 
-    async def index(self, _request: Request) -> Response:
-        return FileResponse(STATIC / 'index.html')
-
     async def site(self, _request: Request) -> Response:
         return Response(self._site, media_type='application/json')
-
-    async def events(self, _request: Request) -> Response:
-        if self._browsers >= _MOST_BROWSERS:
-            return _refused(HTTPStatus.SERVICE_UNAVAILABLE, 'too many browsers look at this page')
-        return StreamingResponse(self._stream(), media_type='text/event-stream')
-
-    async def _stream(self) -> AsyncIterator[bytes]:
-        """What changed, at most ten times a second; a slow browser gets the newest less often."""
-        self._browsers += 1
-        seen: dict[str, int] = {}
-        try:
-            yield b'retry: 1000\n\n'
-            while not self._page.stopping():
-                changed = self._view.newer(seen)
-                if changed:
-                    yield b'data: %s\n\n' % changed
-                await asyncio.sleep(_PUSH_S)
-        finally:
-            self._browsers -= 1
 
     async def order(self, request: Request) -> Response:
         async def send(body: bytes) -> dict[str, Any]:
@@ -184,24 +162,19 @@ class _Desk:
 
 
 async def _answer(request: Request, act: Callable[[bytes], Any]) -> Response:
-    body = bytearray()
     try:
-        async for part in request.stream():
-            body += part
-            if len(body) > _MOST_BODY_BYTES:
-                return _refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, 'the body is over 64 KiB')
+        body = without_json(request.headers) or await read_body(request, _MOST_BODY_BYTES)
     except ClientDisconnect:  # nobody hears the answer
-        return _refused(HTTPStatus.BAD_REQUEST, 'the body did not come to its end')
+        body = Refusal(HTTPStatus.BAD_REQUEST, 'the body did not come to its end')
+    if isinstance(body, Refusal):
+        return refused(body)
     try:
-        return JSONResponse(await act(bytes(body)), HTTPStatus.ACCEPTED)
+        return JSONResponse(await act(body), HTTPStatus.ACCEPTED)
     except BadForm as error:
-        return _refused(HTTPStatus.BAD_REQUEST, str(error))
+        return refused(Refusal(HTTPStatus.BAD_REQUEST, str(error)))
     except NotSent as error:
-        return _refused(HTTPStatus.SERVICE_UNAVAILABLE, f'Kafka did not take it: {error}')
-
-
-def _refused(status: HTTPStatus, sentence: str) -> Response:
-    return JSONResponse({'error': sentence}, status)
+        text = f'Kafka did not take it: {error}'
+        return refused(Refusal(HTTPStatus.SERVICE_UNAVAILABLE, text))
 
 
 def new_order_id() -> str:

@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple, NoReturn
 import typer
 import uvicorn
 
-from ros2_kafka_bridge.monitoring.guard import names_of
+from ros2_kafka_bridge.web.guard import names_of
 from ros2_kafka_warehouse.domain.site import Site
 from ros2_kafka_warehouse.page.app import Page, make_app
 from ros2_kafka_warehouse.page.failures import FAILURES
@@ -56,7 +56,7 @@ def run(
             nonlocal failed
             failed = server.should_exit = True
 
-        names = names_of(host, port, where.more_names).hosts
+        names = names_of(host, port, where.more_names)
         page = Page(
             site,
             FAILURES,

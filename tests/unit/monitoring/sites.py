@@ -8,9 +8,9 @@ import httpx
 from monitors import TOKEN
 
 from ros2_kafka_bridge.logs.lines import route_log, summed
-from ros2_kafka_bridge.monitoring.guard import names_of
 from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
 from ros2_kafka_bridge.monitoring.web import Page, make_app
+from ros2_kafka_bridge.web.guard import names_of
 
 from .conftest import Told
 

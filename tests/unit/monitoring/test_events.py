@@ -13,9 +13,9 @@ from starlette.types import Message
 from ros2_kafka_bridge.logs.lines import route_log, summed
 from ros2_kafka_bridge.monitoring import rights
 from ros2_kafka_bridge.monitoring.board import Board
-from ros2_kafka_bridge.monitoring.events import Events
 from ros2_kafka_bridge.monitoring.rights import Rights
-from ros2_kafka_bridge.monitoring.viewers import MOST
+from ros2_kafka_bridge.web.events import Events
+from ros2_kafka_bridge.web.viewers import MOST
 
 from .conftest import Told
 
@@ -26,7 +26,8 @@ SCOPE: Final[dict[str, Any]] = {
 
 def made(told: Told, board: Board, stopping: Callable[[], bool]) -> Events:
     said = summed(route_log(), first=1)
-    return Events(board, stopping, Rights(told.watch, said), said)
+    rights = Rights(told.watch, said)
+    return Events(board.newer, stopping, 'bridge', 0.02, rights.reject_wrong_token, said)
 
 
 class Browser:

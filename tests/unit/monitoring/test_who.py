@@ -9,8 +9,8 @@ import pytest
 from monitors import TOKEN
 from starlette.routing import Route
 
-from ros2_kafka_bridge.monitoring import guard, letters, rights
-from ros2_kafka_bridge.monitoring.guard import is_loopback
+from ros2_kafka_bridge.monitoring import letters, rights
+from ros2_kafka_bridge.web.guard import is_loopback
 
 from .conftest import CONFIG, Told
 from .sites import HOST, ORDERING, Site
@@ -196,7 +196,7 @@ def test_without_a_token_messages_are_shown_to_the_own_user_only(
 ) -> None:
     monkeypatch.setattr(letters, 'look', lambda _, place: {'place': str(place)})
     users: dict[str, int | None] = {'127.0.0.1': os.getuid()}
-    monkeypatch.setattr(guard, 'user_of', lambda caller, _: users.get(caller.host))
+    monkeypatch.setattr(rights, 'user_of', lambda caller, _: users.get(caller.host))
     site = Site(Told(CONFIG.replace(f'token: {TOKEN}, ', '')))
     path = 'api/dead-letters/orders.dead-letters/0/5'
     assert site.get(path).status_code == 200

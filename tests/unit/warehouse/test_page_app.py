@@ -10,11 +10,13 @@ import typer
 from starlette.requests import Request
 from starlette.types import Message, Scope
 
+from ros2_kafka_bridge.web.guard import Names
 from ros2_kafka_warehouse.domain.site import Site
 from ros2_kafka_warehouse.page import app
 from ros2_kafka_warehouse.page.__main__ import serve
 from ros2_kafka_warehouse.page.app import Page, make_app
 
+NO_NAMES = Names(frozenset(), frozenset())
 SITE = Site('small', ('....',), {'packing-1': (3, 0)}, {}, {})
 
 
@@ -63,7 +65,7 @@ def live(
     given_up: list[str] = []
     ends = False
     page = Page(
-        SITE, {}, '', frozenset(), lambda: ends, lambda: given_up.append('given up'), alive=alive
+        SITE, {}, '', NO_NAMES, lambda: ends, lambda: given_up.append('given up'), alive=alive
     )
     made = make_app(page)
 
@@ -121,7 +123,8 @@ def test_the_file_of_a_page_that_hangs_becomes_old(
 
 
 def test_a_browser_that_goes_away_in_mid_body_is_no_error() -> None:
-    scope: Scope = {'type': 'http', 'method': 'POST', 'path': '/', 'headers': []}
+    json = [(b'content-type', b'application/json')]
+    scope: Scope = {'type': 'http', 'method': 'POST', 'path': '/', 'headers': json}
     parts: list[Message] = [
         {'type': 'http.request', 'body': b'{"comm', 'more_body': True},
         {'type': 'http.disconnect'},

@@ -5,6 +5,7 @@ The address alone does not tell the user: behind a proxy on this machine anybody
 """
 
 import sys
+from collections.abc import Mapping
 from ipaddress import IPv6Address, IPv6Network, ip_address
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -13,6 +14,8 @@ from ros2_kafka_bridge.logs.text import printable
 
 _TABLES: Final = {4: Path('/proc/self/net/tcp'), 16: Path('/proc/self/net/tcp6')}
 _ESTABLISHED: Final = '01'
+RIGHT_SHOWN: Final = 'ros2_kafka_bridge.token_shown'
+"""Where the scope of a request tells that the right token has come with it."""
 
 
 class SocketAddress(NamedTuple):
@@ -25,6 +28,11 @@ class SocketAddress(NamedTuple):
 def who(client: tuple[str, int] | None) -> str:
     """The address of a client, for the log."""
     return printable(client[0]) if client else 'somebody'
+
+
+def has_shown_token(scope: Mapping[str, object]) -> bool:
+    """Whether a request has come with the right one."""
+    return bool(scope.get(RIGHT_SHOWN))
 
 
 def network_of(client: tuple[str, int] | None) -> str:

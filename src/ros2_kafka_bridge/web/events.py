@@ -1,4 +1,4 @@
-"""Server-sent events: what has changed on the board, as often as a browser can take it.
+"""Server-sent events: what has changed of what is shown, as often as a browser can take it.
 
 A browser that is slow gets the newest state less often, never a queue of old ones. Where there
 are too many, one is let go, is told so, and is not to come back at once: they would throw each
@@ -6,7 +6,7 @@ other out in turn for ever.
 """
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from http import HTTPStatus
 from typing import Final
@@ -16,13 +16,10 @@ from starlette.requests import Request
 from starlette.types import Message, Receive, Scope, Send
 
 from ros2_kafka_bridge.logs.summed import Summed
-from ros2_kafka_bridge.monitoring.board import Board
-from ros2_kafka_bridge.monitoring.caller import network_of, who
-from ros2_kafka_bridge.monitoring.guard import refused
-from ros2_kafka_bridge.monitoring.rights import Rights, has_shown_token
-from ros2_kafka_bridge.monitoring.viewers import Viewer, Viewers
+from ros2_kafka_bridge.web.caller import has_shown_token, network_of, who
+from ros2_kafka_bridge.web.guard import Refusal, refused
+from ros2_kafka_bridge.web.viewers import Viewer, Viewers
 
-_LOOK_S: Final = 0.2
 _ALIVE_S: Final = 15.0
 _HEADERS: Final = (
     (b'content-type', b'text/event-stream; charset=utf-8'),
@@ -32,29 +29,41 @@ _START: Final[Message] = {
     'type': 'http.response.start', 'status': HTTPStatus.OK, 'headers': [*_HEADERS],
 }  # fmt: skip
 _FULL: Final = (
-    'Too many pages look at this bridge: one that has looked for longest is let go, and this was '
-    'it.'
+    'Too many pages look at this {}: one that has looked for longest is let go, and this was it.'
 )
-_LET_GO: Final = b'event: full\nretry: 30000\ndata: %s\n\n' % msgspec.json.encode({'error': _FULL})
 _END: Final[Message] = {'type': 'http.response.body', 'body': b'', 'more_body': False}
 
 
 class Events:
     """The stream of changes, as an ASGI application.
 
+    Who has shown a token has a place beside all others.
+
     Args:
-        board: What is shown.
+        newer: A JSON object of the sections that have changed since, b'' for none; it brings up
+            to date which change of each was seen last.
         stopping: Whether the server is to end: the streams then end, too.
-        rights: Knows who shows the token: those have places of their own.
+        shown: What is shown, in a word.
+        look_s: How often is looked for changes.
+        reject: Tells why somebody may not look; None lets everybody look.
         said: The log, which is told that there are too many.
     """
 
     def __init__(
-        self, board: Board, stopping: Callable[[], bool], rights: Rights, said: Summed
+        self,
+        newer: Callable[[dict[str, int]], bytes],
+        stopping: Callable[[], bool],
+        shown: str,
+        look_s: float,
+        reject: Callable[[Request], Awaitable[Refusal | None]] | None = None,
+        said: Summed | None = None,
     ) -> None:
-        self._board = board
+        self._newer = newer
         self._stopping = stopping
-        self._rights = rights
+        told = msgspec.json.encode({'error': _FULL.format(shown)})
+        self._let_go = b'event: full\nretry: 30000\ndata: %s\n\n' % told
+        self._look_s = look_s
+        self._reject = reject
         self._said = said
         self._viewers = Viewers()
 
@@ -69,7 +78,7 @@ class Events:
             await send(_END)
             return
         request = Request(scope)
-        if refusal := await self._rights.reject_wrong_token(request):
+        if self._reject is not None and (refusal := await self._reject(request)):
             await refused(refusal)(scope, receive, send)
             return
         viewer = self._enter(request)
@@ -87,7 +96,7 @@ class Events:
     def _enter(self, request: Request) -> Viewer:
         has_token = has_shown_token(request.scope)
         viewer = Viewer(network_of(request.client), has_token=has_token)
-        if self._viewers.enter(viewer):
+        if self._viewers.enter(viewer) and self._said is not None:
             text = 'the page: too many browsers at once: one that has looked for longest is let go'
             self._said.warning(text, f'; the newest is from {who(request.client)}', kind='pages')
         return viewer
@@ -99,15 +108,15 @@ class Events:
         said_s = now_s = asyncio.get_running_loop().time()
         while not self._stopping() and not viewer.is_let_go:
             now_s = asyncio.get_running_loop().time()
-            if changed := self._board.newer(seen):
+            if changed := self._newer(seen):
                 await _send(send, b'data: %s\n\n' % changed)
                 said_s = now_s
             elif now_s - said_s > _ALIVE_S:
                 await _send(send, b': still here\n\n')
                 said_s = now_s
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(self._look_s)
         if viewer.is_let_go:
-            await _send(send, _LET_GO)
+            await _send(send, self._let_go)
         await send(_END)
 
 

@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from ros2_kafka_bridge.monitoring.caller import SocketAddress, network_of, user_of
+from ros2_kafka_bridge.web.caller import SocketAddress, network_of, user_of
 
 NOBODY = 65534
 

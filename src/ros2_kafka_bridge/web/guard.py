@@ -2,12 +2,9 @@
 
 A page of another site can make a browser send requests here. It cannot set `Host` or `Origin`:
 a wrong `Host` is a name that was bent to this address (DNS rebinding), a wrong `Origin` is
-another site's page. No cookie is used, so a browser adds nothing of its own to such a request;
-who changes something shows the token each time.
+another site's page. No cookie is used, so a browser adds nothing of its own to such a request.
 """
 
-import hmac
-import os
 from collections.abc import Callable, Iterable
 from http import HTTPStatus
 from typing import Final, NamedTuple
@@ -17,12 +14,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from ros2_kafka_bridge.config.monitoring import MonitoringSettings
 from ros2_kafka_bridge.logs.text import printable
-from ros2_kafka_bridge.monitoring.caller import SocketAddress, user_of
-
-OPEN_PATHS: Final = frozenset({'/metrics', '/livez', '/readyz'})
-"""What Prometheus and the kubelet ask for, by addresses that nobody can list."""
 
 _POLICY: Final = (
     b"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
@@ -39,7 +31,6 @@ _HEADERS: Final = (
 )
 _READS: Final = frozenset({'GET', 'HEAD'})
 _LOOPBACK: Final = frozenset({'127.0.0.1', 'localhost', '::1'})
-_PASSED_ON: Final = ('forwarded', 'x-forwarded-for', 'x-real-ip')  # by a proxy, for another
 _SCHEMES: Final = ('http', 'https')
 _OWN_SITES: Final = frozenset({'same-origin', 'none'})  # none: typed in, or from a bookmark
 _LINK: Final = ('navigate', 'document')
@@ -72,6 +63,12 @@ def _with_port(names: Iterable[str], port: int) -> frozenset[str]:
     return frozenset({one for name in bare for one in (name.lower(), f'{name.lower()}:{port}')})
 
 
+def is_loopback(host: str) -> bool:
+    """Whether a `Host` names this machine itself."""
+    name = host[1:].partition(']')[0] if host.startswith('[') else host.partition(':')[0]
+    return name.lower() in _LOOPBACK
+
+
 class Refusal(NamedTuple):
     """Why something is not done."""
 
@@ -86,27 +83,6 @@ def refused(refusal: Refusal) -> Response:
     return JSONResponse({'error': refusal.text}, refusal.status, headers)
 
 
-def without_right(settings: MonitoringSettings, authorization: str) -> Refusal | None:
-    """Why somebody may change nothing; None if they may.
-
-    Args:
-        settings: With the token.
-        authorization: The header of the request, empty if there is none.
-    """
-    if settings.token is None:
-        text = (
-            'this bridge can only be looked at: its configuration names no monitoring.token; '
-            'make one with: openssl rand -hex 16'
-        )
-        return Refusal(HTTPStatus.FORBIDDEN, text)
-    scheme, _, given = authorization.partition(' ')
-    right = hmac.compare_digest(given.strip().encode(), settings.token.encode())
-    if scheme.lower() == 'bearer' and right:
-        return None
-    said = 'this is not the token' if given else 'it needs the token'
-    return Refusal(HTTPStatus.UNAUTHORIZED, f'{said} of the bridge (monitoring.token)')
-
-
 def without_json(headers: Headers) -> Refusal | None:
     """Why the body of a request may not be read; None if it may.
 
@@ -118,23 +94,19 @@ def without_json(headers: Headers) -> Refusal | None:
     return Refusal(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, 'the body must be application/json')
 
 
-def is_loopback(host: str) -> bool:
-    """Whether a `Host` names this machine itself."""
-    name = host[1:].partition(']')[0] if host.startswith('[') else host.partition(':')[0]
-    return name.lower() in _LOOPBACK
+async def read_body(request: Request, most_bytes: int) -> bytes | Refusal:
+    """The body of a request, or why it is not read to its end.
 
-
-def is_of_own_user(request: Request) -> bool:
-    """Whether a program of the bridge's own user asks, which may read what the bridge reads.
-
-    `Host` and an address do not say it: a proxy on this machine passes on what others send.
+    Raises:
+        ClientDisconnect: It does not come to its end.
     """
-    headers, client, server = request.headers, request.client, request.scope.get('server')
-    if any(name in headers for name in _PASSED_ON) or not is_loopback(headers.get('host', '')):
-        return False
-    if client is None or server is None:
-        return False
-    return user_of(SocketAddress(*client), SocketAddress(*server)) == os.getuid()
+    body = bytearray()
+    async for part in request.stream():
+        body += part
+        if len(body) > most_bytes:
+            text = f'the body is over {most_bytes // 1024} KiB'
+            return Refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text)
+    return bytes(body)
 
 
 class Guard:
@@ -143,11 +115,26 @@ class Guard:
     Args:
         app: What is guarded.
         names: Tells what may stand in `Host`, as it is now.
+        cure: What to do where a further name is to be served.
+        open_paths: What programs ask for, by addresses that nobody can list.
+        has_token: Whether the app asks for a token before it changes something. Without one,
+            `Origin` alone tells the page itself from others: then it must be there.
     """
 
-    def __init__(self, app: ASGIApp, names: Callable[[], Names]) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        names: Callable[[], Names],
+        cure: str,
+        open_paths: frozenset[str] = frozenset(),
+        *,
+        has_token: bool = False,
+    ) -> None:
         self._app = app
         self._names = names
+        self._cure = cure
+        self._open_paths = open_paths
+        self._has_token = has_token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: D102
         if scope['type'] != 'http':
@@ -169,26 +156,42 @@ class Guard:
 
     def _refusal(self, method: str, path: str, headers: Headers) -> Refusal | None:
         reads = method in _READS
-        if reads and path in OPEN_PATHS:
-            return _read_from_elsewhere(path, headers)
+        is_open = reads and path in self._open_paths
         host = headers.get('host', '').lower()
         names = self._names()
-        if host not in names.hosts:
-            text = f'this page is not {printable(host)!r}: add that name to '
-            return Refusal(HTTPStatus.MISDIRECTED_REQUEST, f'{text}monitoring.allowed_hosts')
-        if reads:
-            return _read_from_elsewhere(path, headers)
-        return _cross_site(headers, host, names)
+        if host not in names.hosts and not is_open:
+            text = f'this page is not {printable(host)!r}: {self._cure}'
+            return Refusal(HTTPStatus.MISDIRECTED_REQUEST, text)
+        if not reads:
+            return self._cross_site(headers, host, names)
+        if path.startswith('/api/') or (is_open and not _is_link(headers)):
+            return _read_from_elsewhere(headers)
+        return None
+
+    def _cross_site(self, headers: Headers, host: str, names: Names) -> Refusal | None:
+        """Why a request may not change anything, whoever sends it.
+
+        A program that is no browser sends no `Origin`: the token alone speaks for it.
+        """
+        origin = headers.get('origin', '').lower()
+        if not (origin or self._has_token or 'sec-fetch-site' in headers):
+            text = 'a request without Origin may change nothing here'
+            return Refusal(HTTPStatus.FORBIDDEN, text)
+        allowed = {f'{scheme}://{name}' for name in (host, *names.added) for scheme in _SCHEMES}
+        is_own = origin in allowed or (self._has_token and not origin)
+        if is_own and _is_of_own_site(headers):
+            return None
+        who = printable(origin) or 'another site'
+        return Refusal(HTTPStatus.FORBIDDEN, f'a page of {who} may change nothing here')
 
 
-def _read_from_elsewhere(path: str, headers: Headers) -> Refusal | None:
+def _read_from_elsewhere(headers: Headers) -> Refusal | None:
     """Why what a page of another site makes a browser ask for is not even looked up.
 
     It could not read the answer; but each would cost Kafka a look at its dead letters. Who follows
     a link is a person: the page of Prometheus has one to each of its targets.
     """
-    is_asked = path.startswith('/api/') or (path in OPEN_PATHS and not _is_link(headers))
-    if not is_asked or headers.get('sec-fetch-site', 'none') in _OWN_SITES:
+    if _is_of_own_site(headers):
         return None
     return Refusal(HTTPStatus.FORBIDDEN, 'a page of another site may ask for nothing here')
 
@@ -197,15 +200,5 @@ def _is_link(headers: Headers) -> bool:
     return (headers.get('sec-fetch-mode'), headers.get('sec-fetch-dest')) == _LINK
 
 
-def _cross_site(headers: Headers, host: str, names: Names) -> Refusal | None:
-    """Why a request may not change anything, whoever sends it.
-
-    A program that is no browser sends no `Origin`: the token alone speaks for it.
-    """
-    origin = headers.get('origin', '').lower()
-    allowed = {f'{scheme}://{name}' for name in (host, *names.added) for scheme in _SCHEMES}
-    site = headers.get('sec-fetch-site', 'none')
-    if (origin and origin not in allowed) or site not in _OWN_SITES:
-        who = printable(origin) or 'another site'
-        return Refusal(HTTPStatus.FORBIDDEN, f'a page of {who} may change nothing here')
-    return None
+def _is_of_own_site(headers: Headers) -> bool:
+    return headers.get('sec-fetch-site', 'none') in _OWN_SITES

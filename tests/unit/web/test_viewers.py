@@ -1,6 +1,6 @@
 """Who looks at the page, and who has to go."""
 
-from ros2_kafka_bridge.monitoring.viewers import MOST, MOST_WITH_TOKEN, Viewer, Viewers
+from ros2_kafka_bridge.web.viewers import MOST, MOST_WITH_TOKEN, Viewer, Viewers
 
 
 def _enter(
