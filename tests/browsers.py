@@ -17,6 +17,7 @@ from ros2_kafka_bridge.monitoring.history import BUCKET_S, SPAN_S
 from ros2_kafka_bridge.monitoring.state import Watch
 from ros2_kafka_bridge.monitoring.web import STATIC
 from ros2_kafka_bridge.protocol.monitor import Configured, Report
+from ros2_kafka_bridge.web.files import SHARED
 
 CHROMIUM: Final = shutil.which('chromium')
 PATIENCE_MS: Final = 90_000
@@ -88,7 +89,8 @@ class MadeUp:
             kind = 'text/event-stream' if path == 'api/events' else 'application/json'
             route.fulfill(body=self._answers[path], content_type=kind)
         else:
-            route.fulfill(path=STATIC / (path.removeprefix('static/') or 'index.html'))
+            shared, name = path.partition('static/shared/')[2], path.removeprefix('static/')
+            route.fulfill(path=SHARED / shared if shared else STATIC / (name or 'index.html'))
 
 
 @contextmanager

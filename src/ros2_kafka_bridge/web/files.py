@@ -1,4 +1,4 @@
-"""A page and its files."""
+"""A page and its files: those of its own, and those that all pages share."""
 
 from pathlib import Path
 from typing import Final
@@ -9,6 +9,7 @@ from starlette.responses import FileResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
+SHARED: Final = Path(__file__).parent / 'static'
 _LEAST_BYTES: Final = 500  # that are worth being compressed
 
 
@@ -24,5 +25,6 @@ def file_routes(own: Path) -> list[BaseRoute]:
 
     return [
         Route('/', index),
+        Mount('/static/shared', GZipMiddleware(StaticFiles(directory=SHARED), _LEAST_BYTES)),
         Mount('/static', GZipMiddleware(StaticFiles(directory=own), _LEAST_BYTES)),
     ]

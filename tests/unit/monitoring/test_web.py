@@ -327,5 +327,6 @@ def test_all_files_of_the_page_are_its_own(site: Site) -> None:
     assert 'http' not in page
     assert 'style=' not in page
     assert '<script>' not in page
-    for name in ('main.js', 'style.css', 'icon.svg'):
+    shared = ('shared/base.css', 'shared/dom.js', 'shared/server.js')
+    for name in ('main.js', 'style.css', 'icon.svg', *shared):
         assert site.get(f'static/{name}').status_code == 200

@@ -96,7 +96,7 @@ def test_every_answer_keeps_the_page_to_itself() -> None:
         assert 'access-control-allow-origin' not in answer.headers
 
 
-@pytest.mark.parametrize('name', ['main.js', 'dom.js', 'server.js'])
+@pytest.mark.parametrize('name', ['main.js', 'shared/dom.js', 'shared/server.js'])
 def test_files_are_asked_for_anew_and_sent_only_where_they_have_changed(name: str) -> None:
     answer = ask('GET', {}, path=f'/static/{name}')
     assert (answer.status_code, answer.headers['cache-control']) == (200, 'no-cache')

@@ -1,6 +1,6 @@
 // One route in full, in a drawer at the side.
 
-import { $, drawn, h, setAttr, setText, show } from './dom.js';
+import { $, drawn, facts, h, setChip, setText, show } from './shared/dom.js';
 import { drawSpark, spark } from './spark.js';
 import { OUTCOMES, TONES, arrow, bytes, clock, count, counted, onItsWay, rate, readsKafka, seconds } from './words.js';
 
@@ -51,8 +51,7 @@ export class Detail {
     const about = view.about.find((it) => it.name === this.name);
     const p = this.parts;
     setText(p.title, route.name);
-    setText(p.chip, route.state);
-    setAttr(p.chip, 'class', `chip ${TONES[route.state]}`);
+    setChip(p.chip, route.state, TONES[route.state]);
     setText(p.ends, about ? `${arrow(about)} · ${about.type || 'the type of its publishers'} as ${about.format}` : '');
     setText(p.reason, route.reason);
     setText(p.advice, route.advice);
@@ -114,9 +113,8 @@ export class Detail {
         ['dead letters go to', about.dead_letter_topic], ['consumer group', about.group],
       ] : [],
     };
-    return Object.entries(groups).map(([title, facts]) => h('section', {}, h('h3', {}, title),
-      h('dl', { class: 'facts' }, ...facts.filter(([, value]) => value !== null && value !== undefined)
-        .flatMap(([word, value]) => [h('dt', {}, word), h('dd', {}, value)]))));
+    return Object.entries(groups).map(([title, pairs]) => h('section', {}, h('h3', {}, title),
+      h('dl', { class: 'facts' }, ...facts(pairs))));
   }
 }
 

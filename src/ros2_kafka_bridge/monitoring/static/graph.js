@@ -1,7 +1,7 @@
 // The ROS graph: who is at each topic, with which QoS, and what does not match.
 
-import { $, drawn, h, setText } from './dom.js';
-import { get } from './server.js';
+import { $, drawn, h, setText } from './shared/dom.js';
+import { get } from './shared/server.js';
 import { clock, counted } from './words.js';
 
 const EVERY_MS = 3000;

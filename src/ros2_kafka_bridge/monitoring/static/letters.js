@@ -1,7 +1,7 @@
 // Dead letters: how many, which, what is in one, and sending them again.
 
-import { $, drawn, h, keyed, setAttr, setText, show, toast } from './dom.js';
-import { get, post, token } from './server.js';
+import { $, drawn, facts, h, keyed, setAttr, setText, show, toast } from './shared/dom.js';
+import { get, post, token } from './shared/server.js';
 import { bytes, clock, count, counted } from './words.js';
 
 export class Letters {
@@ -132,7 +132,6 @@ export class Letters {
   }
 
   showLetter(letter, row) {
-    const fact = (word, value) => (value === null || value === '' ? [] : [h('dt', {}, word), h('dd', {}, value)]);
     const value = letter.value;
     const drawer = $('letter') ?? document.body.appendChild(h('dialog', { id: 'letter', class: 'drawer', 'aria-labelledby': 'letter-title' }));
     drawer.onclick = (event) => { if (event.target === drawer) drawer.close(); };
@@ -141,10 +140,11 @@ export class Letters {
       h('div', { class: 'drawer-head' }, h('h2', { id: 'letter-title' }, letter.place),
         h('button', { type: 'button', class: 'close', 'aria-label': 'Close', onclick: () => drawer.close() }, '×')),
       h('p', { class: 'why' }, letter.reason),
-      h('dl', { class: 'facts' },
-        ...fact('route', letter.route), ...fact('source', letter.source), ...fact('on its way to', letter.to),
-        ...fact('written', clock(letter.time_ms / 1000)), ...fact('failed', letter.failed_ms ? clock(letter.failed_ms / 1000) : ''),
-        ...fact('replayed', row.replayed_to ? `to ${row.replayed_to}` : 'no'), ...fact('key', letter.key ?? 'null')),
+      h('dl', { class: 'facts' }, ...facts([
+        ['route', letter.route], ['source', letter.source], ['on its way to', letter.to],
+        ['written', clock(letter.time_ms / 1000)], ['failed', letter.failed_ms ? clock(letter.failed_ms / 1000) : ''],
+        ['replayed', row.replayed_to ? `to ${row.replayed_to}` : 'no'], ['key', letter.key ?? 'null'],
+      ])),
       h('h3', {}, named), value.text ? h('pre', { tabindex: '0' }, value.text) : '',
       value.cut_bytes ? h('p', { class: 'note' }, `${bytes(value.cut_bytes)} more are not shown.`) : '',
       value.base64 ? h('button', { type: 'button', onclick: () => save(letter) }, 'Save the bytes') : '',

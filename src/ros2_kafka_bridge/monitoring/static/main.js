@@ -1,13 +1,13 @@
 // The page: takes the view as it changes, and gives each part what it shows.
 
 import { Detail } from './detail.js';
-import { $, setAttr, setText, show } from './dom.js';
+import { $, setAttr, setChip, setText, show } from './shared/dom.js';
 import { Graph } from './graph.js';
 import { Letters } from './letters.js';
 import { Lock } from './orders.js';
 import { drawErrors, drawSystem } from './panels.js';
 import { Routes } from './routes.js';
-import { get, listen } from './server.js';
+import { get, listen } from './shared/server.js';
 import { History } from './spark.js';
 import { count, reading, span } from './words.js';
 
@@ -73,8 +73,7 @@ function drawNow() {
 function drawTop(nowS) {
   const { bridge } = view;
   const [word, tone] = live(bridge);
-  setText($('live'), word);
-  setAttr($('live'), 'class', `chip ${tone}`);
+  setChip($('live'), word, tone);
   document.body.classList.toggle('old', Boolean(bridge) && !isNew(bridge));
   if (bridge) {
     setText($('name'), bridge.name);

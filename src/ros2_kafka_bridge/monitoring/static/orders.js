@@ -1,7 +1,7 @@
 // What is asked of the bridge: the token first, and a question before anything that matters.
 
-import { $, h, show, toast } from './dom.js';
-import { keepToken, post, token } from './server.js';
+import { $, h, show, toast } from './shared/dom.js';
+import { keepToken, post, token } from './shared/server.js';
 
 const box = $('box');
 

@@ -1,6 +1,6 @@
 // Errors and the system: the bridge, Kafka, the workers.
 
-import { $, drawn, h } from './dom.js';
+import { $, drawn, facts, h } from './shared/dom.js';
 import { card } from './detail.js';
 import { bytes, clock, count, counted, seconds, span } from './words.js';
 
@@ -8,9 +8,6 @@ export function drawErrors(troubles, isTold) {
   const none = isTold ? 'No route has met an error since its process was started.' : 'Not known yet.';
   drawn($('errors'), [troubles, none], () => (troubles.length ? troubles.map(card) : [h('li', { class: 'empty' }, none)]));
 }
-
-const facts = (pairs) => pairs.filter(([, value]) => value)
-  .flatMap(([word, value]) => [h('dt', {}, word), h('dd', {}, value)]);
 
 export function drawSystem({ bridge, broker, workers }, nowS) {
   const reload = bridge.reload;

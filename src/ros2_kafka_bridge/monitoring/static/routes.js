@@ -1,6 +1,6 @@
 // The table of routes, the tiles above it, and what needs attention.
 
-import { $, h, keyed, setAttr, setText, show } from './dom.js';
+import { $, h, keyed, setAttr, setChip, setText, show } from './shared/dom.js';
 import { drawSpark, spark } from './spark.js';
 import { ORDER, TONES, arrow, bytes, clock, count, counted, onItsWay, rate, reading, seconds, sum } from './words.js';
 
@@ -111,8 +111,7 @@ export class Routes {
     const p = node.parts;
     node.route = route;
     setText(p.ends, arrow(this.about.get(route.name)));
-    setText(p.state, route.state);
-    setAttr(p.state, 'class', `chip ${TONES[route.state]}`);
+    setChip(p.state, route.state, TONES[route.state]);
     setAttr(p.state, 'title', route.reason);
     setText(p.rate, rate(route.rate));
     const [p50, p99] = route.delay_s ?? [null, null];
@@ -156,8 +155,7 @@ export class Routes {
       show(chip, !it.more);
       setText(button, it.more ? `${count(it.more)} more` : it.name);
       if (it.more) return;
-      setText(chip, it.odd ? 'mismatch' : it.state);
-      setAttr(chip, 'class', `chip ${it.odd ? 'warn' : TONES[it.state]}`);
+      setChip(chip, ...(it.odd ? ['mismatch', 'warn'] : [it.state, TONES[it.state]]));
       const odd = `${counted(it.mismatched, 'DDS endpoint')} on its topic ${it.mismatched === 1 ? 'does' : 'do'} not match it`;
       setText(reason, it.odd ? odd : it.reason || it.state);
       setText(todo, it.odd ? 'The ROS graph shows which, and why.' : it.advice + said(it));

@@ -1,6 +1,6 @@
 // The last ten minutes of each route, in steps of some seconds, and their lines.
 
-import { setAttr, svg } from './dom.js';
+import { setAttr, svg } from './shared/dom.js';
 import { onItsWay } from './words.js';
 
 const RATE = 1;

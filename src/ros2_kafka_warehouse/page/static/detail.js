@@ -1,6 +1,6 @@
 // What is selected on the map, and what can be done with it.
 
-import { $, h, setText, show } from './dom.js';
+import { $, drawn, facts, h, setText, show } from './shared/dom.js';
 import { codeWord, plural, robotState, span, WALL } from './words.js';
 
 // `order(command)` sends a command.
@@ -58,16 +58,20 @@ export class Detail {
     this.actions.append(this.pallet, this.known, this.free);
   }
 
+  tell(pairs) {
+    drawn(this.facts, pairs, facts);
+  }
+
   drawRobot(id, { robots, plans, nowS, tasks }) {
     setText(this.title, id);
     const row = robots.find((robot) => robot.id === id);
     if (!row) {
-      this.say([['State', 'not heard of']]);
+      this.tell([['State', 'not heard of']]);
       return;
     }
     const plan = plans[id];
     const task = tasks.get(row.task);
-    this.say([
+    this.tell([
       ['Type', row.type],
       ['State', robotState(row.status).word + (row.paused ? ', paused' : '')],
       ['Battery', `${row.battery} %${row.charging ? ', charging' : ''}`],
@@ -94,7 +98,7 @@ export class Detail {
     const wall = kind === WALL;
     const named = (places) => Object.entries(places).find(([, place]) => same(place))?.[0];
     const products = Object.values(this.site.products).filter((product) => product.cells.some(same));
-    this.say([
+    this.tell([
       ['Is', wall ? 'a shelf or a wall' : named(this.site.stations) ? `station ${named(this.site.stations)}` : (this.site.chargers ?? []).some(same) ? 'a charger' : kind === 'e' ? 'a stock cell' : kind === 'r' ? 'a robot’s home' : 'an aisle'],
       ['Stock', products.map((product) => `${product.name} (${product.weightKg ?? 1} kg)`).join(', ')],
       ['Blocked', block ? `${block.reason || 'yes'}${block.sinceS ? `, for ${span(nowS - block.sinceS)}` : ''}` : ''],
@@ -103,13 +107,5 @@ export class Detail {
     show(this.pallet, !wall && !stands && !block);
     show(this.known, !wall && !stands && !block);
     show(this.free, Boolean(block) || stands);
-  }
-
-  say(facts) {
-    const wanted = facts.filter(([, text]) => text !== '');
-    const now = JSON.stringify(wanted);
-    if (this.facts.said === now) return;
-    this.facts.said = now;
-    this.facts.replaceChildren(...wanted.flatMap(([word, text]) => [h('dt', {}, word), h('dd', {}, text)]));
   }
 }

@@ -1,6 +1,6 @@
 // The strip of key figures.
 
-import { $, h, keyed, setAttr, setText, show } from './dom.js';
+import { $, h, keyed, setAttr, setText, show } from './shared/dom.js';
 import { SHARES, number, percent, shortSpan, span } from './words.js';
 
 function tiles(kpis, validator) {

@@ -1,12 +1,12 @@
 // The page: takes the view as it changes, and gives each part what it shows.
 
 import { Detail } from './detail.js';
-import { $, h, keyed, setAttr, setText, show } from './dom.js';
+import { $, h, keyed, setAttr, setText, show, toast } from './shared/dom.js';
 import { drawKpis } from './kpis.js';
 import { FloorMap } from './map.js';
 import { setUpOrderForm } from './order_form.js';
 import { drawFailures, drawOrders, drawRobots } from './panels.js';
-import { getSite, listen, post } from './server.js';
+import { get, listen, post } from './shared/server.js';
 import { SHARES, clock, codeWord, plural, span } from './words.js';
 
 const OLD_S = 3;
@@ -22,6 +22,7 @@ const view = {
   health: null,
 };
 let connected = false;
+let letGo = ''; // why
 let selected = null;
 let shownOrders = 'open';
 let clockOffsetS = 0; // of the server's clock from ours
@@ -35,6 +36,15 @@ document.title = `${site.name} – warehouse`;
 const map = new FloorMap($('map'), site);
 const detail = new Detail(site, failures, order, () => select(null));
 
+async function getSite() {
+  for (;;) {
+    try {
+      return await get('api/site');
+    } catch { /* the server is away: asked again */ }
+    await new Promise((resolve) => setTimeout(resolve, 1000));
+  }
+}
+
 // The second and further types of robots are drawn square.
 function largeTypes({ robots }) {
   const types = [...new Set(Object.values(robots).map((place) => place.robotType))].sort();
@@ -46,14 +56,14 @@ const nowS = () => Date.now() / 1000 + clockOffsetS;
 // What comes in
 
 listen((changed) => {
-  connected = true;
+  [connected, letGo] = [true, ''];
   Object.assign(view, changed);
   if (changed.health) clockOffsetS = changed.health.nowS - Date.now() / 1000;
   if (changed.floor) map.takeFloor(changed.floor);
   if (changed.plans) map.takePlans(changed.plans.plans);
   schedule();
-}, () => {
-  connected = false;
+}, () => {}, (why) => {
+  [connected, letGo] = [false, why];
   schedule();
 });
 
@@ -108,6 +118,7 @@ function drawDetail() {
 // Whether what is shown is new
 
 function trouble() {
+  if (letGo) return `${letGo} What is shown is old; the page looks again in half a minute.`;
   if (!connected) return 'The page’s server does not answer. What is shown is old; the page goes on by itself once it answers.';
   if (!view.health) return '';
   if (view.health.kafkaAway) return `Kafka does not answer (${view.health.kafkaAway}). What is shown is old; the page goes on by itself once Kafka answers.`;
@@ -184,19 +195,10 @@ async function order(command) {
     await post('api/commands', command);
     const of = command.robot ?? (command.cell ? `cell ${command.cell.join(', ')}` : 'all robots');
     const words = { failRobot: `Failure sent: ${codeWord(command.failure ?? '').toLowerCase()}`, blockCell: 'Block sent', unblockCell: 'Clearing sent' };
-    say(`${words[command.command] ?? `${command.command.replace('Robot', '').replace(/^./, (first) => first.toUpperCase())} sent`}, ${of}.`);
+    toast(`${words[command.command] ?? `${command.command.replace('Robot', '').replace(/^./, (first) => first.toUpperCase())} sent`}, ${of}.`);
   } catch (error) {
-    say(error.message);
+    toast(error.message, true);
   }
-}
-
-let toastTimer = 0;
-function say(text) {
-  const toast = $('toast');
-  setText(toast, text);
-  show(toast, true);
-  clearTimeout(toastTimer);
-  toastTimer = setTimeout(() => show(toast, false), 5000);
 }
 
 function select(next) {
@@ -220,7 +222,7 @@ function act(cell) {
 
 function toggleBlock(cell) {
   if (map.isWall(cell)) {
-    say('A shelf or a wall cannot be blocked.');
+    toast('A shelf or a wall cannot be blocked.');
     return;
   }
   const same = ([x, y]) => x === cell[0] && y === cell[1];
@@ -278,15 +280,15 @@ $('rate').addEventListener('submit', async (event) => {
   event.preventDefault();
   try {
     const { perMinute } = await post('api/rate', { perMinute: Number($('per-minute').value) });
-    say(perMinute ? `Random orders: ${perMinute} a minute.` : 'No more random orders.');
+    toast(perMinute ? `Random orders: ${perMinute} a minute.` : 'No more random orders.');
     rateTouched = false;
   } catch (error) {
-    say(error.message);
+    toast(error.message, true);
   }
 });
 
 $('legend').append(...Object.entries(SHARES).map(([name, word]) => h('li', {}, h('i', { class: `share ${name}` }), word)));
-setUpOrderForm(site, say);
+setUpOrderForm(site);
 setInterval(schedule, 1000);
 draw();
 

@@ -1,9 +1,9 @@
 // The dialog for one order.
 
-import { $, h, setText } from './dom.js';
-import { post } from './server.js';
+import { $, h, setText, toast } from './shared/dom.js';
+import { post } from './shared/server.js';
 
-export function setUpOrderForm(site, said) {
+export function setUpOrderForm(site) {
   const dialog = $('order-dialog');
   const lines = $('order-lines');
   const station = $('order-station');
@@ -49,7 +49,7 @@ export function setUpOrderForm(site, said) {
       const { orderId } = await post('api/orders', order);
       dialog.close();
       lines.replaceChildren();
-      said(`Order ${orderId} was sent.`);
+      toast(`Order ${orderId} was sent.`);
     } catch (error) {
       setText($('order-error'), error.message);
     } finally {

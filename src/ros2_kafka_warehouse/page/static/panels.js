@@ -1,6 +1,6 @@
 // The tables of orders and robots, and the timeline of failures.
 
-import { $, h, keyed, setAttr, setText, show } from './dom.js';
+import { $, h, keyed, setAttr, setChip, setText, show } from './shared/dom.js';
 import { causeWord, clock, codeWord, eventWord, orderState, robotState, shortSpan, span } from './words.js';
 
 // Orders
@@ -190,11 +190,6 @@ function updateFailure(node, failure) {
 }
 
 const tone = (level) => (level === 'FATAL' || level === 'CRITICAL' ? 'bad' : level === 'URGENT' ? 'warn' : 'calm');
-
-export function setChip(node, word, tone) {
-  setText(node, word);
-  setAttr(node, 'class', `chip ${tone}`);
-}
 
 function emptyNote(node, count, text) {
   const scroll = node.parentElement;

@@ -36,11 +36,21 @@ export function show(node, visible) {
   if (node.hidden === visible) node.hidden = !visible;
 }
 
+export function setChip(node, word, tone) {
+  setText(node, word);
+  setAttr(node, 'class', `chip ${tone}`);
+}
+
+// What is known of something, for a list of words and values; empty values are left out.
+export const facts = (pairs) => pairs.filter(([, value]) => (value ?? '') !== '')
+  .flatMap(([word, value]) => [h('dt', {}, word), h('dd', {}, value)]);
+
 // Keeps one element for each row, in the order of the rows; an element that stays keeps its focus.
-export function keyed(parent, rows, key, make, update) {
+// Elements before `first` are left alone.
+export function keyed(parent, rows, key, make, update, first = parent.firstElementChild) {
   const kept = (parent.kept ??= new Map());
   const wanted = new Set();
-  let before = parent.firstElementChild;
+  let before = first;
   for (const row of rows) {
     const name = key(row);
     wanted.add(name);
