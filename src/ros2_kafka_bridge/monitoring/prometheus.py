@@ -20,7 +20,7 @@ from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.monitoring.state import Watch
 from ros2_kafka_bridge.protocol.monitor import Lifecycle, Report, RouteReport, Worker
-from ros2_kafka_bridge.route.counters import BOUNDS_S, Distribution, Measures, Outcome, State
+from ros2_kafka_bridge.route.counters import BOUNDS_S, Distribution, Outcome, State
 
 PREFIX: Final = 'ros2_kafka_bridge_'
 _NO_ERRORS: Final = dict.fromkeys(
@@ -33,6 +33,7 @@ _NO_ERRORS: Final = dict.fromkeys(
 _PAGE_BYTES: Final = os.sysconf('SC_PAGE_SIZE')
 
 Labels = tuple[str, ...]
+MetricKind = Literal['gauge', 'counter', 'histogram']
 SampleValue = float | Distribution
 Sample = tuple[Labels, SampleValue]
 
@@ -60,6 +61,11 @@ class Seen(NamedTuple):
         """Those that have told their numbers: of the others not even a 0 is known."""
         return [route for route in self.listed if route.age_s is not None]
 
+    def direction(self, told: RouteReport) -> Direction | None:
+        """Of a route; None where its settings are not known."""
+        route = self.routes.get(told.snapshot.route)
+        return route.direction if route else None
+
 
 class MetricDefinition(NamedTuple):
     """A metric.
@@ -73,7 +79,7 @@ class MetricDefinition(NamedTuple):
     """
 
     name: str
-    kind: Literal['gauge', 'counter', 'histogram']
+    kind: MetricKind
     help: str
     labels: Labels
     samples: Callable[[Seen], Iterable[Sample]]
@@ -85,33 +91,40 @@ class MetricDefinition(NamedTuple):
 
 
 def _of_routes(
+    name: str,
+    kind: MetricKind,
+    about: str,
     read: Callable[[RouteReport], SampleValue | None],
-) -> Callable[[Seen], Iterator[Sample]]:
+    direction: Direction | None = None,
+) -> MetricDefinition:
+    """A metric of each route, or of each in one direction, as far as it is known."""
+
     def samples(seen: Seen) -> Iterator[Sample]:
         for told in seen.told:
-            value = read(told)
-            if value is not None:
+            is_meant = direction in {None, seen.direction(told)}
+            if is_meant and (value := read(told)) is not None:
                 yield (told.snapshot.route,), value
 
-    return samples
+    return MetricDefinition(name, kind, about, ('route',), samples)
 
 
-def _of_report(read: Callable[[Report], float]) -> Callable[[Seen], Iterator[Sample]]:
+def _of_workers(
+    name: str, kind: MetricKind, about: str, read: Callable[[Worker], float | None]
+) -> MetricDefinition:
+    def samples(seen: Seen) -> Iterator[Sample]:
+        for worker in seen.report.workers if seen.report else ():
+            if (value := read(worker)) is not None:
+                yield (str(worker.number),), value
+
+    return MetricDefinition(name, kind, about, ('worker',), samples)
+
+
+def _of_report(name: str, about: str, read: Callable[[Report], float]) -> MetricDefinition:
     def samples(seen: Seen) -> Iterator[Sample]:
         if seen.report is not None:
             yield (), read(seen.report)
 
-    return samples
-
-
-def _of_workers(read: Callable[[Worker], float | None]) -> Callable[[Seen], Iterator[Sample]]:
-    def samples(seen: Seen) -> Iterator[Sample]:
-        for worker in seen.report.workers if seen.report else ():
-            value = read(worker)
-            if value is not None:
-                yield (str(worker.number),), value
-
-    return samples
+    return MetricDefinition(name, 'gauge', about, (), samples)
 
 
 def _ended(seen: Seen) -> Iterator[Sample]:
@@ -153,18 +166,6 @@ def _about_routes(seen: Seen) -> Iterator[Sample]:
             yield (route.name, route.direction, *route.topics, kind, route.format), 1
 
 
-def _of_direction(
-    direction: Direction, read: Callable[[Measures], SampleValue]
-) -> Callable[[Seen], Iterator[Sample]]:
-    def samples(seen: Seen) -> Iterator[Sample]:
-        for told in seen.told:
-            route = seen.routes.get(told.snapshot.route)
-            if route is not None and route.direction is direction:
-                yield (told.snapshot.route,), read(told.snapshot.measures)
-
-    return samples
-
-
 def _spool_limits(seen: Seen) -> Iterator[Sample]:
     for told in seen.listed:
         route = seen.routes.get(told.snapshot.route)
@@ -180,130 +181,87 @@ def memory_bytes(pid: int) -> int | None:
         return None
 
 
-_ROUTE: Final = ('route',)
-_WORKER: Final = ('worker',)
-
 METRICS: Final = (
     MetricDefinition(
         'build_info', 'gauge', 'Version of the bridge.', ('version',),
         lambda _: [((__version__,), 1)],
     ),
-    MetricDefinition(
-        'messages_taken', 'counter', 'Records or messages that the route has taken.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.taken),
-    ),
+    _of_routes('messages_taken', 'counter', 'Records or messages that the route has taken.',
+        lambda told: told.snapshot.taken),
     MetricDefinition(
         'messages_ended', 'counter', 'What became of those that were taken, each in one outcome.',
         ('route', 'outcome'), _ended,
     ),
-    MetricDefinition(
-        'messages_in_flight', 'gauge', 'Taken and not ended yet.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.in_flight),
-    ),
-    MetricDefinition(
-        'messages_spooled', 'gauge', 'Waiting on disk for Kafka.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.spooled),
-    ),
-    MetricDefinition(
-        'messages_lost_upstream', 'counter', 'Lost before the bridge could take them, as far as '
-        'gaps in sequence numbers or offsets show.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.lost_upstream),
-    ),
-    MetricDefinition(
-        'messages_repeated', 'counter', 'Published again, because a reader had gone before it '
-        'confirmed them.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.repeated),
-    ),
-    MetricDefinition(
-        'messages_unproved', 'counter', 'Sent to Kafka though a record there has their publisher '
-        'and number, as the rest of its headers does not prove that it is theirs.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.unproved),
-    ),
-    MetricDefinition(
-        'bytes_taken', 'counter', 'Bytes of values of records or of CDR, taken.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.measures.bytes_taken),
-    ),
-    MetricDefinition(
-        'bytes_confirmed', 'counter', 'Bytes of what was confirmed, as it was taken.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.measures.bytes_confirmed),
-    ),
-    MetricDefinition(
-        'bytes_published', 'counter', 'Bytes of what was published to ROS where nothing confirms '
-        'it, as it was taken.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.measures.bytes_published),
-    ),
-    MetricDefinition(
-        'spool_bytes', 'gauge', 'Bytes that wait on disk.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.measures.spool_bytes),
-    ),
+    _of_routes('messages_in_flight', 'gauge', 'Taken and not ended yet.',
+        lambda told: told.snapshot.in_flight),
+    _of_routes('messages_spooled', 'gauge', 'Waiting on disk for Kafka.',
+        lambda told: told.snapshot.spooled),
+    _of_routes('messages_lost_upstream', 'counter',
+        'Lost before the bridge could take them, as far as gaps in sequence numbers or '
+        'offsets show.',
+        lambda told: told.snapshot.lost_upstream),
+    _of_routes('messages_repeated', 'counter',
+        'Published again, because a reader had gone before it confirmed them.',
+        lambda told: told.snapshot.repeated),
+    _of_routes('messages_unproved', 'counter',
+        'Sent to Kafka though a record there has their publisher and number, as the '
+        'rest of its headers does not prove that it is theirs.',
+        lambda told: told.snapshot.unproved),
+    _of_routes('bytes_taken', 'counter', 'Bytes of values of records or of CDR, taken.',
+        lambda told: told.snapshot.measures.bytes_taken),
+    _of_routes('bytes_confirmed', 'counter', 'Bytes of what was confirmed, as it was taken.',
+        lambda told: told.snapshot.measures.bytes_confirmed),
+    _of_routes('bytes_published', 'counter',
+        'Bytes of what was published to ROS where nothing confirms it, as it was taken.',
+        lambda told: told.snapshot.measures.bytes_published),
+    _of_routes('spool_bytes', 'gauge', 'Bytes that wait on disk.',
+        lambda told: told.snapshot.measures.spool_bytes),
     MetricDefinition(
         'spool_limit_bytes', 'gauge',
         'Bytes on disk with which it is full; only routes with a spool.',
-        _ROUTE, _spool_limits,
+        ('route',), _spool_limits,
     ),
     MetricDefinition(
         'errors', 'counter', 'Errors by their class.', ('route', 'error'), _errors,
     ),
-    MetricDefinition(
-        'bridge_seconds', 'histogram', 'From the take to the confirmation.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.measures.in_bridge),
-    ),
-    MetricDefinition(
-        'end_to_end_seconds', 'histogram', 'From the time of the record, or that of its '
-        'publisher, to its publication in ROS, or its confirmation by Kafka.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.measures.end_to_end),
-    ),
-    MetricDefinition(
-        'publish_seconds', 'histogram', 'From the take of a record to its publication '
-        '(Kafka to ROS).', _ROUTE,
-        _of_direction(Direction.KAFKA_TO_ROS, lambda measures: measures.published),
-    ),
-    MetricDefinition(
-        'produce_seconds', 'histogram', 'From handing a record to the producer to its delivery '
-        'report (ROS to Kafka).', _ROUTE,
-        _of_direction(Direction.ROS_TO_KAFKA, lambda measures: measures.round_trip),
-    ),
+    _of_routes('bridge_seconds', 'histogram', 'From the take to the confirmation.',
+        lambda told: told.snapshot.measures.in_bridge),
+    _of_routes('end_to_end_seconds', 'histogram',
+        'From the time of the record, or that of its publisher, to its publication in '
+        'ROS, or its confirmation by Kafka.',
+        lambda told: told.snapshot.measures.end_to_end),
+    _of_routes('publish_seconds', 'histogram',
+        'From the take of a record to its publication (Kafka to ROS).',
+        lambda told: told.snapshot.measures.published, Direction.KAFKA_TO_ROS),
+    _of_routes('produce_seconds', 'histogram',
+        'From handing a record to the producer to its delivery report (ROS to Kafka).',
+        lambda told: told.snapshot.measures.round_trip, Direction.ROS_TO_KAFKA),
     MetricDefinition(
         'broker_round_trip_seconds', 'gauge', 'Round trip to the slowest broker in the last '
         'seconds, as librdkafka measures it (ROS to Kafka).', ('route', 'quantile'),
         _broker_round_trip,
     ),
-    MetricDefinition(
-        'consumer_lag_records', 'gauge', 'Records in Kafka behind the last that has '
-        'ended (Kafka to ROS).', _ROUTE,
-        _of_routes(lambda told: told.snapshot.lag),
-    ),
-    MetricDefinition(
-        'sink_queue_messages', 'gauge', 'What the sink holds: the history of the ROS writer, the '
-        'queue of the producer.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.measures.queued),
-    ),
-    MetricDefinition(
-        'sink_queue_limit_messages', 'gauge', 'How much the sink may hold.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.measures.queue_limit),
-    ),
-    MetricDefinition(
-        'back_pressure_seconds', 'counter', 'For how long the sink has held the route back.',
-        _ROUTE, _of_routes(lambda told: told.snapshot.measures.waited_s),
-    ),
-    MetricDefinition(
-        'rebalances', 'counter', 'How often partitions came or went (Kafka to ROS).', _ROUTE,
-        _of_direction(Direction.KAFKA_TO_ROS, lambda measures: measures.rebalances),
-    ),
-    MetricDefinition(
-        'kafka_up', 'gauge', 'Whether Kafka answers the route; no sample while that is not '
-        'known.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.measures.kafka_up),
-    ),
-    MetricDefinition(
-        'dds_matched_endpoints', 'gauge', "DDS endpoints that match the route's own.", _ROUTE,
-        _of_routes(lambda told: told.snapshot.measures.matched),
-    ),
-    MetricDefinition(
-        'dds_mismatched_endpoints', 'gauge', "DDS endpoints on the route's topic that do not "
-        'match: their QoS or type differs.', _ROUTE,
-        _of_routes(lambda told: told.snapshot.measures.mismatched),
-    ),
+    _of_routes('consumer_lag_records', 'gauge',
+        'Records in Kafka behind the last that has ended (Kafka to ROS).',
+        lambda told: told.snapshot.lag),
+    _of_routes('sink_queue_messages', 'gauge',
+        'What the sink holds: the history of the ROS writer, the queue of the producer.',
+        lambda told: told.snapshot.measures.queued),
+    _of_routes('sink_queue_limit_messages', 'gauge', 'How much the sink may hold.',
+        lambda told: told.snapshot.measures.queue_limit),
+    _of_routes('back_pressure_seconds', 'counter',
+        'For how long the sink has held the route back.',
+        lambda told: told.snapshot.measures.waited_s),
+    _of_routes('rebalances', 'counter', 'How often partitions came or went (Kafka to ROS).',
+        lambda told: told.snapshot.measures.rebalances, Direction.KAFKA_TO_ROS),
+    _of_routes('kafka_up', 'gauge',
+        'Whether Kafka answers the route; no sample while that is not known.',
+        lambda told: told.snapshot.measures.kafka_up),
+    _of_routes('dds_matched_endpoints', 'gauge', "DDS endpoints that match the route's own.",
+        lambda told: told.snapshot.measures.matched),
+    _of_routes('dds_mismatched_endpoints', 'gauge',
+        "DDS endpoints on the route's topic that do not match: their QoS or type differs.",
+        lambda told: told.snapshot.measures.mismatched),
     MetricDefinition(
         'route_state', 'gauge', '1 for the state in which the route is, 0 for the others.',
         ('route', 'state'), _states,
@@ -312,22 +270,14 @@ METRICS: Final = (
         'route_info', 'gauge', 'What the route joins.',
         ('route', 'direction', 'source', 'sink', 'type', 'format'), _about_routes,
     ),
-    MetricDefinition(
-        'route_snapshot_age_seconds', 'gauge', "Age of the route's numbers.", _ROUTE,
-        _of_routes(lambda told: told.age_s),
-    ),
-    MetricDefinition(
-        'worker_up', 'gauge', 'Whether the process runs.', _WORKER,
-        _of_workers(lambda worker: float(worker.pid > 0)),
-    ),
-    MetricDefinition(
-        'worker_starts', 'counter', 'How often the process was started.', _WORKER,
-        _of_workers(lambda worker: worker.starts),
-    ),
-    MetricDefinition(
-        'worker_resident_memory_bytes', 'gauge', 'Memory of the process.', _WORKER,
-        _of_workers(lambda worker: memory_bytes(worker.pid) if worker.pid else None),
-    ),
+    _of_routes('route_snapshot_age_seconds', 'gauge', "Age of the route's numbers.",
+        lambda told: told.age_s),
+    _of_workers('worker_up', 'gauge', 'Whether the process runs.',
+        lambda worker: float(worker.pid > 0)),
+    _of_workers('worker_starts', 'counter', 'How often the process was started.',
+        lambda worker: worker.starts),
+    _of_workers('worker_resident_memory_bytes', 'gauge', 'Memory of the process.',
+        lambda worker: memory_bytes(worker.pid) if worker.pid else None),
     MetricDefinition(
         'lifecycle_state', 'gauge', '1 for the state in which the bridge is, 0 for the others.',
         ('state',), _lifecycle,
@@ -336,20 +286,14 @@ METRICS: Final = (
         'report_age_seconds', 'gauge', 'How long ago the supervisor has told all these numbers.',
         (), lambda seen: [((), seen.report_age_s)],
     ),
-    MetricDefinition(
-        'config_reload_success', 'gauge', 'Whether the last reload of the configuration '
-        'succeeded; 1 before the first.', (),
-        _of_report(lambda report: float(report.reload is None or report.reload.done)),
-    ),
-    MetricDefinition(
-        'config_reload_timestamp_seconds', 'gauge', 'When the configuration was last read, since '
-        '1970.', (),
-        _of_report(lambda report: report.reload.time_s if report.reload else report.started_s),
-    ),
-    MetricDefinition(
-        'start_time_seconds', 'gauge', 'When the bridge was started, since 1970.', (),
-        _of_report(lambda report: report.started_s),
-    ),
+    _of_report('config_reload_success',
+        'Whether the last reload of the configuration succeeded; 1 before the first.',
+        lambda report: float(report.reload is None or report.reload.done)),
+    _of_report('config_reload_timestamp_seconds',
+        'When the configuration was last read, since 1970.',
+        lambda report: report.reload.time_s if report.reload else report.started_s),
+    _of_report('start_time_seconds', 'When the bridge was started, since 1970.',
+        lambda report: report.started_s),
 )  # fmt: skip
 """Every metric, in the order in which they are told."""
 
