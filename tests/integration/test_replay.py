@@ -24,11 +24,11 @@ runpy.run_module(sys.argv[0], run_name='__main__', alter_sys=True)
 STARTER: Final = """
 import sys, threading
 from ros2_kafka_bridge.monitoring.replay import ReplayRunner
-from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
+from ros2_kafka_bridge.monitoring.replay_process import ReplayForm, ReplayOrder
 
 sys.executable = sys.argv[1]
 replay = ReplayRunner(lambda: None)
-order = ReplayOrder({}, 'orders.dead-letters', None)
+order = ReplayOrder({}, ReplayForm('orders.dead-letters', dry_run=True))
 # Who has asked for it is done long before the replay is.
 asking = threading.Thread(target=replay.start, args=(order,))
 asking.start()

@@ -5,7 +5,7 @@ import re
 from collections.abc import Awaitable, Callable
 from functools import partial
 from http import HTTPStatus
-from typing import Annotated, Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import msgspec
 from starlette.concurrency import run_in_threadpool
@@ -20,7 +20,7 @@ from ros2_kafka_bridge.logs.lines import RouteLog
 from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.monitoring import letters
 from ros2_kafka_bridge.monitoring.replay import ReplayRunner
-from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder
+from ros2_kafka_bridge.monitoring.replay_process import ReplayForm, ReplayOrder
 from ros2_kafka_bridge.monitoring.rights import Rights, is_of_own_user
 from ros2_kafka_bridge.monitoring.shared_cache import SharedCache
 from ros2_kafka_bridge.monitoring.state import Watch
@@ -38,17 +38,6 @@ class ReloadForm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Args: preview: Only tell what would change."""
 
     preview: bool
-
-
-class ReplayForm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """As `replay_process.Order`; `places` null means all."""
-
-    topic: str
-    dry_run: bool
-    places: Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=5000)] | None = None
-    to_ros: bool = False
-    again: bool = False
-    force: bool = False
 
 
 class NothingForm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -146,11 +135,7 @@ class Orders:
     async def _begin_replay(self, _request: Request, form: ReplayForm) -> Response:
         if problem := self._replay_problem(form):
             return refused(Refusal(HTTPStatus.BAD_REQUEST, problem))
-        configured = self._watch.configured
-        order = ReplayOrder(
-            configured.values, form.topic, form.places,
-            form.to_ros, form.dry_run, form.again, form.force,
-        )  # fmt: skip
+        order = ReplayOrder(self._watch.configured.values, form)
         if not await run_in_threadpool(self._replay.start, order):
             return refused(Refusal(HTTPStatus.CONFLICT, 'a replay runs already: wait for it'))
         return JSONResponse(self._replay.state(), HTTPStatus.ACCEPTED)

@@ -46,6 +46,7 @@ class ReplayRunner:
         Raises:
             OSError: There is no room for a process.
         """
+        form = order.form
         with self._lock:
             if self._process is not None:
                 return False
@@ -59,17 +60,17 @@ class ReplayRunner:
             self._lines.clear()
             self._state = {
                 'number': self._number,
-                'topic': order.topic,
-                'letters': None if order.places is None else len(order.places),
-                'to_ros': order.to_ros,
-                'dry_run': order.dry_run,
+                'topic': form.topic,
+                'letters': None if form.places is None else len(form.places),
+                'to_ros': form.to_ros,
+                'dry_run': form.dry_run,
                 'began_s': round(time.time()),
                 'status': None,
             }
             process = self._process
-        if not order.dry_run:
-            which = 'all letters' if order.places is None else f'{len(order.places)} letters'
-            self._log.info('replaying %s of %s, as the page was asked to', which, order.topic)
+        if not form.dry_run:
+            which = 'all letters' if form.places is None else f'{len(form.places)} letters'
+            self._log.info('replaying %s of %s, as the page was asked to', which, form.topic)
         threading.Thread(
             target=self._follow, args=(process, order), name='replay', daemon=True
         ).start()
@@ -114,6 +115,6 @@ class ReplayRunner:
             self._state['status'] = status
             self._process = None
             last = self._lines[-1] if self._lines else ''
-        if not order.dry_run:
-            self._log.info('the replay of %s has ended (%d): %s', order.topic, status, last)
+        if not order.form.dry_run:
+            self._log.info('the replay of %s has ended (%d): %s', order.form.topic, status, last)
         self._done()

@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 import time
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import msgspec
 
@@ -21,26 +21,36 @@ from ros2_kafka_bridge.errors import BridgeError
 _ENDING_S: Final = 5.0
 
 
-class ReplayOrder(msgspec.Struct, frozen=True):
-    """What is to be replayed, and how.
+class ReplayForm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is to be replayed, and how, as the page asks for it.
 
     Args:
-        values: The configuration, as `config.settings.restored` takes it.
         topic: The dead-letter topic.
+        dry_run: As `--dry-run`.
         places: The letters, as `topic[0]@5`; None for all of the topic.
         to_ros: As `--to ros`.
-        dry_run: As `--dry-run`.
         again: As `--again`.
         force: As `--force`.
     """
 
-    values: dict[str, Any]
     topic: str
-    places: tuple[str, ...] | None
+    dry_run: bool
+    places: Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=5000)] | None = None
     to_ros: bool = False
-    dry_run: bool = True
     again: bool = False
     force: bool = False
+
+
+class ReplayOrder(msgspec.Struct, frozen=True):
+    """What the process is told.
+
+    Args:
+        values: The configuration, as `config.settings.restored` takes it.
+        form: What it is to do.
+    """
+
+    values: dict[str, Any]
+    form: ReplayForm
 
 
 def _end_with_starter() -> None:
@@ -70,18 +80,18 @@ def main() -> int:
     from ros2_kafka_bridge.dead_letters.filter import LetterFilter  # noqa: PLC0415
     from ros2_kafka_bridge.dead_letters.letter import LetterPlace  # noqa: PLC0415
 
-    places = None
-    if order.places is not None:
-        places = frozenset(found for text in order.places if (found := LetterPlace.parse(text)))
+    form, places = order.form, None
+    if form.places is not None:
+        places = frozenset(found for text in form.places if (found := LetterPlace.parse(text)))
     options = replay.ReplayOptions(
-        to_ros=order.to_ros,
-        dry_run=order.dry_run,
-        again=order.again,
-        force=order.force,
-        all=order.places is None,
+        to_ros=form.to_ros,
+        dry_run=form.dry_run,
+        again=form.again,
+        force=form.force,
+        all=form.places is None,
     )
     try:
-        query = LetterQuery(restored(order.values), order.topic, LetterFilter(places=places))
+        query = LetterQuery(restored(order.values), form.topic, LetterFilter(places=places))
         return spoken(lambda: replay.replay(query, options))
     except BridgeError as error:
         print(error, file=sys.stderr)  # noqa: T201 (the words for the user)

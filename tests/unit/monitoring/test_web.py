@@ -75,9 +75,9 @@ def test_a_replay_is_of_a_topic_of_this_bridge_and_of_its_letters(site: Site) ->
     ):
         assert site.post('api/replay', wrong).status_code == 400, wrong
     first, second = site.replay.orders
-    assert (first.places, first.dry_run) == (None, True)
+    assert (first.form.places, first.form.dry_run) == (None, True)
     assert first.values == configured(CONFIG).values
-    assert second.places == tuple(places)
+    assert second.form.places == tuple(places)
     site.replay.runs = True
     assert site.post('api/replay', order).status_code == 409
     assert site.post('api/replay/stop').status_code == 200

@@ -240,7 +240,7 @@ function lagWords(routes, about) {
   return [count(total), noted(most.lag ? `most: ${most.name}` : 'records behind', unknown(rest, 'route'))];
 }
 
-export function kafkaWord(broker) {
+function kafkaWord(broker) {
   if (!broker) return '–';
   return broker.problem ? 'away' : counted(broker.brokers.length, 'broker');
 }

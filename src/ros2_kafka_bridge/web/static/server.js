@@ -70,7 +70,7 @@ async function* messages(body) {
   }
 }
 
-export class Refused extends Error {
+class Refused extends Error {
   constructor(text, status) {
     super(text);
     this.status = status;

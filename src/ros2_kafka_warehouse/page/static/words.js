@@ -2,7 +2,7 @@
 
 export const WALL = '@'; // or a shelf, in the rows of a site
 
-export const ROBOT_STATES = {
+const ROBOT_STATES = {
   carrying: { word: 'Carrying', share: 'working' },
   picking: { word: 'Picking', share: 'working' },
   dropping: { word: 'Dropping', share: 'working' },
@@ -24,7 +24,7 @@ export const SHARES = {
   failed: 'Failed',
 };
 
-export const ORDER_STATES = {
+const ORDER_STATES = {
   RECEIVED: ['Received', 'calm'],
   PLANNED: ['Planned', 'calm'],
   OPEN: ['Open', 'calm'],
