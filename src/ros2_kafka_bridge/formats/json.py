@@ -113,9 +113,6 @@ def make_encode(layout: Layout, scope: Scope) -> Callable[[bytes], bytes]:
         NaN and infinity where the settings refuse them.
     """
     style = _style(scope.json)
-    if style.non_finite == 'null':
-        # So msgspec writes NaN and infinity by itself: nobody has to look for them.
-        style = style._replace(non_finite='float')
     read = make_read(layout, make_structs(layout, style), style)
     to_json = msgspec.json.Encoder().encode
 

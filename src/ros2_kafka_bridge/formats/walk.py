@@ -1,21 +1,15 @@
 """Functions that walk over the CDR bytes of a message, made from the layout of its type.
 
-The bytes are what ROS 2 sends: a 4-byte encapsulation header (00 00 big endian, 00 01 little
-endian, 2 bytes of options), then plain XCDR1. There, a primitive is aligned to its own size,
-counted from behind the header.
-
-A layout becomes Python source once, when a route starts: it runs in the loop of the route, and
-no library reads XCDR1 without making an object of every field. Neighbouring fields of fixed
-size share one comparison. Names of fields never become source, only constants beside it.
+They validate it without making an object of any field. Neighbouring fields of fixed size share
+one comparison.
 """
 
 import difflib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.generated import compiled
+from ros2_kafka_bridge.formats.generated import Run, Source, visit
 from ros2_kafka_bridge.formats.walk_tools import TOOLS, Piece, by_order
 from ros2_kafka_bridge.message_types.layout import (
     PRIMITIVES,
@@ -43,10 +37,10 @@ def make_end(layout: Layout) -> Callable[[bytes], int]:
     Raises:
         ConfigError: The type is nested too deeply.
     """
-    code = _Code()
-    code.message(layout)
-    code.close()
-    return code.compile(layout.type_name)
+    walk = _Walk(layout)
+    walk.compare()
+    walk.source.line(f'return {_after(walk.run.size)}')
+    return walk.function()
 
 
 def make_reader(layout: Layout, path: str) -> Callable[[bytes], object]:
@@ -62,9 +56,7 @@ def make_reader(layout: Layout, path: str) -> Callable[[bytes], object]:
     """
     if problem := scalar_problem(layout, path):
         raise ConfigError([problem])
-    code = _Code(target=path)
-    code.message(layout)
-    return code.compile(layout.type_name)
+    return _Walk(layout, path).function()
 
 
 def scalar_problem(layout: Layout, path: str) -> str | None:
@@ -146,220 +138,144 @@ def _even(kind: Kind) -> _Even | None:
     return _Even(width, tuple(leaves)) if width else None
 
 
-@dataclass(slots=True)
-class _Code:
-    """The source of one function, written field by field in the order of the bytes.
+def _even_item(kind: Kind) -> _Even | None:
+    """Of a list: bools are looked at behind it, all at once."""
+    return _Even(1, ('',)) if kind == _BOOL else _even(kind)
 
-    In that source, `at` is an index into the value. The next field begins at `at + ahead`,
-    which is known to be `rest` modulo `modulus`, counted from behind the header.
-    `pieces` lie before it and are not yet compared with the size of the value.
+
+class _Walk:
+    """Writes the source of one function, field by field in the order of the bytes.
+
+    `pieces` are the primitives of the run that are not yet compared with the size of the value.
     """
 
-    target: str | None = None
-    done: bool = False
-    lines: list[str] = field(default_factory=list)
-    names: dict[str, Any] = field(default_factory=dict)
-    pieces: list[Piece] = field(default_factory=list)
-    loops: int = 0
-    ahead: int = 0
-    modulus: int = 8
-    rest: int = 0
+    def __init__(self, layout: Layout, target: str | None = None) -> None:
+        self.source = Source(layout.type_name)
+        self.run = Run(self.source, self.compare)
+        self.target = target
+        self.done = False
+        self.pieces: list[Piece] = []
+        self.message(layout, '')
 
-    def compile(self, type_name: str) -> Callable[[bytes], Any]:
-        scope = {**TOOLS, **self.names}
-        code = compiled('\n'.join([_HEAD, *self.lines]), type_name)
-        exec(code, scope)  # noqa: S102 -- our own text, see above
-        function: Callable[[bytes], Any] = scope['walk']
-        return function
+    def function(self) -> Callable[[bytes], Any]:
+        return self.source.function(_HEAD, TOOLS)
 
-    def close(self) -> None:
-        self._compare()
-        self._line(f'return {_after(self.ahead)}')
-
-    def message(self, layout: Layout, path: str = '') -> None:
+    def message(self, layout: Layout, path: str) -> None:
         for name, kind, *_ in layout.fields:
             if not self.done:
-                self._field(kind, f'{path}.{name}' if path else name)
+                visit(self, kind, f'{path}.{name}' if path else name)
         if not layout.fields:
             self._fixed(path or layout.type_name, 1)
 
-    def _field(self, kind: Kind, path: str) -> None:
-        match kind:
-            case Primitive():
-                self._primitive(kind, path)
-            case String():
-                self._string(kind, path)
-            case Array():
-                self._array(kind, path)
-            case Sequence():
-                self._sequence(kind, path)
-            case Layout():
-                self.message(kind, path)
-
-    def _primitive(self, kind: Primitive, path: str) -> None:
-        self._fixed(path, width_of(kind))
+    def number(self, kind: Primitive, path: str) -> None:
+        offset = self._fixed(path, width_of(kind))
         if kind == _BOOL:
-            self._bools(path, self.ahead - 1, 1)
+            self._bools(path, offset, 1)
         if path == self.target:
-            self._compare()
-            read = self._name(by_order(PRIMITIVES[kind.name]))
-            self._line(f'return {read}[value[1]](value, {_after(self.ahead - width_of(kind))})[0]')
+            self.compare()
+            read = self.source.constant(by_order(PRIMITIVES[kind.name]))
+            self.source.line(f'return {read}[value[1]](value, {_after(offset)})[0]')
             self.done = True
 
-    def _string(self, kind: String, path: str) -> None:
-        self._length(path)
-        self._bound(path, kind, 'units' if kind.wide else 'bytes')
+    def text(self, kind: String, path: str) -> None:
+        self._length(kind, path, 'units' if kind.wide else 'bytes')
         text = f'{"wide" if kind.wide else "narrow"}(value, at, stop, {self._place(path)})'
         if kind.wide:
-            self._line('stop = at + 4 * n')
-            self._line(text)
+            self.source.line('stop = at + 4 * n')
+            self.source.line(text)
         else:
-            self._line('stop = at + n')
-            self._line('if value.find(0, at, stop) != stop - 1 or not value[at:stop].isascii():')
-            self._line(f'    {text}')
+            line = 'if value.find(0, at, stop) != stop - 1 or not value[at:stop].isascii():'
+            self.source.line('stop = at + n')
+            self.source.line(line)
+            self.source.line(f'    {text}')
         if path == self.target:
-            self._line(f'return {text if kind.wide else "value[at:stop - 1].decode()"}')
+            self.source.line(f'return {text if kind.wide else "value[at:stop - 1].decode()"}')
             self.done = True
             return
-        self._line('at = stop')
-        self._know(4 if kind.wide else 1)
+        self.source.line('at = stop')
+        self.run.know(4 if kind.wide else 1)
 
-    def _array(self, kind: Array, path: str) -> None:
-        even = _even(kind.item)
-        if even:
-            self._fixed(path, even.width, even.leaves, kind.length * len(even.leaves))
-        elif kind.item == _BOOL:
-            self._fixed(path, 1, ('',), kind.length)
-            self._bools(path, self.ahead - kind.length, kind.length)
-        else:
+    def array(self, kind: Array, path: str) -> None:
+        even = _even_item(kind.item)
+        if even is None:
             self._loop(str(kind.length), kind.item, path)
-
-    def _sequence(self, kind: Sequence, path: str) -> None:
-        self._length(path)
-        self._bound(path, kind, 'items')
-        even = _even(kind.item)
-        if even or kind.item == _BOOL:
-            self._items(even or _Even(1, ('',)), path)
-        else:
-            self._line(f'if n * {_least(kind.item)} > size - at:')
-            self._line(f'    raise too_many(n, size - at, at, {self._place(path)})')
-            self._loop('n', kind.item, path)
+            return
+        offset = self._fixed(path, even.width, even.leaves, kind.length * len(even.leaves))
         if kind.item == _BOOL:
-            self._line('if value[at - n:at].translate(None, BOOLS):')
-            self._line(f'    raise not_bool(value, at - n, n, {self._place(path)})')
+            self._bools(path, offset, kind.length)
 
-    def _items(self, even: _Even, path: str) -> None:
-        """The `n` items of a sequence, as one step."""
+    def sequence(self, kind: Sequence, path: str) -> None:
+        self._length(kind, path, 'items')
+        even = _even_item(kind.item)
+        if even is None:
+            self.source.line(f'if n * {_least(kind.item)} > size - at:')
+            self.source.line(f'    raise too_many(n, size - at, at, {self._place(path)})')
+            self._loop('n', kind.item, path)
+            return
         bytes_each = even.width * len(even.leaves)
-        if even.width == 8:
-            # An empty sequence is not followed by the alignment of its items.
-            self._line('if n:')
-            self._line(f'    at = {_aligned(0, 8)}')
-        self._line(f'at += n * {bytes_each}')
-        piece = self._name(Piece(path, 0, even.width, even.leaves, 0))
-        self._line('if at > size:')
+        self.run.begin_items(even.width, 'n')
+        self.source.line(f'at += n * {bytes_each}')
+        piece = self.source.constant(Piece(path, 0, even.width, even.leaves, 0))
         start = f'at - n * {bytes_each}'
-        self._line(f'    raise short(size, {start}, [{piece}], {self._indices()}, n)')
-        self._know(min(even.width, 4))
+        self.source.line('if at > size:')
+        self.source.line(f'    raise short(size, {start}, [{piece}], {self._indices()}, n)')
+        if kind.item == _BOOL:
+            self.source.line('if value[at - n:at].translate(None, BOOLS):')
+            self.source.line(f'    raise not_bool(value, at - n, n, {self._place(path)})')
 
     def _loop(self, times: str, item: Kind, path: str) -> None:
-        self._move()
-        # Where an item begins depends on the items before it.
-        self._know(1)
-        self._line(f'for i{self.loops} in range({times}):')
-        self.loops += 1
-        self._field(item, f'{path}[{{{self.loops - 1}}}]')
-        self._move()
-        self.loops -= 1
-        self._know(1)
+        loops = self.source.depth - 1
+        with self.run.loop(f'for i{loops} in range({times}):'):
+            visit(self, item, f'{path}[{{{loops}}}]')
 
-    def _length(self, path: str) -> None:
+    def _length(self, kind: String | Sequence, path: str, unit: str) -> None:
         """Leaves the length of a string or sequence in `n`, and `at` behind it."""
-        self._fixed(path, 4)
-        self._compare()
-        self._line(f'n = u32(value, {_after(self.ahead - 4)})[0]')
-        self._move()
-
-    def _bound(self, path: str, kind: String | Sequence, unit: str) -> None:
-        if kind.bound is None:
-            return
-        # The length of a string counts its NUL.
-        extra = int(unit == 'bytes')
-        self._line(f'if n > {kind.bound + extra}:')
-        found = f'n - {extra}, {kind.bound}, "{unit}"'
-        self._line(f'    raise over_bound({found}, at - 4, {self._place(path)})')
+        offset = self._fixed(path, 4)
+        self.compare()
+        self.source.line(f'n = u32(value, {_after(offset)})[0]')
+        self.run.flush()
+        if kind.bound is not None:
+            # The length of a string counts its NUL.
+            extra = int(unit == 'bytes')
+            found = f'n - {extra}, {kind.bound}, "{unit}"'
+            self.source.line(f'if n > {kind.bound + extra}:')
+            self.source.line(f'    raise over_bound({found}, at - 4, {self._place(path)})')
 
     def _fixed(
         self, path: str, width: int, leaves: tuple[str, ...] | None = None, count: int = 1
-    ) -> None:
-        self._align(width)
-        self.pieces.append(Piece(path, self.ahead, width, leaves, count))
-        self.ahead += width * count
-        self.rest = (self.rest + width * count) % self.modulus
-
-    def _align(self, width: int) -> None:
-        if width <= self.modulus:
-            gap = -self.rest % width
-            self.ahead += gap
-            self.rest = (self.rest + gap) % self.modulus
-            return
-        self._compare()
-        self._line(f'at = {_aligned(self.ahead, width)}')
-        self._know(width)
+    ) -> int:
+        offset = self.run.add(width, count)
+        self.pieces.append(Piece(path, offset, width, leaves, count))
+        return offset
 
     def _bools(self, path: str, offset: int, count: int) -> None:
-        self._compare()
+        self.compare()
         start = _after(offset)
         bad = f'value[{start}:{start} + {count}].translate(None, BOOLS)'
-        self._line(f'if {bad if count > 1 else f"value[{start}] > 1"}:')
-        self._line(f'    raise not_bool(value, {start}, {count}, {self._place(path)})')
+        self.source.line(f'if {bad if count > 1 else f"value[{start}] > 1"}:')
+        self.source.line(f'    raise not_bool(value, {start}, {count}, {self._place(path)})')
 
-    def _compare(self) -> None:
+    def compare(self) -> None:
         """Holds all pieces against the size of the value, at once."""
         if self.pieces:
-            self._line(f'if {_after(self.ahead)} > size:')
-            pieces = self._name(tuple(self.pieces))
-            self._line(f'    raise short(size, at, {pieces}, {self._indices()})')
+            pieces = self.source.constant(tuple(self.pieces))
+            self.source.line(f'if {_after(self.run.size)} > size:')
+            self.source.line(f'    raise short(size, at, {pieces}, {self._indices()})')
             self.pieces.clear()
 
-    def _move(self) -> None:
-        self._compare()
-        if self.ahead:
-            self._line(f'at += {self.ahead}')
-            self.ahead = 0
-
-    def _know(self, modulus: int) -> None:
-        """From here on, only this is known of `at`: it is aligned to `modulus`."""
-        self.ahead, self.modulus, self.rest = 0, modulus, 0
-
-    def _line(self, text: str) -> None:
-        self.lines.append('    ' * (self.loops + 1) + text)
-
-    def _name(self, constant: object) -> str:
-        name = f'c{len(self.names)}'
-        self.names[name] = constant
-        return name
-
     def _indices(self) -> str:
-        return '(' + ''.join(f'i{loop}, ' for loop in range(self.loops)) + ')'
+        return '(' + ''.join(f'i{loop}, ' for loop in range(self.source.depth - 1)) + ')'
 
     def _place(self, path: str) -> str:
-        return f'{self._name(path)}, {self._indices()}'
+        return f'{self.source.constant(path)}, {self._indices()}'
 
 
 def _after(offset: int) -> str:
     return f'at + {offset}' if offset else 'at'
 
 
-def _aligned(offset: int, width: int) -> str:
-    # The 4 bytes of the header do not count, and matter from a width of 8 on.
-    if width == 8:
-        return f'({_after(offset + 3)} & -8) + 4'
-    return f'{_after(offset + width - 1)} & -{width}'
-
-
 _HEAD: Final = """
-def walk(value):
+def made(value):
     size = len(value)
     if size < 4 or value[0] or value[1] > 1:
         raise bad_header(value)

@@ -57,7 +57,7 @@ def make_message_read(layout: Layout, *, strict: bool) -> Read:
 
 def _fill(layout: Layout, made: dict[str, Fill]) -> Fill:
     if layout.type_name not in made:
-        source = Source()
+        source = Source(layout.type_name)
         for number, field in enumerate(layout.fields):
             _fill_field(source, field.name, field.kind, f'values.f{number}', made)
         source.line('return')
@@ -100,7 +100,7 @@ class _Reads:
 
     def read(self, layout: Layout) -> Read:
         if layout.type_name not in self._made:
-            source = Source()
+            source = Source(layout.type_name)
             if self._strict:
                 source.line('if unknown(message): raise UnknownFieldError')
             values = [self._value(source, field.name, field.kind) for field in layout.fields]

@@ -27,7 +27,8 @@ Structs: TypeAlias = Mapping[str, type[msgspec.Struct]]
 
 BYTES: Final = frozenset({'byte', 'uint8'})
 FLOATS: Final = frozenset({'float32', 'float64'})
-_WIDE_INTEGERS: Final = frozenset({'int64', 'uint64'})
+_UINT64: Final = Primitive('uint64')
+_WIDE_INTEGERS: Final = frozenset({Primitive('int64'), _UINT64})
 
 
 class Style(NamedTuple):
@@ -116,11 +117,13 @@ def _number(kind: Primitive, style: Style) -> Any:
     if kind.name in FLOATS:
         return _float(kind, style)
     limits = _LIMITS_UINT64 if kind.name == 'uint64' else _limits(kind)
-    if is_text(kind, style):
-        return Annotated[int, limits] | Annotated[str, msgspec.Meta(pattern=_WHOLE)]
-    if is_decimal(kind, style):
-        return Decimal
-    return Annotated[int, limits]
+    match converter_of(kind, style):
+        case 'str':
+            return Annotated[int, limits] | Annotated[str, msgspec.Meta(pattern=_WHOLE)]
+        case 'Decimal':
+            return Decimal
+        case _:
+            return Annotated[int, limits]
 
 
 # msgspec compares with int64 at most: what is more is told in the schema, and found by `write`.
@@ -148,15 +151,11 @@ def _float(kind: Primitive, style: Style) -> Any:
             return number
 
 
-def is_text(kind: Kind, style: Style) -> bool:
-    """Whether a number appears as text."""
-    wide = isinstance(kind, Primitive) and kind.name in _WIDE_INTEGERS
-    return wide and style.integers == 'string'
-
-
-def is_decimal(kind: Kind, style: Style) -> bool:
-    """Whether a number appears as a Decimal."""
-    return kind == Primitive('uint64') and style.integers == 'decimal'
+def converter_of(kind: Kind, style: Style) -> Literal['str', 'Decimal'] | None:
+    """The name of what makes of an integer what appears for it; None where that is itself."""
+    if kind in _WIDE_INTEGERS and style.integers == 'string':
+        return 'str'
+    return 'Decimal' if kind == _UINT64 and style.integers == 'decimal' else None
 
 
 def limits_of(kind: Primitive) -> tuple[int, int]:
@@ -203,11 +202,10 @@ def _zero(kind: Kind, style: Style, made: dict[str, type[msgspec.Struct]]) -> An
 
 
 def _shown(value: object, kind: Kind, style: Style) -> Any:
-    if is_text(kind, style):
-        return str(value)
     if isinstance(value, float) and style.non_finite == 'string':
         return NON_FINITE.get(str(value), value)
-    return Decimal(str(value)) if is_decimal(kind, style) else value
+    shown = {'str': str, 'Decimal': Decimal}.get(converter_of(kind, style) or '')
+    return shown(value) if shown else value
 
 
 def _shared(message: msgspec.Struct) -> Any:

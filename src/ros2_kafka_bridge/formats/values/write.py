@@ -8,13 +8,12 @@ import math
 import struct
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any, Final
 
 from ros2_kafka_bridge.errors import DecodeError, RecordTooLargeError
-from ros2_kafka_bridge.formats.generated import Run, Source
+from ros2_kafka_bridge.formats.generated import LENGTH, Run, Source, visit
 from ros2_kafka_bridge.formats.values.faults import first_fault
-from ros2_kafka_bridge.formats.values.structs import FLOATS, Style, is_byte, is_decimal, is_text
+from ros2_kafka_bridge.formats.values.structs import FLOATS, Style, converter_of, is_byte
 from ros2_kafka_bridge.message_types.layout import (
     PRIMITIVES,
     Array,
@@ -45,7 +44,7 @@ def make_write(
     Raises:
         ConfigError: The type is nested too deeply.
     """
-    quickly = _Writer(style, max_message_bytes).function(layout)
+    quickly = _Writer(layout, style, max_message_bytes).function()
 
     def write(message: Any) -> bytes:
         try:
@@ -60,153 +59,113 @@ def make_write(
     return write
 
 
-@dataclass(slots=True)
 class _Writer:
     """Writes the source of one function: `out` grows run by run, in the order of the bytes."""
 
-    style: Style
-    max_message_bytes: int
-    source: Source = field(default_factory=Source)
-    run: Run = field(default_factory=Run)
-    values: list[str] = field(default_factory=list)
-    floats: bool = False
-
-    def function(self, layout: Layout) -> Callable[[Any], Any]:
-        self.source.type_name = layout.type_name
-        self._message(layout, 'message')
-        self._flush()
+    def __init__(self, layout: Layout, style: Style, max_message_bytes: int) -> None:
+        self.style = style
+        self.max_message_bytes = max_message_bytes
+        self.source = Source(layout.type_name)
+        self.run = Run(self.source, self.pack, _aligned)
+        self.values: list[str] = []
+        self.floats = False
+        self.message(layout, 'message')
+        self.run.flush()
         self._check_size()
         self.source.line('return bytes(out)')
-        head = 'def made(message):\n    out = bytearray(HEADER)'
-        return self.source.function(head, _TOOLS)
+
+    def function(self) -> Callable[[Any], Any]:
+        return self.source.function('def made(message):\n    out = bytearray(HEADER)', _TOOLS)
 
     def _check_size(self) -> None:
         self.source.line(f'if len(out) > {self.max_message_bytes}:')
         self.source.line(f'    raise too_large(len(out), {self.max_message_bytes})')
 
-    def _message(self, layout: Layout, value: str) -> None:
+    def message(self, layout: Layout, value: str) -> None:
         if not layout.fields:
-            self.run.add('x', 1, values=0)
+            self.run.add(1)
+        name = self._named(value)
         for number, member in enumerate(layout.fields):
-            self._value(member.kind, f'{value}.f{number}')
-
-    def _value(self, kind: Kind, value: str) -> None:
-        match kind:
-            case Primitive():
-                self._align(width_of(kind))
-                self._add(kind, self._number(kind, value))
-            case String():
-                self._string(kind, value)
-            case Array():
-                self._array(kind, self._named(value))
-            case Sequence():
-                self._sequence(kind, self._named(value))
-            case Layout():
-                self._message(kind, self._named(value))
+            visit(self, member.kind, f'{name}.f{number}')
 
     def _named(self, value: str) -> str:
         name = self.source.variable()
         self.source.line(f'{name} = {value}')
         return name
 
-    def _number(self, kind: Primitive, value: str) -> str:
-        return f'int({value})' if self._converted(kind) else value
+    def number(self, kind: Primitive, value: str) -> None:
+        self._add(kind, f'int({value})' if converter_of(kind, self.style) else value)
 
     def _numbers(self, kind: Primitive, values: str) -> str:
-        return f'*map(int, {values})' if self._converted(kind) else f'*{values}'
-
-    def _converted(self, kind: Primitive) -> bool:
-        return is_text(kind, self.style) or is_decimal(kind, self.style)
+        return f'*map(int, {values})' if converter_of(kind, self.style) else f'*{values}'
 
     def _add(self, kind: Primitive, value: str, count: int = 1) -> None:
+        self.run.add(width_of(kind), count, PRIMITIVES[kind.name])
         self.floats = self.floats or kind.name in FLOATS
-        self.run.add(PRIMITIVES[kind.name], width_of(kind), count)
         self.values.append(value)
 
-    def _string(self, kind: String, value: str) -> None:
+    def text(self, kind: String, value: str) -> None:
         text = self._named(f'wide({value})' if kind.wide else f'{value}.encode()')
         if kind.bound is not None:
             limit = kind.bound * (4 if kind.wide else 1)
             self.source.line(f'if len({text}) > {limit}: raise ValueError')
-        if kind.wide:
-            self._length(f'len({text}) // 4')
-            self.source.line(f'out += {text}')
-            self.run.know(4)
-            return
-        self.source.line(f'if 0 in {text}: raise ValueError')
-        self._length(f'len({text}) + 1')
+        if not kind.wide:
+            self.source.line(f'if 0 in {text}: raise ValueError')
+        self._length(f'len({text}) // 4' if kind.wide else f'len({text}) + 1')
         self.source.line(f'out += {text}')
-        self.source.line('out.append(0)')
-        self.run.know(1)
+        if not kind.wide:
+            self.source.line('out.append(0)')
+        self.run.know(4 if kind.wide else 1)
 
-    def _array(self, kind: Array, value: str) -> None:
-        if is_byte(kind.item):
-            self.source.line(f'if len({value}) != {kind.length}: raise ValueError')
-            self.run.add('s', 1, kind.length, values=1)
-            self.values.append(f'bytes({value})')
-        elif isinstance(kind.item, Primitive):
-            # The number of values is checked by the module struct, for the whole run at once.
-            self.source.line(f'if len({value}) != {kind.length}: raise ValueError')
-            self._align(width_of(kind.item))
-            self._add(kind.item, self._numbers(kind.item, value), kind.length)
-        else:
-            self.source.line(f'if len({value}) != {kind.length}: raise ValueError')
-            self._loop(kind.item, value)
-
-    def _sequence(self, kind: Sequence, value: str) -> None:
-        if kind.bound is not None:
-            self.source.line(f'if len({value}) > {kind.bound}: raise ValueError')
-        self._length(f'len({value})')
+    def array(self, kind: Array, value: str) -> None:
+        name = self._named(value)
+        # The module struct checks the number of values for the whole run alone.
+        self.source.line(f'if len({name}) != {kind.length}: raise ValueError')
         if not isinstance(kind.item, Primitive):
-            self._loop(kind.item, value)
-            return
-        width = width_of(kind.item)
-        if is_byte(kind.item):
-            self.source.line(f'out += bytes({value})')
+            self._loop(kind.item, name)
+        elif is_byte(kind.item):
+            self.run.add(1, kind.length, 's')
+            self.values.append(f'bytes({name})')
         else:
-            if width == 8:
-                # An empty sequence is not followed by the alignment of its items.
-                self.source.line(f'if {value}: {_aligned(8)}')
-            codes = f'f"<{{len({value})}}{PRIMITIVES[kind.item.name]}"'
-            numbers = self._numbers(kind.item, value)
+            self._add(kind.item, self._numbers(kind.item, name), kind.length)
+
+    def sequence(self, kind: Sequence, value: str) -> None:
+        name = self._named(value)
+        if kind.bound is not None:
+            self.source.line(f'if len({name}) > {kind.bound}: raise ValueError')
+        self._length(f'len({name})')
+        if not isinstance(kind.item, Primitive):
+            self._loop(kind.item, name)
+            return
+        self.run.begin_items(width_of(kind.item), name)
+        if is_byte(kind.item):
+            self.source.line(f'out += bytes({name})')
+        else:
+            codes = f'f"<{{len({name})}}{PRIMITIVES[kind.item.name]}"'
             # Texts are all that json has beside numbers here, and float() takes them at once.
             one = 'float' if self.style.non_finite == 'string' else 'number'
+            numbers = self._numbers(kind.item, name)
             self._pack(f'pack({codes}, ', numbers, floats=kind.item.name in FLOATS, one=one)
-        self.run.know(min(width, 4))
 
     def _loop(self, item: Kind, values: str) -> None:
-        self._flush()
         value = self.source.variable()
-        self.source.line(f'for {value} in {values}:')
-        self.source.depth += 1
-        # Where an item begins depends on the items before it.
-        self.run.know(1)
-        self._value(item, value)
-        self._flush()
-        # An empty message of two bytes in a record may have kilobytes of arrays here.
-        self._check_size()
-        self.source.depth -= 1
-        self.run.know(1)
+        with self.run.loop(f'for {value} in {values}:'):
+            visit(self, item, value)
+            self.run.flush()
+            # An empty message of two bytes in a record may have kilobytes of arrays here.
+            self._check_size()
 
     def _length(self, length: str) -> None:
         """Writes the length of a string or sequence, and all before it."""
-        self._align(4)
-        self.run.add('I', 4)
-        self.values.append(length)
-        self._flush()
+        self._add(LENGTH, length)
+        self.run.flush()
 
-    def _align(self, width: int) -> None:
-        if not self.run.fits(width):
-            self._flush()
-            self.source.line(_aligned(width))
-            self.run.know(width)
-
-    def _flush(self) -> None:
-        """Writes the run, and begins another one behind it."""
+    def pack(self) -> None:
+        """Writes the run."""
         if self.run.size:
-            pack = self.source.constant(self.run.compiled().pack)
+            pack = self.source.constant(struct.Struct(f'<{self.run.codes}').pack)
             self._pack(f'{pack}(', ', '.join(self.values), floats=self.floats)
-        self.run.go_on()
+        self.run.begin()
         self.values.clear()
         self.floats = False
 
@@ -221,7 +180,7 @@ class _Writer:
         self.source.line(f'    out += {call}*map({one}, ({values},)))')
 
 
-def _aligned(width: int) -> str:
+def _aligned(_: int, width: int) -> str:
     # The 4 bytes of the header do not count, and matter from a width of 8 on.
     return f'out += PAD{width}[len(out) & {width - 1}]'
 
