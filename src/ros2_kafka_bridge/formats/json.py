@@ -15,7 +15,7 @@ from typing import Any, Final
 import msgspec
 
 from ros2_kafka_bridge.config.formats import JsonSettings
-from ros2_kafka_bridge.errors import DecodeError, EncodeError
+from ros2_kafka_bridge.errors import DecodeError
 from ros2_kafka_bridge.formats.foreign_objects import (
     envelope,
     make_foreign_reason,
@@ -116,13 +116,7 @@ def make_encode(layout: Layout, scope: Scope) -> Callable[[bytes], bytes]:
     read = make_read(layout, make_structs(layout, style), style)
     to_json = msgspec.json.Encoder().encode
 
-    def encode(message: bytes) -> bytes:
-        try:
-            return to_json(read(message))
-        except DecodeError as error:
-            raise EncodeError(str(error)) from None
-
-    return encode
+    return lambda message: to_json(read(message))
 
 
 def schema(layout: Layout, settings: JsonSettings) -> str:

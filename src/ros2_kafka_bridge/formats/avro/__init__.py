@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import msgspec
 
-from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
+from ros2_kafka_bridge.errors import ConfigError, DecodeError
 from ros2_kafka_bridge.formats.avro.schema import avro_schema, full_name
 from ros2_kafka_bridge.formats.avro.versions import (
     END,
@@ -66,14 +66,7 @@ def make_encode(layout: Layout, scope: Scope) -> Callable[[bytes], bytes]:
     sample = structs[layout.type_name]()
     to_avro = _registered(layout, scope, sample) if scope.schema.registry else _plain(layout)
 
-    def encode(message: bytes) -> bytes:
-        try:
-            made = read(message)
-        except DecodeError as error:
-            raise EncodeError(str(error)) from None
-        return to_avro(_builtins(made))
-
-    return encode
+    return lambda message: to_avro(_builtins(read(message)))
 
 
 def make_decode(layout: Layout, scope: Scope) -> Callable[[bytes | None], bytes]:

@@ -7,7 +7,7 @@ which message of it. Without one the value is the plain message, of the route's 
 from collections.abc import Callable
 from typing import Any
 
-from ros2_kafka_bridge.errors import DecodeError, EncodeError
+from ros2_kafka_bridge.errors import DecodeError
 from ros2_kafka_bridge.formats.looks import another_format
 from ros2_kafka_bridge.formats.protobuf.convert import (
     STYLE,
@@ -70,10 +70,7 @@ def make_encode(layout: Layout, scope: Scope) -> Callable[[bytes], bytes]:
 
     def encode(value: bytes) -> bytes:
         message = message_class()
-        try:
-            fill(message, read(value))
-        except DecodeError as error:
-            raise EncodeError(str(error)) from None
+        fill(message, read(value))
         encoded: bytes = message.SerializeToString()
         return prefix + encoded if prefix else encoded
 

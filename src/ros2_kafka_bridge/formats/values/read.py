@@ -13,7 +13,7 @@ from itertools import compress, count
 from operator import not_
 from typing import Any, Final
 
-from ros2_kafka_bridge.errors import DecodeError
+from ros2_kafka_bridge.errors import DecodeError, EncodeError
 from ros2_kafka_bridge.formats.cdr import make_exact
 from ros2_kafka_bridge.formats.generated import LENGTH, Run, Source, visit
 from ros2_kafka_bridge.formats.values.faults import first_fault
@@ -47,14 +47,17 @@ def make_read(layout: Layout, structs: Structs, style: Style) -> Callable[[bytes
         style: How values appear.
 
     Returns:
-        The function. It takes either byte order, and raises DecodeError for what is not one
+        The function. It takes either byte order, and raises EncodeError for what is not one
         message of this type, or has what the style refuses.
     """
     exact = make_exact(layout)
     by_order = [_Reader(order, structs, style, layout).function() for order in '><']
 
     def read(value: bytes) -> Any:
-        exact(value)
+        try:
+            exact(value)
+        except DecodeError as error:
+            raise EncodeError(str(error)) from None
         return by_order[value[1]](value)
 
     if style.non_finite != 'error':
@@ -71,7 +74,7 @@ def make_read(layout: Layout, structs: Structs, style: Style) -> Callable[[bytes
             return read(value)
         except _NonFiniteError:
             fault = first_fault(layout, as_floats()(value), style)
-            raise DecodeError(str(fault)) from None
+            raise EncodeError(str(fault)) from None
 
     return read_finite
 
