@@ -32,7 +32,7 @@ from ros2_kafka_bridge.formats.values.structs import (
     make_structs,
 )
 from ros2_kafka_bridge.formats.values.write import make_write
-from ros2_kafka_bridge.message_types.layout import Layout, Scalar
+from ros2_kafka_bridge.message_types.layout import Layout, Scalar, layouts_in
 
 _DIALECT: Final = 'https://json-schema.org/draft/2020-12/schema'
 
@@ -128,7 +128,8 @@ def schema(layout: Layout, settings: JsonSettings) -> str:
     structs = make_structs(layout, _style(settings))
     root = structs[layout.type_name]
     [top], inner = msgspec.json.schema_components([root], ref_template='#/$defs/{name}')
-    layouts = {_reference(one.type_name): one for one in _layouts(layout).values()}
+    # So msgspec names the definition of a type.
+    layouts = {name.replace('/', '_'): one for name, one in layouts_in(layout).items()}
     definitions = {
         name: _described(found, layouts[name], structs, settings) for name, found in inner.items()
     }
@@ -194,23 +195,6 @@ _NON_FINITE: Final = re.compile(rb'NaN|Infinity')
 
 
 # The schema
-
-
-def _layouts(layout: Layout) -> dict[str, Layout]:
-    """The layouts of a message type and of all types in it, by name."""
-    found = {layout.type_name: layout}
-    for field in layout.fields:
-        kind: Any = field.kind
-        while not isinstance(kind, Layout) and hasattr(kind, 'item'):
-            kind = kind.item
-        if isinstance(kind, Layout):
-            found |= _layouts(kind)
-    return found
-
-
-def _reference(type_name: str) -> str:
-    """How msgspec names the definition of a type."""
-    return type_name.replace('/', '_')
 
 
 def _described(

@@ -35,7 +35,7 @@ from ros2_kafka_bridge.message_types.installed import (
     read_installed,
     undescribed_source,
 )
-from ros2_kafka_bridge.message_types.layout import Array, Kind, Layout, Sequence
+from ros2_kafka_bridge.message_types.layout import Layout, with_layout
 from ros2_kafka_bridge.outside.extras import how_to_get_ros
 
 INSTALLED: Final = 'is installed here'
@@ -214,23 +214,13 @@ def _documented(layout: Layout, files: Mapping[str, Path], made: dict[str, Layou
         docs = _docs(layout, files)
         fields = tuple(
             field._replace(
-                kind=_documented_kind(field.kind, files, made),
+                kind=with_layout(field.kind, lambda held: _documented(held, files, made)),
                 doc=docs.fields.get(field.name, ''),
             )
             for field in layout.fields
         )
         made[name] = replace(layout, fields=fields, constants=docs.constants, doc=docs.doc)
     return made[name]
-
-
-def _documented_kind(kind: Kind, files: Mapping[str, Path], made: dict[str, Layout]) -> Kind:
-    match kind:
-        case Layout():
-            return _documented(kind, files, made)
-        case Array() | Sequence():
-            return replace(kind, item=_documented_kind(kind.item, files, made))
-        case _:
-            return kind
 
 
 def _docs(layout: Layout, files: Mapping[str, Path]) -> Docs:

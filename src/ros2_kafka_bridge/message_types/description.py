@@ -4,7 +4,6 @@ import ast
 import hashlib
 import json
 import re
-import struct
 from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any, Final, NamedTuple
@@ -22,6 +21,7 @@ from ros2_kafka_bridge.message_types.layout import (
     Scalar,
     Sequence,
     String,
+    limits_of,
 )
 
 
@@ -336,6 +336,5 @@ def _fitting_scalar(value: Any, kind: Kind) -> Scalar:
 
 
 def _is_within(value: int, name: str) -> bool:
-    size = struct.calcsize(PRIMITIVES[name])
-    lowest = -(1 << 8 * size - 1) if name.startswith('int') else 0
-    return lowest <= value < lowest + (1 << 8 * size)
+    least, most = limits_of(Primitive(name))
+    return least <= value <= most

@@ -1,7 +1,8 @@
 """What a message type looks like: its fields, and how they lie in the CDR bytes."""
 
 import struct
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, TypeAlias
 
 
@@ -127,9 +128,51 @@ def ros_type(kind: Kind) -> str:
             return kind.type_name
 
 
+def dotted_name(layout: Layout) -> str:
+    """The name of a type outside ROS: `std_msgs.msg.String`."""
+    return layout.type_name.replace('/', '.')
+
+
 def width_of(primitive: Primitive) -> int:
     """How many bytes a primitive has; it is aligned to as many."""
     return struct.calcsize('<' + PRIMITIVES[primitive.name])
+
+
+def limits_of(integer: Primitive) -> tuple[int, int]:
+    """The smallest and the largest value of an integer."""
+    bits = 8 * width_of(integer)
+    if PRIMITIVES[integer.name].isupper():
+        return 0, 2**bits - 1
+    return -(2 ** (bits - 1)), 2 ** (bits - 1) - 1
+
+
+def layouts_in(kind: Kind, found: dict[str, Layout] | None = None) -> dict[str, Layout]:
+    """The layouts of all message types in a kind, by name, in the order in which they come.
+
+    Args:
+        kind: The kind; that of a message type is the first itself.
+        found: Those that are known, which are added to.
+    """
+    found = {} if found is None else found
+    match kind:
+        case Array() | Sequence():
+            layouts_in(kind.item, found)
+        case Layout() if kind.type_name not in found:
+            found[kind.type_name] = kind
+            for field in kind.fields:
+                layouts_in(field.kind, found)
+    return found
+
+
+def with_layout(kind: Kind, change: Callable[[Layout], Layout]) -> Kind:
+    """A kind whose message type, where it has one, is changed."""
+    match kind:
+        case Layout():
+            return change(kind)
+        case Array() | Sequence():
+            return replace(kind, item=with_layout(kind.item, change))
+        case _:
+            return kind
 
 
 def is_bulk(kind: Kind) -> bool:

@@ -14,14 +14,13 @@ from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.message_types import document, load_layout
 from ros2_kafka_bridge.message_types.installed import has_key
 from ros2_kafka_bridge.message_types.layout import (
-    Array,
     Constant,
     Field,
-    Kind,
     Layout,
     Scalar,
-    Sequence,
+    layouts_in,
     ros_type,
+    with_layout,
 )
 
 _BETWEEN: Final = '=' * 80
@@ -38,8 +37,7 @@ def msg_files(layout: Layout) -> dict[str, str]:
     Raises:
         ConfigError: .msg cannot say all of it.
     """
-    layouts: dict[str, Layout] = {}
-    _collect(layout, layouts)
+    layouts = layouts_in(layout)
     for name in layouts:
         if has_key(name):
             raise _refused(name, 'fields of it are a DDS key: install its package')
@@ -61,16 +59,6 @@ def msg_text(layout: Layout) -> str:
 
 def _refused(name: str, why: str) -> ConfigError:
     return ConfigError([f'{name} cannot be written as .msg: {why}'])
-
-
-def _collect(kind: Kind, found: dict[str, Layout]) -> None:
-    match kind:
-        case Array() | Sequence():
-            _collect(kind.item, found)
-        case Layout() if kind.type_name not in found:
-            found[kind.type_name] = kind
-            for field in kind.fields:
-                _collect(field.kind, found)
 
 
 def _short(name: str) -> str:
@@ -172,19 +160,10 @@ def _defined(layout: Layout) -> Layout:
     return replace(
         layout,
         fields=tuple(
-            field._replace(kind=_defined_kind(field.kind), doc='') for field in layout.fields
+            field._replace(kind=with_layout(field.kind, _defined), doc='')
+            for field in layout.fields
         ),
         constants=tuple(constant._replace(doc='') for constant in layout.constants),
         doc='',
         type_hash=None,
     )
-
-
-def _defined_kind(kind: Kind) -> Kind:
-    match kind:
-        case Layout():
-            return _defined(kind)
-        case Array() | Sequence():
-            return replace(kind, item=_defined_kind(kind.item))
-        case _:
-            return kind

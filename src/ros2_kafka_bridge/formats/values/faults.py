@@ -5,8 +5,16 @@ import struct
 from collections.abc import Iterator
 from typing import Any, Final
 
-from ros2_kafka_bridge.formats.values.structs import FLOATS, Style, limits_of
-from ros2_kafka_bridge.message_types.layout import Array, Kind, Layout, Primitive, Sequence, String
+from ros2_kafka_bridge.formats.values.structs import FLOATS, Style
+from ros2_kafka_bridge.message_types.layout import (
+    Array,
+    Kind,
+    Layout,
+    Primitive,
+    Sequence,
+    String,
+    limits_of,
+)
 
 _SHOWN: Final = 60
 

@@ -19,16 +19,16 @@ from ros2_kafka_bridge.message_types.layout import (
     Primitive,
     Sequence,
     String,
-    width_of,
+    limits_of,
 )
 
 Structs: TypeAlias = Mapping[str, type[msgspec.Struct]]
 """The struct of each message type, by the name of the type."""
 
-BYTES: Final = frozenset({'byte', 'uint8'})
+_BYTES: Final = (Primitive('byte'), Primitive('uint8'))
 FLOATS: Final = frozenset({'float32', 'float64'})
 _UINT64: Final = Primitive('uint64')
-_WIDE_INTEGERS: Final = frozenset({Primitive('int64'), _UINT64})
+_WIDE_INTEGERS: Final = (Primitive('int64'), _UINT64)
 
 
 class Style(NamedTuple):
@@ -108,7 +108,7 @@ def _many(item: Kind, style: Style, made: dict[str, type[msgspec.Struct]]) -> An
 
 def is_byte(kind: Kind) -> bool:
     """Whether many of this kind are bytes."""
-    return isinstance(kind, Primitive) and kind.name in BYTES
+    return kind in _BYTES
 
 
 def _number(kind: Primitive, style: Style) -> Any:
@@ -116,7 +116,8 @@ def _number(kind: Primitive, style: Style) -> Any:
         return bool
     if kind.name in FLOATS:
         return _float(kind, style)
-    limits = _LIMITS_UINT64 if kind.name == 'uint64' else _limits(kind)
+    least, most = limits_of(kind)
+    limits = _LIMITS_UINT64 if kind == _UINT64 else msgspec.Meta(ge=least, le=most)
     match converter_of(kind, style):
         case 'str':
             return Annotated[int, limits] | Annotated[str, msgspec.Meta(pattern=_WHOLE)]
@@ -156,19 +157,6 @@ def converter_of(kind: Kind, style: Style) -> Literal['str', 'Decimal'] | None:
     if kind in _WIDE_INTEGERS and style.integers == 'string':
         return 'str'
     return 'Decimal' if kind == _UINT64 and style.integers == 'decimal' else None
-
-
-def limits_of(kind: Primitive) -> tuple[int, int]:
-    """The smallest and the largest value of an integer."""
-    bits = 8 * width_of(kind)
-    if kind.name == 'byte' or kind.name.startswith('u'):
-        return 0, 2**bits - 1
-    return -(2 ** (bits - 1)), 2 ** (bits - 1) - 1
-
-
-def _limits(kind: Primitive) -> msgspec.Meta:
-    least, most = limits_of(kind)
-    return msgspec.Meta(ge=least, le=most)
 
 
 def _default(field: Field, style: Style, made: dict[str, type[msgspec.Struct]]) -> Any:
