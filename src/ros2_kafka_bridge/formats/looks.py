@@ -3,8 +3,11 @@
 import re
 from typing import Final
 
-_FRAME: Final = 5
-_LARGEST_ID: Final = 2**31 - 1
+FRAME: Final = 5
+"""The bytes before a value: a zero byte, and the id of its schema."""
+LARGEST_ID: Final = 2**31 - 1
+"""An int of Java: no registry gives a larger one, or finds it."""
+
 _LIKELY_ID: Final = 10_000_000  # a registry counts from 1
 _JSON: Final = re.compile(rb'[ \t\r\n]{0,64}\{[ \t\r\n]{0,64}["}]')
 # As ROS 2 sends it: little endian, up to 3 bytes of padding.
@@ -17,7 +20,7 @@ _WITHOUT_REGISTRY: Final = (
 def framed_json(value: bytes) -> str | None:
     """Say that a JSON object stands behind the frame of a Schema Registry, and what to do."""
     schema_id = _framed_as(value)
-    if schema_id is None or not _JSON.match(value, _FRAME):
+    if schema_id is None or not _JSON.match(value, FRAME):
         return None
     return (
         f"JSON behind a Schema Registry's frame (schema {schema_id}): let the producer write "
@@ -33,7 +36,7 @@ def unframed(value: bytes) -> str:
 
 def cdr_as_id(schema_id: int) -> str:
     """The end of a reason: whether an id that no schema has was the header of CDR."""
-    return another_format(b'\0' + schema_id.to_bytes(_FRAME - 1, 'big'), 'registry')
+    return another_format(b'\0' + schema_id.to_bytes(FRAME - 1, 'big'), 'registry')
 
 
 def another_format(value: bytes, reads: str) -> str:
@@ -53,7 +56,7 @@ def another_format(value: bytes, reads: str) -> str:
     schema_id = _framed_as(value)
     if schema_id is None or schema_id > _LIKELY_ID:
         return ''
-    if _JSON.match(value, _FRAME):
+    if _JSON.match(value, FRAME):
         return f"; is it JSON behind a Schema Registry's frame (schema {schema_id})?"
     is_reader = reads in {'avro', 'protobuf'}
     cure = 'schema: {registry: true}' if is_reader else 'format: avro or protobuf'
@@ -62,7 +65,7 @@ def another_format(value: bytes, reads: str) -> str:
 
 def _framed_as(value: bytes) -> int | None:
     """The id of a schema that seems to stand before a value; None where none does."""
-    if value[:1] != b'\0' or len(value) <= _FRAME or _CDR.match(value):
+    if value[:1] != b'\0' or len(value) <= FRAME or _CDR.match(value):
         return None
-    schema_id = int.from_bytes(value[1:_FRAME], 'big')
-    return schema_id if 0 < schema_id <= _LARGEST_ID else None
+    schema_id = int.from_bytes(value[1:FRAME], 'big')
+    return schema_id if 0 < schema_id <= LARGEST_ID else None

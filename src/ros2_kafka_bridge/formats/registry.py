@@ -16,9 +16,10 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 from weakref import finalize
 
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, DecodeError, RouteError
-from ros2_kafka_bridge.formats.looks import cdr_as_id, unframed
+from ros2_kafka_bridge.formats.looks import FRAME, LARGEST_ID, cdr_as_id, unframed
 from ros2_kafka_bridge.kafka.properties import PropertyValue, is_secret
 from ros2_kafka_bridge.message_types.definition import has_parser
+from ros2_kafka_bridge.message_types.layout import Layout, dotted_name
 from ros2_kafka_bridge.outside.masking import (
     MASK,
     finding,
@@ -41,21 +42,16 @@ _DEFAULTS: Final[dict[str, PropertyValue]] = {
     'retries.wait.ms': 200,
     'retries.max.wait.ms': 1000,
 }
-_STRATEGIES: Final = {'topic': 'TOPIC', 'record': 'RECORD', 'topic_record': 'TOPIC_RECORD'}
 _NO_REGISTRY: Final = (
     'no Schema Registry: add schema_registry: {url: ...} to the file, or '
     'schema: {registry: false} to the route'
 )
 _ADDRESSES: Final = ('url', 'proxy', 'bearer.auth.issuer.endpoint.url')
 _SHORTEST_SECRET: Final = 8
-_MAGIC: Final = 0
 _LONGEST_ANSWER: Final = 2000
-_LARGEST_ID: Final = 2**31 - 1  # an int of Java: no registry gives a larger one, or finds it
 _MISSING_S: Final = 5.0
 _MOST_MISSING: Final = 1000
 
-FRAME: Final = 5
-"""The bytes before a value: a zero byte, and the id of its schema."""
 NO_SCHEMA: Final = 40403
 _NOT_FOUND: Final = frozenset({40401, 40402, NO_SCHEMA})  # subject, version, schema
 _NOT_FOUND_BY_HTTP: Final = 404
@@ -68,15 +64,15 @@ class UnusableSchemaError(Exception):
 
 def strategy(scope: 'Scope') -> str:
     """The `subject.name.strategy.type` of confluent, whose default would ask the network."""
-    return _STRATEGIES[scope.schema.subject]
+    return scope.schema.subject.upper()
 
 
-def subject(scope: 'Scope', record_name: str) -> str:
+def subject(scope: 'Scope', layout: Layout) -> str:
     """The subject of a record's value, by the strategy of the route."""
     return {
         'topic': f'{scope.topic}-value',
-        'record': record_name,
-        'topic_record': f'{scope.topic}-{record_name}',
+        'record': dotted_name(layout),
+        'topic_record': f'{scope.topic}-{dotted_name(layout)}',
     }[scope.schema.subject]
 
 
@@ -86,23 +82,16 @@ def framed_id(value: bytes) -> int:
     Raises:
         DecodeError: The value does not begin so, or with what is the id of no schema.
     """
-    if len(value) < FRAME:
-        raise DecodeError(
-            f'{len(value)} bytes: a value with the id of its schema has at least {FRAME}'
-            f'{unframed(value)}'
-        )
-    if value[0] != _MAGIC:
-        raise DecodeError(
-            f'begins with {value[0]:#04x}, and the id of a schema has a zero byte before it'
-            f'{unframed(value)}'
-        )
     schema_id = int.from_bytes(value[1:FRAME], 'big')
-    if schema_id > _LARGEST_ID:
-        raise DecodeError(
-            f'begins as with the id {schema_id} of a schema, and none is above {_LARGEST_ID}'
-            f'{unframed(value)}'
-        )
-    return schema_id
+    if len(value) < FRAME:
+        said = f'{len(value)} bytes: a value with the id of its schema has at least {FRAME}'
+    elif value[0]:
+        said = f'begins with {value[0]:#04x}, and the id of a schema has a zero byte before it'
+    elif schema_id > LARGEST_ID:
+        said = f'begins as with the id {schema_id} of a schema, and none is above {LARGEST_ID}'
+    else:
+        return schema_id
+    raise DecodeError(f'{said}{unframed(value)}')
 
 
 def open_registry(scope: 'Scope') -> 'Registry':
@@ -277,37 +266,30 @@ class Registry:
 
         from ros2_kafka_bridge.formats.answers import UnboundedError  # noqa: PLC0415 -- the same
 
+        where, question = f'Schema Registry {self.url}', 'does url name a Schema Registry?'
         try:
             with self.bounds.kept():
                 yield
         except UnboundedError as error:
-            raise RouteError(
-                f'Schema Registry {self.url}: {error}: does url name a Schema Registry?'
-            ) from None
+            raise RouteError(f'{where}: {error}: {question}') from None
         except SchemaRegistryError as error:
             raise self._refused(error, about, missing, schema_id) from None
         except (httpx.UnsupportedProtocol, httpx.InvalidURL) as error:
             raise ConfigError([f'schema_registry: url: {self._shown(error)}']) from None
         except httpx.HTTPError as error:
-            raise RouteError(f'Schema Registry {self.url}: {self._away(error)}') from None
+            raise RouteError(f'{where}: {self._away(error)}') from None
         except OAuthTokenError as error:
-            raise RouteError(
-                f'Schema Registry {self.url}: no token from bearer.auth.issuer.endpoint.url: '
-                f'{self._shown(error.message)}'
-            ) from None
+            said = f'no token from bearer.auth.issuer.endpoint.url: {self._shown(error.message)}'
+            raise RouteError(f'{where}: {said}') from None
         except (BridgeError, UnusableSchemaError):
             raise
         except Exception as error:
+            said = f'{where}: answers with something else than'
             if type(error).__name__ == 'JSONDecodeError':  # the client has it of several libraries
-                raise RouteError(
-                    f'Schema Registry {self.url}: answers with something else than JSON: '
-                    'does url name a Schema Registry?'
-                ) from None
+                raise RouteError(f'{said} JSON: {question}') from None
             # JSON of another shape goes wrong wherever the client looks at it first.
-            raise RouteError(
-                f'Schema Registry {self.url}: answers with something else than a registry does '
-                f'({self._shown(error) or type(error).__name__}): does url name a Schema Registry?'
-            ) from error
+            found = self._shown(error) or type(error).__name__
+            raise RouteError(f'{said} a registry does ({found}): {question}') from error
 
     def _shown(self, error: object) -> str:
         return _shown(self.mask, error)[:_LONGEST_ANSWER]

@@ -14,8 +14,7 @@ from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.formats import FORMATS
-from ros2_kafka_bridge.formats.avro.schema import avro_schema, full_name
-from ros2_kafka_bridge.formats.protobuf.schema import message_name
+from ros2_kafka_bridge.formats.avro.schema import avro_schema
 from ros2_kafka_bridge.formats.registry import Registry, framed_id, open_registry, subject
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.values.structs import Style, make_structs
@@ -66,9 +65,7 @@ class _Asking(NamedTuple):
 
     @property
     def subject(self) -> str:
-        is_avro = self.schema_format == 'avro'
-        name = full_name(self.layout) if is_avro else message_name(self.layout.type_name)
-        return subject(self.scope, name)
+        return subject(self.scope, self.layout)
 
     @property
     def where(self) -> str:

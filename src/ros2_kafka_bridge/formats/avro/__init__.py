@@ -15,7 +15,7 @@ from typing import Any, Final
 import msgspec
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError
-from ros2_kafka_bridge.formats.avro.schema import avro_schema, full_name
+from ros2_kafka_bridge.formats.avro.schema import avro_schema
 from ros2_kafka_bridge.formats.avro.versions import (
     END,
     END_BYTES,
@@ -25,9 +25,8 @@ from ros2_kafka_bridge.formats.avro.versions import (
     text_in,
     version_of,
 )
-from ros2_kafka_bridge.formats.looks import another_format
+from ros2_kafka_bridge.formats.looks import FRAME, another_format
 from ros2_kafka_bridge.formats.registry import (
-    FRAME,
     Registry,
     framed_id,
     open_registry,
@@ -38,7 +37,7 @@ from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.values.read import make_read
 from ros2_kafka_bridge.formats.values.structs import Style, explain, make_structs
 from ros2_kafka_bridge.formats.values.write import make_write
-from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.message_types.layout import Layout, dotted_name
 from ros2_kafka_bridge.outside.extras import missing_extra
 
 STYLE: Final = Style(integers='decimal', missing='default', unknown='ignore')
@@ -140,7 +139,7 @@ def _by_type(layout: Layout) -> Callable[[bytes], Any]:
     from fastavro import parse_schema, schemaless_reader  # noqa: PLC0415 -- as above
 
     schema = parse_schema(avro_schema(layout))
-    name = full_name(layout)
+    name = dotted_name(layout)
 
     def from_avro(value: bytes) -> Any:
         stream = io.BytesIO(value)
@@ -168,7 +167,7 @@ def _registered(layout: Layout, scope: Scope, sample: msgspec.Struct) -> Callabl
 
     schema = avro_schema(layout)
     auto_register = scope.schema.auto_register
-    place = subject(scope, full_name(layout))
+    place = subject(scope, layout)
     # From then on it asks no more: the connection is not needed either.
     with (
         closing(registry.client),

@@ -19,6 +19,8 @@ from ros2_kafka_bridge.message_types.layout import (
     Scalar,
     Sequence,
     String,
+    dotted_name,
+    ros_type,
 )
 
 FILLER: Final = 'structure_needs_at_least_one_member'
@@ -57,14 +59,9 @@ def avro_schema(layout: Layout) -> dict[str, Any]:
     return _record(layout, set())
 
 
-def full_name(layout: Layout) -> str:
-    """The name of a type's record: `std_msgs.msg.String`."""
-    return layout.type_name.replace('/', '.')
-
-
 def _record(layout: Layout, defined: set[str]) -> dict[str, Any]:
     defined.add(layout.type_name)
-    namespace, _, name = full_name(layout).rpartition('.')
+    namespace, _, name = dotted_name(layout).rpartition('.')
     schema: dict[str, Any] = {'type': 'record', 'name': name, 'namespace': namespace}
     schema |= {'doc': layout.doc} if layout.doc else {}
     schema['ros.type'] = layout.type_name
@@ -76,7 +73,7 @@ def _record(layout: Layout, defined: set[str]) -> dict[str, Any]:
 
 
 def _constant(constant: Constant) -> dict[str, Any]:
-    shown: dict[str, Any] = {'name': constant.name, 'type': _ros_type(constant.kind)}
+    shown: dict[str, Any] = {'name': constant.name, 'type': ros_type(constant.kind)}
     # What no number of JSON says; libraries of Java lose integers beyond 64 bits with a sign.
     is_number = _is_finite(constant.value) and not _is_wide(constant.value)
     shown['value'] = constant.value if is_number else str(constant.value)
@@ -107,12 +104,12 @@ def _type(kind: Kind, defined: set[str]) -> Any:
             more = _bound(kind) | ({'ros.type': 'wstring'} if kind.wide else {})
             return {'type': 'string', **more} if more else 'string'
         case Array() | Sequence() if is_byte(kind.item):
-            return {'type': 'bytes', 'ros.type': _ros_type(kind.item), **_bound(kind)}
+            return {'type': 'bytes', 'ros.type': ros_type(kind.item), **_bound(kind)}
         case Array() | Sequence():
             return {'type': 'array', 'items': _type(kind.item, defined), **_bound(kind)}
         case Layout():
             known = kind.type_name in defined
-            return full_name(kind) if known else _record(kind, defined)
+            return dotted_name(kind) if known else _record(kind, defined)
 
 
 def _uint64(defined: set[str]) -> Any:
@@ -130,16 +127,6 @@ def _uint64(defined: set[str]) -> Any:
         'scale': 0,
         'ros.type': 'uint64',
     }
-
-
-def _ros_type(kind: Kind) -> str:
-    match kind:
-        case String():
-            return 'wstring' if kind.wide else 'string'
-        case Primitive():
-            return kind.name
-        case _:
-            raise AssertionError(kind)
 
 
 def _bound(kind: String | Array | Sequence) -> dict[str, int]:

@@ -10,11 +10,7 @@ from confluent_kafka.schema_registry.serde import SchemaId
 from confluent_kafka.serialization import MessageField, SerializationContext
 
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.formats.protobuf.schema import (
-    make_files,
-    message_name,
-    protobuf_sources,
-)
+from ros2_kafka_bridge.formats.protobuf.schema import make_files, protobuf_sources
 from ros2_kafka_bridge.formats.registry import open_registry, strategy, subject
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.message_types.layout import Layout
@@ -39,7 +35,7 @@ def registered(layout: Layout, message_class: Any, scope: Scope) -> bytes:
         'subject.name.strategy.type': strategy(scope),
     }
     serializer = ProtobufSerializer(message_class, registry.client, properties)
-    where = subject(scope, message_name(layout.type_name))
+    where = subject(scope, layout)
     context = SerializationContext(scope.topic, MessageField.VALUE)
     told = registry.registering(where, layout.type_name, 'protobuf', auto_register=auto_register)
     with registry.client, told:

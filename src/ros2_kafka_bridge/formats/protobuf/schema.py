@@ -23,6 +23,7 @@ from ros2_kafka_bridge.message_types.layout import (
     Primitive,
     Sequence,
     String,
+    dotted_name,
     ros_type,
 )
 from ros2_kafka_bridge.outside.extras import missing_extra
@@ -62,11 +63,6 @@ def _protobuf() -> _Protobuf:
     return _Protobuf(descriptor_pb2, descriptor_pool, message_factory, meta_pb2, FieldDescriptor)
 
 
-def message_name(type_name: str) -> str:
-    """The full name of a type in Protobuf: `std_msgs.msg.Header`."""
-    return type_name.replace('/', '.')
-
-
 def file_name(type_name: str) -> str:
     """The file of a type, which is also the name of its reference in a Schema Registry."""
     return f'{type_name}.proto'
@@ -99,7 +95,7 @@ def make_class(layout: Layout) -> 'type[Message]':
         pool.AddSerializedFile(shipped.serialized_pb)
     for file in make_files(layout):
         pool.Add(file)
-    descriptor = pool.FindMessageTypeByName(message_name(layout.type_name))
+    descriptor = pool.FindMessageTypeByName(dotted_name(layout))
     made: type[Message] = protobuf.message_factory.GetMessageClass(descriptor)
     return made
 
@@ -138,7 +134,7 @@ def _add_file(layout: Layout, protobuf: _Protobuf, made: 'dict[str, FileDescript
     inner = {kind.type_name: kind for kind in map(_item, layout.fields) if _is_layout(kind)}
     for kind in inner.values():
         _add_file(kind, protobuf, made)
-    package, _, name = message_name(layout.type_name).rpartition('.')
+    package, _, name = dotted_name(layout).rpartition('.')
     _check_name(layout.type_name, name)
     file = protobuf.descriptor_pb2.FileDescriptorProto(
         name=file_name(layout.type_name), package=package, syntax='proto3'
@@ -188,7 +184,7 @@ def _add_field(
         raise ConfigError([f'{where}: format protobuf cannot carry a list of lists'])
     if isinstance(item, Layout):
         made.type = protobuf.types.TYPE_MESSAGE
-        made.type_name = f'.{message_name(item.type_name)}'
+        made.type_name = f'.{dotted_name(item)}'
     elif isinstance(field.kind, Array | Sequence) and is_byte(item):
         made.type = protobuf.types.TYPE_BYTES
     else:

@@ -15,6 +15,13 @@ from google.protobuf.descriptor_pb2 import (
     FileDescriptorProto,
 )
 
+WORDS: Final = {
+    number: name.removeprefix('TYPE_').lower()
+    for name, number in vars(FieldDescriptor).items()
+    if name.startswith('TYPE_')
+}
+"""The types of fields, as a source text has them."""
+
 
 def source(file: FileDescriptorProto) -> str:
     """The source text of a file, as far as the bridge's schemas and `confluent/meta.proto` go."""
@@ -70,10 +77,10 @@ def _field(field: FieldDescriptorProto, maps: dict[str, DescriptorProto]) -> Ite
 def _type(field: FieldDescriptorProto, maps: dict[str, DescriptorProto]) -> str:
     entry = maps.get(field.type_name.rpartition('.')[2])
     if entry is not None:
-        key, value = (_WORDS[member.type] for member in entry.field)
+        key, value = (WORDS[member.type] for member in entry.field)
         return f'map<{key}, {value}>'
     repeated = 'repeated ' if field.label == FieldDescriptor.LABEL_REPEATED else ''
-    return repeated + (field.type_name or _WORDS[field.type])
+    return repeated + (field.type_name or WORDS[field.type])
 
 
 def _meta(described: DescriptorProto | FieldDescriptorProto, name: str) -> Any:
@@ -102,14 +109,3 @@ def _text(text: str) -> str:
 
 _IN: Final = '  '
 _ESCAPES: Final = {ord('"'): '\\"', ord('\\'): '\\\\', ord('\n'): '\\n'}
-_WORDS: Final = {
-    FieldDescriptor.TYPE_BOOL: 'bool',
-    FieldDescriptor.TYPE_BYTES: 'bytes',
-    FieldDescriptor.TYPE_DOUBLE: 'double',
-    FieldDescriptor.TYPE_FLOAT: 'float',
-    FieldDescriptor.TYPE_INT32: 'int32',
-    FieldDescriptor.TYPE_INT64: 'int64',
-    FieldDescriptor.TYPE_STRING: 'string',
-    FieldDescriptor.TYPE_UINT32: 'uint32',
-    FieldDescriptor.TYPE_UINT64: 'uint64',
-}

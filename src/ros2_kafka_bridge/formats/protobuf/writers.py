@@ -22,6 +22,7 @@ from google.protobuf.message import DecodeError as MalformedError
 
 from ros2_kafka_bridge.errors import DecodeError
 from ros2_kafka_bridge.formats.looks import framed_json
+from ros2_kafka_bridge.formats.protobuf.source import WORDS
 from ros2_kafka_bridge.formats.references import referenced
 from ros2_kafka_bridge.formats.registry import (
     Registry,
@@ -259,15 +260,10 @@ _WIDER: Final = {
     _T.TYPE_STRING: {_T.TYPE_BYTES},
     _T.TYPE_BYTES: {_T.TYPE_STRING},
 }
-_WORDS: Final = {
-    number: name.removeprefix('TYPE_').lower()
-    for name, number in vars(_T).items()
-    if name.startswith('TYPE_')
-}
 
 
 def _shown(field: FieldDescriptor) -> str:
-    word = field.message_type.full_name if field.message_type else _WORDS[field.type]
+    word = field.message_type.full_name if field.message_type else WORDS[field.type]
     return f'repeated {word}' if field.is_repeated else word
 
 
