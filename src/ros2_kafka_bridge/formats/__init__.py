@@ -8,7 +8,7 @@ type and the settings alone; from outside only a Schema Registry is asked.
 from collections.abc import Callable
 from importlib import import_module
 from types import ModuleType
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from ros2_kafka_bridge.errors import (
     BridgeError,
@@ -33,36 +33,20 @@ Value = TypeVar('Value', bound=bytes | None)
 Converted = TypeVar('Converted')
 
 
-class MakeDecode(Protocol):
-    """Makes the decode function for one message type."""
-
-    def __call__(self, layout: Layout, scope: Scope, /) -> Decode:
-        """Raises ConfigError where the format cannot carry the type.
-
-        The function made may raise RouteError, too, where a Schema Registry does not answer.
-        """
-        ...
-
-
-class MakeEncode(Protocol):
-    """Makes the encode function for one message type."""
-
-    def __call__(self, layout: Layout, scope: Scope, /) -> Encode:
-        """Raises ConfigError where the format cannot carry the type, and RouteError where a
-        Schema Registry does not answer or refuses the schema: the function made asks no network.
-        """
-        ...
-
-
 class Format(NamedTuple):
     """One way to write a message into a record.
 
     Args:
+        make_decode: Raises ConfigError where the format cannot carry the type. The function made
+            may raise RouteError, too, where a Schema Registry does not answer.
+        make_encode: Raises ConfigError where the format cannot carry the type, and RouteError
+            where a Schema Registry does not answer or refuses the schema: the function made asks
+            no network.
         message_types: The types that it can carry; None means every type.
     """
 
-    make_decode: MakeDecode
-    make_encode: MakeEncode
+    make_decode: Callable[[Layout, Scope], Decode]
+    make_encode: Callable[[Layout, Scope], Encode]
     message_types: frozenset[str] | None
 
 
@@ -74,20 +58,15 @@ def _format(
     What a package describes oddly, and what the library of a format does not take, is theirs.
     """
 
-    def loaded() -> Any:
-        return module or import_module(f'{__name__}.{name}')
+    def making(direction: str) -> Callable[[Layout, Scope], Any]:
+        def make(layout: Layout, scope: Scope) -> Any:
+            with blamed(f'{name} cannot carry {layout.type_name}'):
+                loaded = module or import_module(f'{__name__}.{name}')
+                return getattr(loaded, direction)(layout, scope)
 
-    def make_decode(layout: Layout, scope: Scope, /) -> Decode:
-        with blamed(f'{name} cannot carry {layout.type_name}'):
-            made: Decode = loaded().make_decode(layout, scope)
-        return made
+        return make
 
-    def make_encode(layout: Layout, scope: Scope, /) -> Encode:
-        with blamed(f'{name} cannot carry {layout.type_name}'):
-            made: Encode = loaded().make_encode(layout, scope)
-        return made
-
-    return Format(make_decode, make_encode, message_types)
+    return Format(making('make_decode'), making('make_encode'), message_types)
 
 
 FORMATS: dict[str, Format] = {
