@@ -4,7 +4,7 @@ import ast
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
@@ -202,7 +202,11 @@ def _layout(path: tuple[str, ...], described: DescribedTypes, made: dict[str, _M
         raise _too_deep(path)
     if name not in made:
         description = described.types[name]
-        fields = tuple(_field(field, path, described, made) for field in description.fields)
+
+        def held(inner: str) -> Layout:
+            return _layout((*path, inner), described, made).layout
+
+        fields = tuple(_field(field, name, held) for field in description.fields)
         names = [field.name for field in fields]
         if len({*names}) < len(names):
             raise ConfigError([f'{name} has two fields of one name'])
@@ -220,32 +224,22 @@ def _too_deep(path: tuple[str, ...]) -> ConfigError:
     return ConfigError([f'{path[0]} is nested too deeply: more than {_DEEPEST} types'])
 
 
-def _field(
-    field: FieldDescription,
-    path: tuple[str, ...],
-    described: DescribedTypes,
-    made: dict[str, _Made],
-) -> Field:
+def _field(field: FieldDescription, holder: str, held: Callable[[str], Layout]) -> Field:
     if not _NAME.fullmatch(field.name):
-        raise ConfigError([f'{path[-1]}: {field.name!r:.60} is no name of a field'])
+        raise ConfigError([f'{holder}: {field.name!r:.60} is no name of a field'])
     try:
-        kind = _kind(field.type, path, described, made)
+        kind = _kind(field.type, held)
         return Field(field.name, kind, _default(field.default_value, kind))
     except ValueError as error:
-        raise ConfigError([f'{path[-1]}, field {field.name}: {error}']) from error
+        raise ConfigError([f'{holder}, field {field.name}: {error}']) from error
 
 
-def _kind(
-    field_type: FieldType,
-    path: tuple[str, ...],
-    described: DescribedTypes,
-    made: dict[str, _Made],
-) -> Kind:
+def _kind(field_type: FieldType, held: Callable[[str], Layout]) -> Kind:
     repeated, base = divmod(field_type.type_id, _LISTS)
     for length in (field_type.capacity, field_type.string_capacity):
         if not 0 <= length <= _LONGEST:
             raise ValueError(f'the length {length} is below 0 or above {_LONGEST}')
-    item = _item(base, field_type, path, described, made)
+    item = _item(base, field_type, held)
     match repeated * _LISTS:
         case Lists.NONE:
             return item
@@ -261,20 +255,14 @@ def _kind(
             raise ValueError(f'there is no type_id {field_type.type_id}')
 
 
-def _item(
-    base: int,
-    field_type: FieldType,
-    path: tuple[str, ...],
-    described: DescribedTypes,
-    made: dict[str, _Made],
-) -> Kind:
+def _item(base: int, field_type: FieldType, held: Callable[[str], Layout]) -> Kind:
     if base in _PRIMITIVES:
         return Primitive(_PRIMITIVES[base])
     match base:
         case Ids.NESTED if not _NESTED_NAME.fullmatch(field_type.nested_type_name):
             raise ValueError(f'{field_type.nested_type_name!r:.60} is no name of a type')
         case Ids.NESTED:
-            return _layout((*path, field_type.nested_type_name), described, made).layout
+            return held(field_type.nested_type_name)
         case Ids.STRING | Ids.BOUNDED_STRING:
             return String(field_type.string_capacity or None)
         case Ids.WSTRING | Ids.BOUNDED_WSTRING:
