@@ -21,6 +21,7 @@ from ros2_kafka_bridge.threads.stop import Stop
 if TYPE_CHECKING:
     from handover_worlds import World
 
+    from ros2_kafka_bridge.kafka.lock import GroupLock
     from ros2_kafka_bridge.ros.node import RosNode
 
 SESSION_S: Final = 6.0
@@ -270,7 +271,9 @@ class Bridge:
                 node = cast('RosNode', Graph(self))
                 watch = SuccessorWatch(node, '/t', BRIDGE, self.own)
                 self.watch = Watched(watch, self)
-                self.term = Term(self.stop, self.seat, self.watch)
+                self.term = Term(
+                    self.stop, cast('GroupLock', self.seat), cast('SuccessorWatch', self.watch)
+                )
                 self._opens_at_s = self.world.now_s + self.world.upto(1.0)
                 self.stops_at_s = self.world.now_s + self.stops_after_s
 

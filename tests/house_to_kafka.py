@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import flights
 
@@ -22,6 +22,7 @@ from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSi
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.route.flight.messages import MessageEntry
+    from ros2_kafka_bridge.route.produced import Produced
 
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
@@ -89,7 +90,7 @@ class House:
         self.pipeline = RosToKafka(
             route,
             self.source,
-            InKafka(seen, refused),
+            cast('Produced', InKafka(seen, refused)),
             self.sink,
             Conversion(
                 lambda: guarded(encode, route.max_message_bytes, EncodeError),

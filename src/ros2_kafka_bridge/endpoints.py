@@ -27,27 +27,21 @@ class Record(Protocol):
 
     def partition(self) -> int | None:
         """Number of its partition."""
-        ...
 
     def offset(self) -> int | None:
         """Its offset in the partition."""
-        ...
 
     def key(self) -> bytes | None:
         """Its key."""
-        ...
 
     def value(self) -> bytes | None:
         """Its value; None is a tombstone."""
-        ...
 
     def headers(self) -> HeaderList | None:
         """Its headers; None where it has none."""
-        ...
 
     def timestamp(self) -> tuple[int, int]:
         """Kind and milliseconds since 1970; kind 0 means that there is none."""
-        ...
 
 
 class HasHeaders(Protocol):
@@ -55,7 +49,6 @@ class HasHeaders(Protocol):
 
     def headers(self) -> Any:
         """Pairs of name and value, or None."""
-        ...
 
 
 def headers_of(record: HasHeaders) -> HeaderList | None:
@@ -152,17 +145,14 @@ class KafkaEnd(Protocol):
     @property
     def away(self) -> str:
         """Why nothing can be read or produced just now; empty when all is well."""
-        ...
 
     @property
     def reached(self) -> bool:
         """Whether Kafka has ever answered."""
-        ...
 
     @property
     def answers(self) -> bool | None:
         """Whether it does now, though it may let nothing be read or produced; None: not heard."""
-        ...
 
 
 class RecordSource(KafkaEnd, Protocol):
@@ -175,28 +165,23 @@ class RecordSource(KafkaEnd, Protocol):
     @property
     def held_back(self) -> str:
         """Why Kafka gives out nothing, though it is there; empty where it does."""
-        ...
 
     @property
     def lost_upstream(self) -> int:
         """Records that the topic no longer held when the bridge came to read them."""
-        ...
 
     @property
     def rebalances(self) -> int:
         """How often partitions came or went."""
-        ...
 
     def open(self, rebalance: Rebalance) -> None:
         """Join the group."""
 
     def poll(self, limit: int, timeout_s: float) -> Sequence[Record]:
         """Wait up to `timeout_s` for the first record, then return what is there."""
-        ...
 
     def stay(self) -> Sequence[Record]:
         """Stay a member of the group without reading on; rarely a few records still come."""
-        ...
 
     def advance(self, positions: Mapping[int, int]) -> None:
         """Note the next offset to read of partitions: all before it have ended."""
@@ -206,11 +191,9 @@ class RecordSource(KafkaEnd, Protocol):
 
     def commit_now(self, timeout_s: float) -> bool:
         """Commit and wait; False when it was not confirmed in time."""
-        ...
 
     def lag(self) -> int | None:
         """How many records of the partitions come behind what has ended; None: not known."""
-        ...
 
     def close(self) -> None:
         """Leave the group."""
@@ -229,12 +212,10 @@ class RecordSink(KafkaEnd, Protocol[Token]):
     @property
     def load(self) -> Load:
         """What is on its way."""
-        ...
 
     @property
     def round_trip_s(self) -> tuple[float, float] | None:
         """To the broker, 50th and 99th percentile of the last seconds; None where not known."""
-        ...
 
     def open(self) -> None:
         """Make the client; it connects in the background."""
@@ -245,19 +226,15 @@ class RecordSink(KafkaEnd, Protocol[Token]):
         Raises:
             RecordTooLargeError: The client itself refuses the size.
         """
-        ...
 
     def poll(self, timeout_s: float) -> Reports[Token]:
         """Wait up to `timeout_s` for delivery reports and return them."""
-        ...
 
     def hurry(self) -> None:
         """Send at once what the client holds back to make a larger batch; may take a moment."""
-        ...
 
     def close(self) -> Iterable[Token]:
         """Give up what is not delivered; return the tokens that were delivered meanwhile."""
-        ...
 
 
 class Offer(NamedTuple):
@@ -273,17 +250,14 @@ class MessageSource(Protocol):
     @property
     def lost_upstream(self) -> int:
         """Messages lost before the bridge could take them, by the gaps in their numbers."""
-        ...
 
     @property
     def exhausted(self) -> bool:
         """Whether the last take has found nothing more to take."""
-        ...
 
     @property
     def matches(self) -> Matches:
         """Its publishers, as far as the graph knows."""
-        ...
 
     def open(self) -> None:
         """Subscribe."""
@@ -293,7 +267,6 @@ class MessageSource(Protocol):
 
     def take(self, limit: int, timeout_s: float) -> Sequence[Message]:
         """Wait up to `timeout_s` for messages, then take at most `limit`."""
-        ...
 
     def close(self) -> None:
         """Unsubscribe."""
@@ -328,7 +301,6 @@ class MessageWriter(Protocol):
 
     def publish(self, messages: Iterable[bytes]) -> int:
         """Publish in this order, as far as there is room; returns how many were taken."""
-        ...
 
     def raise_failure(self) -> None:
         """Tell what has failed in the last publish.
@@ -339,7 +311,6 @@ class MessageWriter(Protocol):
 
     def readers(self) -> Readers:
         """Look at the readers."""
-        ...
 
 
 class MessageSink(Protocol):
@@ -348,21 +319,17 @@ class MessageSink(Protocol):
     @property
     def load(self) -> Load:
         """What their histories hold."""
-        ...
 
     @property
     def matches(self) -> Matches:
         """Their subscribers, as far as the graph knows."""
-        ...
 
     @property
     def reliable_subscribers(self) -> Sequence[str]:
         """Names of the nodes whose acknowledgements are waited for, as far as the graph knows."""
-        ...
 
     def writer(self, topic: str) -> MessageWriter:
         """What publishes on one of them."""
-        ...
 
     def open(self) -> None:
         """Make the publishers."""

@@ -6,7 +6,6 @@ Everything taken and not ended is in the flight. An entry is ready until the his
 sent until its readers have it. A position moves once all before it have ended.
 """
 
-import logging
 import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -23,7 +22,7 @@ from ros2_kafka_bridge.endpoints import (
 )
 from ros2_kafka_bridge.errors import BridgeError, RecordError, RouteError
 from ros2_kafka_bridge.formats import Decode
-from ros2_kafka_bridge.logs.lines import summed
+from ros2_kafka_bridge.logs.lines import Log, summed
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.route.age import expires_s
 from ros2_kafka_bridge.route.counters import Counters, Outcome
@@ -85,7 +84,7 @@ class KafkaToRos:
         check_headers: CheckHeaders,
         decode: Decode,
         dead_letters: DeadLetters[RecordEntry],
-        log: logging.LoggerAdapter[logging.Logger],
+        log: Log,
         traces: RecordTraces = NO_RECORD_TRACES,
     ) -> None:
         self.counters = Counters(route.name)

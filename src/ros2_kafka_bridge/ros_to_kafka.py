@@ -7,7 +7,6 @@ delivery report ends it. While too much is in flight nothing is taken: the reade
 and DDS holds the publisher back. A route with a spool goes on taking: see `spooling`.
 """
 
-import logging
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -16,7 +15,7 @@ from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.endpoints import Message, MessageSource, Outgoing, RecordSink
 from ros2_kafka_bridge.errors import RecordError, RouteError
 from ros2_kafka_bridge.formats import Encode
-from ros2_kafka_bridge.logs.lines import summed
+from ros2_kafka_bridge.logs.lines import Log, summed
 from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.flight.messages import LINE, TAIL, MessageEntry, MessageFlight
@@ -25,11 +24,11 @@ from ros2_kafka_bridge.route.idling import Idling
 from ros2_kafka_bridge.route.labels import Conversion
 from ros2_kafka_bridge.route.measuring import Meter
 from ros2_kafka_bridge.route.obstacle import KAFKA_IS_SLOW
+from ros2_kafka_bridge.route.produced import Produced
 from ros2_kafka_bridge.route.producing import Producing
 from ros2_kafka_bridge.route.rejections import Rejection, letter_of_message, rejection_of_message
 from ros2_kafka_bridge.route.status import given_up
 from ros2_kafka_bridge.route.telling import Telling
-from ros2_kafka_bridge.spool.already_sent import InKafka
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.spool.spooling import Spooling
 from ros2_kafka_bridge.threads.drain_time import DrainTime
@@ -67,12 +66,12 @@ class RosToKafka:
         self,
         route: RosToKafkaRoute,
         source: MessageSource,
-        in_kafka: InKafka,
+        in_kafka: Produced,
         sink: RecordSink[MessageEntry],
         conversion: Conversion,
         dead_letters: DeadLetters[MessageEntry],
         backlog: Backlog | None,
-        log: logging.LoggerAdapter[logging.Logger],
+        log: Log,
         traces: MessageTraces = NO_MESSAGE_TRACES,
     ) -> None:
         self.counters = Counters(route.name)

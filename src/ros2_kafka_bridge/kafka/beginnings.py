@@ -1,6 +1,5 @@
 """Where a partition begins that has nothing at the offset wanted: never read, cut off, or anew."""
 
-import logging
 from typing import NamedTuple
 
 from confluent_kafka import OFFSET_BEGINNING, Consumer, KafkaException, TopicPartition
@@ -9,7 +8,7 @@ from ros2_kafka_bridge.errors import About
 from ros2_kafka_bridge.kafka.offsets import Offsets, committed_of
 from ros2_kafka_bridge.kafka.partition import Partition
 from ros2_kafka_bridge.kafka.topics import partitions_of
-from ros2_kafka_bridge.logs.lines import summed
+from ros2_kafka_bridge.logs.lines import Log, summed
 from ros2_kafka_bridge.logs.text import count
 
 _REQUEST_S = 10.0
@@ -36,9 +35,7 @@ class Beginnings:
         log: Where to say what happens.
     """
 
-    def __init__(
-        self, start: str, offsets: Offsets, log: logging.LoggerAdapter[logging.Logger]
-    ) -> None:
+    def __init__(self, start: str, offsets: Offsets, log: Log) -> None:
         self.lost = 0
         self._counted: dict[int, range] = {}  # the last of what is in `lost`, also of earlier runs
         self._topic = offsets.topic

@@ -1,6 +1,5 @@
 """What a Kafka client says of itself, kept until somebody asks."""
 
-import logging
 import time
 from typing import Final
 
@@ -9,6 +8,7 @@ from confluent_kafka import Consumer, KafkaError, KafkaException
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka.errors import Client, Problem, explain, translate
 from ros2_kafka_bridge.kafka.statistics import Statistics
+from ros2_kafka_bridge.logs.lines import Log
 
 _TOLD_AGAIN_S: Final = 60.0
 BLIP_S: Final = 1.0  # a connection that is made anew looks as if no broker answered
@@ -33,7 +33,7 @@ class ClientHealth:
     def __init__(
         self,
         where: str,
-        log: logging.LoggerAdapter[logging.Logger],
+        log: Log,
         client: Client,
         *,
         reads: bool = False,

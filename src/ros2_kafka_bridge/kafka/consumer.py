@@ -5,7 +5,6 @@ committed, that of `offsets`.
 """
 
 import contextlib
-import logging
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, cast
 
@@ -22,6 +21,7 @@ from ros2_kafka_bridge.kafka.partition import Partition
 from ros2_kafka_bridge.kafka.properties import Membership, member_name
 from ros2_kafka_bridge.kafka.topic_id import TopicIds
 from ros2_kafka_bridge.kafka.topic_watch import TopicWatch
+from ros2_kafka_bridge.logs.lines import Log
 from ros2_kafka_bridge.threads.wakeup import Wakeup
 
 _REJOIN_MS: Final = 30_000
@@ -46,7 +46,7 @@ class KafkaSource:
         topic: str,
         start: str,
         ids: TopicIds,
-        log: logging.LoggerAdapter[logging.Logger],
+        log: Log,
         membership: Membership = 'static',
         wakeup: Wakeup | None = None,
     ) -> None:

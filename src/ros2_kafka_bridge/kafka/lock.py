@@ -25,7 +25,6 @@ Tried with two and three members, librdkafka 2.x and Apache Kafka 4 (session 6 s
   all brokers were killed. Another takes its place as well.
 """
 
-import logging
 import time
 from collections.abc import Mapping
 from enum import Enum
@@ -47,7 +46,7 @@ from ros2_kafka_bridge.kafka.properties import (
 )
 from ros2_kafka_bridge.kafka.topic_partitions import at
 from ros2_kafka_bridge.kafka.topics import ensure_topic
-from ros2_kafka_bridge.logs.lines import client_log
+from ros2_kafka_bridge.logs.lines import Log, client_log
 
 HEARTBEAT_MS: Final = 1000
 _REQUEST_S: Final = 5.0
@@ -89,7 +88,7 @@ class GroupLock:
         kafka: Mapping[str, Any],
         bridge: str,
         route: str,
-        log: logging.LoggerAdapter[logging.Logger],
+        log: Log,
         membership: Membership = 'static',
     ) -> None:
         self.topic = lock_topic(bridge)

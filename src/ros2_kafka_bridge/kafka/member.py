@@ -26,6 +26,7 @@ from ros2_kafka_bridge.kafka.statistics import Statistics
 from ros2_kafka_bridge.kafka.topic_partitions import at, at_stored, in_words
 from ros2_kafka_bridge.kafka.topic_watch import TopicWatch
 from ros2_kafka_bridge.kafka.watchdog import Watchdog
+from ros2_kafka_bridge.logs.lines import Log
 from ros2_kafka_bridge.threads.wakeup import Wakeup
 
 _PIECE_S: Final = 0.2
@@ -56,7 +57,7 @@ class Member:
         offsets: Offsets,
         watch: TopicWatch,
         health: ClientHealth,
-        log: logging.LoggerAdapter[logging.Logger],
+        log: Log,
         wakeup: Wakeup,
     ) -> None:
         self.rebalances = 0  # how often partitions came or went

@@ -13,7 +13,6 @@ meanwhile (`resume`).
 """
 
 import contextlib
-import logging
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, Protocol
@@ -23,6 +22,7 @@ from confluent_kafka import KafkaError, KafkaException, TopicPartition
 from ros2_kafka_bridge.kafka.group_client import GroupClient
 from ros2_kafka_bridge.kafka.partition import Committed, Partition
 from ros2_kafka_bridge.kafka.topic_id import TopicId
+from ros2_kafka_bridge.logs.lines import Log
 
 _AGAIN_S: Final = 0.5
 _LAST_LOOK_S: Final = 1.0
@@ -37,11 +37,9 @@ class _HasOffset(Protocol):
 
     def partition(self) -> int | None:
         """Number of its partition."""
-        ...
 
     def offset(self) -> int | None:
         """Its offset in the partition."""
-        ...
 
 
 class Offsets:
@@ -52,7 +50,7 @@ class Offsets:
         log: Where to say what cannot be committed.
     """
 
-    def __init__(self, topic: str, log: logging.LoggerAdapter[logging.Logger]) -> None:
+    def __init__(self, topic: str, log: Log) -> None:
         self.topic = topic
         self._log = log
         self._here: dict[int, Partition] = {}

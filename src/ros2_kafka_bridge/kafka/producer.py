@@ -21,6 +21,7 @@ from ros2_kafka_bridge.kafka.properties import LINGER_MS
 from ros2_kafka_bridge.kafka.statistics import read, with_statistics
 from ros2_kafka_bridge.kafka.tls import check_files
 from ros2_kafka_bridge.kafka.topics import topic_limit_bytes
+from ros2_kafka_bridge.logs.lines import Log
 
 _LARGEST_BYTES = 1_000_000  # librdkafka's default, of a batch and of a message
 _QUEUE = 'queue.buffering.max.messages'
@@ -45,7 +46,7 @@ class KafkaSink(Generic[Token]):
         self,
         properties: Mapping[str, Any],
         topic: str,
-        log: logging.LoggerAdapter[logging.Logger],
+        log: Log,
         *,
         fits_topic: bool = False,
     ) -> None:

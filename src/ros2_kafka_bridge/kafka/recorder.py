@@ -9,6 +9,8 @@ from typing import Any, Final
 
 import msgspec
 
+from ros2_kafka_bridge.logs.lines import Log
+
 _DEBUG: Final = 'debug'
 _OF_A_KIND: Final = 40
 _OF_ALL: Final = 200
@@ -69,7 +71,7 @@ class Recorder:
         """Take a report of the client, as librdkafka calls back with it."""
         self._statistics = text
 
-    def tell(self, log: logging.LoggerAdapter[logging.Logger], most: int = _OF_ALL) -> None:
+    def tell(self, log: Log, most: int = _OF_ALL) -> None:
         """Write out the last lines that are kept, oldest first, and the last report; forget all.
 
         Args:

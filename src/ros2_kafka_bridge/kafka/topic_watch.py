@@ -1,6 +1,5 @@
 """Notices that the topic of a reader was made anew, or lies in another cluster, and says so."""
 
-import logging
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
@@ -8,6 +7,7 @@ from typing import Final
 from ros2_kafka_bridge.errors import About
 from ros2_kafka_bridge.kafka.offsets import Offsets
 from ros2_kafka_bridge.kafka.topic_id import ANSWER_S, Question, TopicId, TopicIds
+from ros2_kafka_bridge.logs.lines import Log
 
 _SOON_S: Final = 1.0  # no second answer is waited for
 _ANEW: Final = (
@@ -46,7 +46,7 @@ class TopicWatch:
         self,
         ids: TopicIds,
         offsets: Offsets,
-        log: logging.LoggerAdapter[logging.Logger],
+        log: Log,
         on_new: Callable[[], None],
     ) -> None:
         self._topic = offsets.topic

@@ -8,7 +8,7 @@ import sys
 import textwrap
 from collections.abc import MutableMapping
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from ros2_kafka_bridge.logs.handler import LogHandler
 from ros2_kafka_bridge.logs.summed import FIRST, PERIOD_S, Summed
@@ -19,9 +19,10 @@ if TYPE_CHECKING:
     from ros2_kafka_bridge.errors import About
 
 LogFormat = Literal['text', 'json']
+Log: TypeAlias = logging.LoggerAdapter[logging.Logger]
 
 
-class RouteLog(logging.LoggerAdapter[logging.Logger]):
+class RouteLog(Log):
     """The log of one route, with the sums of what repeats in it.
 
     A call may say which record or message it is about: `extra={'about': About(...)}`. One that
@@ -59,9 +60,7 @@ def route_log(route: str | None = None) -> RouteLog:
     return RouteLog(logging.getLogger('ros2_kafka_bridge'), route)
 
 
-def summed(
-    log: logging.LoggerAdapter[logging.Logger], first: int = FIRST, period_s: float = PERIOD_S
-) -> Summed:
+def summed(log: Log, first: int = FIRST, period_s: float = PERIOD_S) -> Summed:
     """What sums the lines of a log that repeat; see `Summed`."""
     if isinstance(log, RouteLog):
         return log.summed(first, period_s)

@@ -1,12 +1,12 @@
 """One table that says for every error of rclpy what is done about it."""
 
-import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from types import MappingProxyType
 from typing import Final
 
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, RouteError, TransportError
+from ros2_kafka_bridge.logs.lines import Log
 
 ERROR_CLASSES: Final[Mapping[str, type[BridgeError]]] = MappingProxyType(
     {
@@ -64,7 +64,7 @@ def translated(where: str) -> Iterator[None]:
 
 
 @contextmanager
-def left_behind(log: logging.LoggerAdapter[logging.Logger], where: str) -> Iterator[None]:
+def left_behind(log: Log, where: str) -> Iterator[None]:
     """Say what cannot be destroyed, and go on without it."""
     try:
         with translated(where):

@@ -35,7 +35,6 @@ class Changes(Protocol):
         Returns:
             Whether something has changed.
         """
-        ...
 
     def end(self) -> None:
         """End the wait, this one or the next."""

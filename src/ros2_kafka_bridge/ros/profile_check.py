@@ -29,7 +29,6 @@ class NodeView(Protocol):
 
     def publishers(self, topic: str) -> 'Sequence[Any]':
         """Who publishes there, with the QoS."""
-        ...
 
 
 def check_topic() -> str:

@@ -1,11 +1,10 @@
 """The numbers of the publishers of a topic: no message twice, and every gap counted."""
 
-import logging
 from collections.abc import Callable, Mapping, Sequence
 
 from ros2_kafka_bridge.endpoints import Message, Offer
 from ros2_kafka_bridge.errors import About
-from ros2_kafka_bridge.logs.lines import summed
+from ros2_kafka_bridge.logs.lines import Log, summed
 
 _REMEMBERED = 1000
 
@@ -37,7 +36,7 @@ class Sequences:
 
     def __init__(
         self,
-        log: logging.LoggerAdapter[logging.Logger],
+        log: Log,
         topic: str,
         ask: Callable[[], Mapping[bytes, Offer]] = dict,
     ) -> None:

@@ -1,6 +1,5 @@
 """Makes and destroys the endpoints that a route has at one topic of ROS."""
 
-import logging
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
@@ -8,6 +7,7 @@ from typing import Any, NamedTuple
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.errors import blamed
+from ros2_kafka_bridge.logs.lines import Log
 from ros2_kafka_bridge.ros.errors import left_behind, translated
 from ros2_kafka_bridge.ros.graph import View
 from ros2_kafka_bridge.ros.node import RosNode
@@ -52,7 +52,7 @@ class TopicEnd(NamedTuple):
     topic: str
     message_type: MessageType
     qos: QoS
-    log: logging.LoggerAdapter[logging.Logger]
+    log: Log
     interrupt: Callable[[], None] = _no_wait
 
     def watch_publishers(self) -> View:

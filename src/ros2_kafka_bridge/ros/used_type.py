@@ -1,6 +1,5 @@
 """The types of routes: those that a file names, or that are shown by those who use the topic."""
 
-import logging
 import math
 import time
 from collections.abc import Callable, Collection
@@ -11,6 +10,7 @@ from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.endpoints import RosSettings
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.errors import ConfigError, RouteError
+from ros2_kafka_bridge.logs.lines import Log
 from ros2_kafka_bridge.message_types import INSTALLED
 from ros2_kafka_bridge.message_types.description import DescribedTypes
 from ros2_kafka_bridge.message_types.source import Ask, Definitions
@@ -28,7 +28,6 @@ from ros2_kafka_bridge.threads.stop import Stop
 _LOOK_S: Final = 0.1
 
 
-Log = logging.LoggerAdapter[logging.Logger]
 Say = Callable[[str], None]
 
 

@@ -1,6 +1,5 @@
 """The way to the dead letters: records that can never be delivered, kept with the reason."""
 
-import logging
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -9,6 +8,7 @@ from typing import Generic
 from ros2_kafka_bridge.dead_letters.writer import smaller
 from ros2_kafka_bridge.endpoints import RecordSink
 from ros2_kafka_bridge.errors import BridgeError, RecordTooLargeError, TransportError
+from ros2_kafka_bridge.logs.lines import Log
 from ros2_kafka_bridge.route.counters import Outcome
 from ros2_kafka_bridge.route.flight.flight import E, Flight
 from ros2_kafka_bridge.route.flight.stage import SENT
@@ -33,7 +33,7 @@ class DeadLetters(Generic[E]):
         topic: str,
         sink: RecordSink[E],
         ensure_topic: Callable[[], None],
-        log: logging.LoggerAdapter[logging.Logger],
+        log: Log,
     ) -> None:
         self.topic = topic
         self.problem = ''

@@ -1,6 +1,5 @@
 """Which messages are in Kafka already, from before a restart or from another bridge."""
 
-import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -9,7 +8,7 @@ from typing import Final, Protocol
 from ros2_kafka_bridge.dedup import Numbers
 from ros2_kafka_bridge.endpoints import Message, Offer, Record, headers_of
 from ros2_kafka_bridge.errors import About, BridgeError, RouteError, TransportError
-from ros2_kafka_bridge.logs.lines import summed
+from ros2_kafka_bridge.logs.lines import Log, summed
 from ros2_kafka_bridge.route.identity import Evidence, Identify, Identity
 
 FIRST_RECORDS: Final = 10_000
@@ -29,22 +28,18 @@ class TopicTail(Protocol):
     @property
     def complete(self) -> bool:
         """Whether the topic holds nothing before what was read."""
-        ...
 
     @property
     def partitions(self) -> int:
         """How many partitions the topic has."""
-        ...
 
     @property
     def since_ns(self) -> float:
         """All records from that time on were read."""
-        ...
 
     @property
     def is_cut(self) -> bool:
         """Whether the time was over before all that was asked for last was read."""
-        ...
 
     def read(self, records: int, within_s: float, note: Callable[[Record], None]) -> None:
         """Read so many records of each partition: the last ones, then those before them."""
@@ -77,7 +72,7 @@ class Produced:
         letters: TopicTail,
         identify: Identify,
         of_letter: LetterIdentity,
-        log: logging.LoggerAdapter[logging.Logger],
+        log: Log,
     ) -> None:
         self.unproved = 0  # messages sent though a record had their number
         self._tail = tail

@@ -37,15 +37,12 @@ class Conditions(Protocol):
 
     def may_run(self, pipeline: Pipeline, stop: Stop) -> bool:
         """Wait until what was made may run; False at a stop."""
-        ...
 
     def is_ours(self) -> bool:
         """Whether no other bridge goes on with the route: else what has failed is not for good."""
-        ...
 
     def is_kept(self) -> bool:
         """Whether it is tried again here after a failure."""
-        ...
 
 
 class _Unconditional:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterable
-from typing import Final, Protocol
+from typing import Final, Protocol, TypeAlias
 
 from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing
 from ros2_kafka_bridge.errors import RecordError
@@ -24,20 +24,8 @@ class TracedMessage(Protocol):
     taken_s: float
 
 
-class MessageTraces(Protocol):
-    """Follows the messages of a route."""
-
-    def confirmed(self, entries: Iterable[TracedMessage]) -> None:
-        """End the spans of a batch that Kafka has confirmed."""
-
-    def ended(
-        self, entry: TracedMessage, outcome: Outcome, error: RecordError | None = None
-    ) -> None:
-        """End the span of a message that has ended in another way, by an error or without."""
-
-
 class NoMessageTraces:
-    """`MessageTraces` that follow nothing."""
+    """Follows no message of a route."""
 
     def confirmed(self, entries: Iterable[TracedMessage]) -> None:
         """End nothing."""
@@ -69,7 +57,7 @@ def with_traceparent(make_headers: MakeHeaders, sample: float) -> MakeHeaders:
 
 
 class SpansOfMessages:
-    """`MessageTraces` that make a span of each message that is sampled.
+    """Follows the messages of a route: makes a span of each message that is sampled.
 
     Nothing is kept meanwhile: the headers hold the ids, also of a message that waits on disk.
 
@@ -94,7 +82,7 @@ class SpansOfMessages:
     def ended(
         self, entry: TracedMessage, outcome: Outcome, error: RecordError | None = None
     ) -> None:
-        """End the span of a message, if it is sampled."""
+        """End the span of a message, by an error or without, if it is sampled."""
         headers = entry.record.headers
         context = from_headers(headers)
         if context is None or not context.sampled:
@@ -119,6 +107,9 @@ class SpansOfMessages:
                 error=in_words(error) or _said(reason),
             )
         )
+
+
+MessageTraces: TypeAlias = NoMessageTraces | SpansOfMessages
 
 
 def _is_sampled(traceparent: str | bytes | None) -> bool:

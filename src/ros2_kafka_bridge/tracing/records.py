@@ -3,7 +3,7 @@
 import random
 import time
 from collections import deque
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, TypeAlias
 
 from ros2_kafka_bridge.endpoints import HeaderList, Record
 from ros2_kafka_bridge.errors import RecordError
@@ -26,35 +26,10 @@ class TracedEntry(Protocol):
     @property
     def outcome(self) -> Outcome | None:
         """What became of it; None while it has not ended."""
-        ...
-
-
-class RecordTraces(Protocol):
-    """Follows the records of a route."""
-
-    @property
-    def follow(self) -> bool:
-        """Whether any record is followed."""
-        ...
-
-    def begin(self, entry: TracedEntry, record: Record, headers: HeaderList | None) -> None:
-        """Begin the span of a record that was just taken, if it is sampled.
-
-        Args:
-            entry: Which it is.
-            record: As it came.
-            headers: Of it, None where they cannot be read.
-        """
-
-    def refused(self, entry: TracedEntry, error: RecordError) -> None:
-        """Note why a record cannot be delivered."""
-
-    def look(self) -> None:
-        """End the spans of the records that have ended, and all before them."""
 
 
 class NoRecordTraces:
-    """`RecordTraces` that follow nothing, at no cost."""
+    """Follows no record of a route, at no cost."""
 
     follow = False
 
@@ -78,7 +53,7 @@ class _Open(NamedTuple):
 
 
 class SpansOfRecords:
-    """`RecordTraces` that make a span of each record that is sampled.
+    """Follows the records of a route: makes a span of each one that is sampled.
 
     A record is sampled where its `traceparent` says so; one without belongs to a trace of its
     own, sampled by the share. At most 10,000 are followed at a time.
@@ -102,7 +77,13 @@ class SpansOfRecords:
         self._errors: dict[int, RecordError] = {}  # by id of the entry
 
     def begin(self, entry: TracedEntry, record: Record, headers: HeaderList | None) -> None:
-        """Begin the span of a record, if it is sampled."""
+        """Begin the span of a record that was just taken, if it is sampled.
+
+        Args:
+            entry: Which it is.
+            record: As it came.
+            headers: Of it, None where they cannot be read.
+        """
         parent = from_headers(headers) if headers else None
         sampled = self._chance() < self._sample if parent is None else parent.sampled
         if sampled and len(self._open) < _MOST_OPEN:
@@ -143,6 +124,9 @@ class SpansOfRecords:
                 error=in_words(error),
             )
         )
+
+
+RecordTraces: TypeAlias = NoRecordTraces | SpansOfRecords
 
 
 def _told(record: Record, headers: HeaderList) -> dict[str, str | int]:

@@ -3,7 +3,6 @@
 Imports rclpy: import it where ROS is needed for sure.
 """
 
-import logging
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any, Final
@@ -14,10 +13,10 @@ from rclpy.lifecycle.node import LifecycleNodeMixin
 from rclpy.node import Node
 
 from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.logs.lines import Log
 from ros2_kafka_bridge.protocol.monitor import Answer, Do, Lifecycle
 from ros2_kafka_bridge.ros.errors import translated
 
-_Log = logging.LoggerAdapter[logging.Logger]
 _U, _I, _A = Lifecycle.UNCONFIGURED, Lifecycle.INACTIVE, Lifecycle.ACTIVE
 
 _WAYS: Final = {
@@ -46,7 +45,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         more: For `rclpy.node.Node`.
     """
 
-    def __init__(self, name: str, ask: Callable[[Do], Answer], log: _Log, **more: Any) -> None:
+    def __init__(self, name: str, ask: Callable[[Do], Answer], log: Log, **more: Any) -> None:
         self._ask = ask
         self._log = log
         self._follower = 0

@@ -6,7 +6,6 @@ shows here a moment later.
 """
 
 import json
-import logging
 import os
 import threading
 import time
@@ -21,6 +20,7 @@ from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError, blamed
 from ros2_kafka_bridge.logs import lines as logs
+from ros2_kafka_bridge.logs.lines import Log
 from ros2_kafka_bridge.protocol.monitor import Answer, Configured, Do, Report
 from ros2_kafka_bridge.ros.arguments import ROS_ARGUMENTS
 from ros2_kafka_bridge.ros.control.diagnostics import (
@@ -49,8 +49,6 @@ _NAMES_S: Final = 10.0
 # One for each that may wait long: a transition, a pause, a reload, parameters; two for the rest.
 _THREADS: Final = 6
 
-_Log = logging.LoggerAdapter[logging.Logger]
-
 
 class WatchedBridge(Protocol):
     """What is known of the bridge, and whom to ask for a change (`monitoring.state.Watch`).
@@ -61,30 +59,24 @@ class WatchedBridge(Protocol):
     @property
     def config(self) -> Config:
         """The configuration that counts."""
-        ...
 
     @property
     def configured(self) -> Configured:
         """Where it came from."""
-        ...
 
     @property
     def routes(self) -> list[AnyRoute]:
         """The routes that this bridge runs."""
-        ...
 
     @property
     def report_age_s(self) -> float:
         """How long ago the last report came."""
-        ...
 
     def report(self) -> Report | None:
         """The last report."""
-        ...
 
     def request(self, do: Do, route: str = '') -> Answer:
         """Ask the supervisor for something, and wait for what comes of it."""
-        ...
 
 
 def run_control(watch: WatchedBridge, stop: Stop) -> None:
@@ -104,7 +96,7 @@ def run_control(watch: WatchedBridge, stop: Stop) -> None:
         stop.wait(_AGAIN_S if problem else 0.0)
 
 
-def _until_problem(watch: WatchedBridge, stop: Stop, types: TypeLoader, log: _Log) -> str:
+def _until_problem(watch: WatchedBridge, stop: Stop, types: TypeLoader, log: Log) -> str:
     try:
         if _import_packages(types, stop):
             _be_in_graph(watch, stop, log)
@@ -129,7 +121,7 @@ def _import_packages(types: TypeLoader, stop: Stop) -> bool:
     return True
 
 
-def _be_in_graph(watch: WatchedBridge, stop: Stop, log: _Log) -> None:
+def _be_in_graph(watch: WatchedBridge, stop: Stop, log: Log) -> None:
     """Run the node until a stop, or until another name or domain counts."""
     place = _Place.of(watch.config)
     supervisor = SupervisorClient(watch)
@@ -159,7 +151,7 @@ class _Place(NamedTuple):
         return cls(config.name, config.ros.domain_id, config.ros.lease_s)
 
 
-def _opened(place: _Place, supervisor: 'SupervisorClient', log: _Log) -> Any:
+def _opened(place: _Place, supervisor: 'SupervisorClient', log: Log) -> Any:
     def make(context: Any) -> 'ManagedNode':
         from ros2_kafka_bridge.ros.control.lifecycle import ManagedNode  # noqa: PLC0415 (rclpy)
 
@@ -223,7 +215,7 @@ def _spinning(node: RosNode) -> Iterator[Any]:
         executor.shutdown()
 
 
-def _turn(executor: Any, timeout_s: float, log: _Log) -> None:
+def _turn(executor: Any, timeout_s: float, log: Log) -> None:
     """Wait for a request, and let a thread of the executor answer it."""
     try:
         with translated('rclpy'):
@@ -245,7 +237,7 @@ class Control:
     """
 
     def __init__(
-        self, watch: WatchedBridge, node: RosNode, supervisor: SupervisorClient, log: _Log
+        self, watch: WatchedBridge, node: RosNode, supervisor: SupervisorClient, log: Log
     ) -> None:
         from diagnostic_msgs.msg import DiagnosticArray  # noqa: PLC0415 (ROS)
 
@@ -316,7 +308,7 @@ class Namesakes:
         log: Where it is said.
     """
 
-    def __init__(self, node: Any, log: _Log) -> None:
+    def __init__(self, node: Any, log: Log) -> None:
         self._node = node
         self._log = log
         self._next_s = time.monotonic()

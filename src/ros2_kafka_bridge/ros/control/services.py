@@ -3,7 +3,6 @@
 Imports rclpy: import it where ROS is needed for sure.
 """
 
-import logging
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple, Protocol
@@ -16,11 +15,10 @@ from std_srvs.srv import Trigger
 from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config
+from ros2_kafka_bridge.logs.lines import Log
 from ros2_kafka_bridge.protocol.monitor import Answer, Do
 from ros2_kafka_bridge.ros.control.lifecycle import in_one_line
 from ros2_kafka_bridge.ros.control.route_names import ros_names
-
-_Log = logging.LoggerAdapter[logging.Logger]
 
 _RELOADS: Final = {'reload': Do.RELOAD, 'preview_reload': Do.PREVIEW}
 _PAUSES: Final = {'pause': Do.PAUSE, 'resume': Do.RESUME}
@@ -46,7 +44,7 @@ class Offers:
         log: Says what was asked for.
     """
 
-    def __init__(self, node: Any, ask: _Ask, log: _Log) -> None:
+    def __init__(self, node: Any, ask: _Ask, log: Log) -> None:
         self._node = node
         self._ask = ask
         self._log = log
