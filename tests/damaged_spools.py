@@ -7,7 +7,8 @@ from typing import NamedTuple
 from spools import opened, read_all, reopened, row
 
 from ros2_kafka_bridge.spool import database
-from ros2_kafka_bridge.spool.store import Row, file_of
+from ros2_kafka_bridge.spool.rows import Row
+from ros2_kafka_bridge.spool.store import file_of
 
 
 def beside(place: Path, suffix: str = '') -> Path:
@@ -71,6 +72,6 @@ def fill(place: Path) -> dict[int, Row]:
     with opened(place) as spool:
         for first in range(1, 600, 50):
             spool.append([row(n, 9000 if n % 40 == 0 else 100) for n in range(first, first + 50)])
-        spool.release(30)
+        spool.delete_before(30)
         spool.drop_oldest(100, 3000)
         return {one.number: one for one in read_all(spool)}

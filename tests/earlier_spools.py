@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from ros2_kafka_bridge.endpoints import Outgoing
-from ros2_kafka_bridge.spool.store import Row
+from ros2_kafka_bridge.spool.rows import Row
 
 GOLDEN: Final = Path(__file__).parent / 'unit' / 'spool' / 'golden'
 STATES: Final = {

@@ -26,7 +26,8 @@ from ros2_kafka_bridge.route.labels import Conversion, make_headers
 from ros2_kafka_bridge.route.produced import Produced
 from ros2_kafka_bridge.route.type_hash import check_nothing
 from ros2_kafka_bridge.spool.backlog import Backlog
-from ros2_kafka_bridge.spool.store import Row, Spool, file_of
+from ros2_kafka_bridge.spool.rows import Row
+from ros2_kafka_bridge.spool.store import Spool, file_of
 from ros2_kafka_bridge.testing.memory import MemoryMessageSource, MemoryRecordSink
 from ros2_kafka_bridge.threads.stop import Stop
 
@@ -189,9 +190,9 @@ class House:
 
     def crash(self) -> None:
         """Leave everything as a SIGKILL would."""
-        self.spool._file.is_open = False
-        self.spool._file._close_database()
-        self.spool._file._lock.release()
+        self.spool.is_open = False
+        self.spool._close_database()
+        self.spool._lock.release()
 
     def drain(self, *, limited: bool = True) -> None:
         stop = Stop()

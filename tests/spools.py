@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ros2_kafka_bridge.endpoints import Outgoing
-from ros2_kafka_bridge.spool.store import Row, Spool, file_of
+from ros2_kafka_bridge.spool.rows import Row
+from ros2_kafka_bridge.spool.store import Spool, file_of
 
 LOG = logging.LoggerAdapter(logging.getLogger('spool'))
 GID = bytes(range(16))

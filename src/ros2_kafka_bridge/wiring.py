@@ -1,6 +1,5 @@
 """How a route is made of its settings: which ends, which format, which labels."""
 
-import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -25,6 +24,7 @@ from ros2_kafka_bridge.kafka.tail import KafkaTail
 from ros2_kafka_bridge.kafka.topic_id import TopicIds
 from ros2_kafka_bridge.kafka.topics import ensure_topic
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
+from ros2_kafka_bridge.logs.lines import Log
 from ros2_kafka_bridge.ros.arrivals import Arrivals, enough_files
 from ros2_kafka_bridge.ros.confirmation import Confirmation, asks_readers
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
@@ -61,7 +61,6 @@ _LARGEST_LETTER_BYTES = 1_000_000_000  # the most that librdkafka takes
 _FRAME_BYTES = 10_000  # of key, headers and protocol around a message
 
 Pipeline = KafkaToRos | RosToKafka
-Log = logging.LoggerAdapter[logging.Logger]
 Say = Callable[[str], None]
 
 
@@ -290,7 +289,7 @@ class Wiring:
             self._tracing.messages(route, kind.name),
         )
         if pipeline.spool is not None:
-            stack.callback(pipeline.spool.let_go)
+            stack.callback(pipeline.spool.release)
         return pipeline
 
     def _produced(self, route: RosToKafkaRoute, log: Log) -> Produced:

@@ -31,7 +31,7 @@ def main() -> None:
         if spool.count > 1000:
             before = spool.last - chance.randrange(800)
             say(f'release {before}')
-            spool.release(before)
+            spool.delete_before(before)
 
 
 main()

@@ -5,48 +5,14 @@ shows whether that answers, because to ask while it is away takes seconds. When 
 end of the topic is read, and what is there is not sent again.
 """
 
-import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from enum import Enum
-from typing import Protocol
 
-from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.errors import BridgeError
+from ros2_kafka_bridge.logs.lines import Log
 from ros2_kafka_bridge.route.counters import Counters
-from ros2_kafka_bridge.route.identity import Identity
+from ros2_kafka_bridge.route.produced import Produced
 from ros2_kafka_bridge.spool.rows import Row, identity_of
-
-
-class InKafka(Protocol):
-    """What is in Kafka already, from before a restart (`route.produced.Produced`)."""
-
-    @property
-    def unproved(self) -> int:
-        """How many messages were sent though a record there has their number."""
-        ...
-
-    def not_there(self, messages: Sequence[Message]) -> Iterable[Message]:
-        """Those messages that are not there; a publisher may send again what is."""
-        ...
-
-    def add(self, numbers: Iterable[tuple[bytes, int]]) -> None:
-        """Count further messages, by publisher and number, as being there."""
-
-    def look_at_end(self) -> None:
-        """Read the end of the topic, for `holds`.
-
-        Raises:
-            TransportError: The broker is away.
-            RouteError: The topic may not be read.
-        """
-
-    def holds(self, identity: Identity) -> bool:
-        """Whether a message is in the part of the topic that was read."""
-        ...
-
-    def holds_letter(self, identity: Identity) -> bool:
-        """Whether a message that is refused now was made a dead letter before."""
-        ...
 
 
 class _Stage(Enum):
@@ -66,9 +32,9 @@ class AlreadySent:
 
     def __init__(
         self,
-        in_kafka: InKafka,
+        in_kafka: Produced,
         counters: Counters,
-        log: logging.LoggerAdapter[logging.Logger],
+        log: Log,
     ) -> None:
         self._in_kafka = in_kafka
         self._counters = counters

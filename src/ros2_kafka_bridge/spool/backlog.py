@@ -6,7 +6,6 @@ that the order of taking holds.
 """
 
 import contextlib
-import logging
 import sys
 import time
 from collections.abc import Iterable, Sequence
@@ -14,8 +13,10 @@ from typing import Final
 
 from ros2_kafka_bridge.config.settings import SpoolSettings
 from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.logs.lines import Log
 from ros2_kafka_bridge.spool.ages import Ages
-from ros2_kafka_bridge.spool.store import Row, Spool
+from ros2_kafka_bridge.spool.rows import Row
+from ros2_kafka_bridge.spool.store import Spool
 
 BATCH: Final = 500
 _AGAIN_S: Final = 1.0
@@ -38,7 +39,7 @@ class Backlog:
         self,
         spool: Spool,
         settings: SpoolSettings,
-        log: logging.LoggerAdapter[logging.Logger],
+        log: Log,
         *,
         drops: bool = False,
         largest_bytes: int = 1,
@@ -193,7 +194,7 @@ class Backlog:
 
     def _delete(self, before: int) -> None:
         try:
-            self.spool.release(min(before, self._loaded + 1))
+            self.spool.delete_before(min(before, self._loaded + 1))
         except TransportError as error:
             self._log.warning('%s; what has been delivered is still in the spool', error)
             self._release_at_s = time.monotonic() + _AGAIN_S

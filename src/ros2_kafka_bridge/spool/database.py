@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from ros2_kafka_bridge.errors import BridgeError, RouteError, TransportError
 from ros2_kafka_bridge.spool.ledger import VERSION, Ledger, newest
-from ros2_kafka_bridge.spool.rows import Stored
+from ros2_kafka_bridge.spool.rows import Row, Stored, unpack
 
 APPLICATION_ID: Final = 0x524B4253  # 'RKBS'
 PAGE_BYTES: Final = 4096
@@ -223,6 +223,20 @@ def _open_to_write(path: Path, locking: str, *, sync: bool) -> sqlite3.Connectio
     return db
 
 
+@contextmanager
+def transaction(db: sqlite3.Connection) -> Iterator[None]:
+    """Change what is in it, as a whole or not at all."""
+    db.execute('BEGIN IMMEDIATE')
+    try:
+        yield
+        db.execute('COMMIT')
+    except BaseException:
+        if db.in_transaction:
+            with contextlib.suppress(sqlite3.Error):  # the first error tells more
+                db.execute('ROLLBACK')
+        raise
+
+
 def read_ledger(db: sqlite3.Connection) -> Ledger:
     """The ledger.
 
@@ -273,14 +287,62 @@ def all_rows(db: sqlite3.Connection, order: str) -> Iterator[Stored]:
     return db.execute(f'SELECT {_COLUMNS} FROM rows ORDER BY number {order}')  # noqa: S608
 
 
-def numbers_after(
-    db: sqlite3.Connection, number: int, limit: int
-) -> Iterator[tuple[int, Any, Any]]:
-    """Number, publisher, and number at the publisher of the rows above a number, in order."""
-    return db.execute(
+def read(db: sqlite3.Connection, after: int, limit: int, limit_bytes: int) -> list[Row]:
+    """Read the rows above a number, up to one of these limits; see `Spool.read`.
+
+    Raises:
+        DamagedError: One is not as it was written.
+    """
+    rows: list[Row] = []
+    size_bytes = 0
+    for stored in rows_after(db, after, limit):
+        row = unpack(stored)
+        if row is None or row.number <= after:
+            raise DamagedError(f'row {stored[0]}')
+        after = row.number
+        rows.append(row)
+        size_bytes += stored[2]
+        if size_bytes >= limit_bytes:
+            break
+    return rows
+
+
+def numbers_after(db: sqlite3.Connection, number: int, limit: int) -> list[tuple[int, bytes, int]]:
+    """Number, publisher, and number at the publisher of the rows above a number, in order.
+
+    Raises:
+        DamagedError: One is not as it was written.
+    """
+    found: list[tuple[int, Any, Any]] = db.execute(
         'SELECT number, gid, seq FROM rows WHERE number > ? ORDER BY number LIMIT ?',
         (number, limit),
-    )
+    ).fetchall()
+    for row, gid, seq in found:
+        if row <= number or not isinstance(gid, bytes) or not isinstance(seq, int):
+            raise DamagedError(f'row {row}')
+        number = row
+    return found
+
+
+def last_of_bytes(db: sqlite3.Connection, after: int, before: int, bytes_needed: int) -> int:
+    """The last of the rows between two numbers that together take so many bytes, or all do."""
+    freed_bytes = 0
+    query = 'SELECT number, size FROM rows WHERE number > ? AND number < ? ORDER BY number'
+    with contextlib.closing(db.execute(query, (after, before))) as rows:
+        while freed_bytes < bytes_needed and (row := rows.fetchone()) is not None:
+            after, size_bytes = row
+            freed_bytes += size_bytes
+    return after
+
+
+def first_outside(db: sqlite3.Connection, after: int, since_ns: int, until_ns: int) -> int | None:
+    """The first row above a number that was not taken in that time; None where all were."""
+    found = db.execute(
+        'SELECT number FROM rows WHERE number > ? AND (taken_ns >= ? OR taken_ns < ?) '
+        'ORDER BY number LIMIT 1',
+        (after, until_ns, since_ns),
+    ).fetchone()
+    return int(found[0]) if found else None
 
 
 def first_alive(db: sqlite3.Connection) -> Stored | None:

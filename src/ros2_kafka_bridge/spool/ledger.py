@@ -1,5 +1,9 @@
 """What must be in a spool: so that what is missing can be counted.
 
+Every row carries a checksum over all its fields. The ledger says which rows there must be; it is
+written in the same transaction as they are, and once more into the lock file. A row that was
+deleted before does not come back.
+
 The numbers of rows only grow, also where none is left: a page of the file that is no longer in
 use can hold no row that could be taken for another.
 """

@@ -36,6 +36,7 @@ class FileLock:
     """An exclusive lock on the file beside a spool; the kernel lets go of it with the process."""
 
     def __init__(self, path: Path) -> None:
+        self._is_claimed = False  # kept whoever releases it
         self._path = path
         self._file = -1
 
@@ -69,6 +70,20 @@ class FileLock:
             self.release()
             raise
 
+    def claim(self, patience_s: float) -> None:
+        """Lock, and keep it until `disclaim`, whoever releases it meanwhile.
+
+        Raises:
+            SpoolInUseError: Another process has it.
+            RouteError: The file cannot be written.
+        """
+        self.take(patience_s)
+        self._is_claimed = True
+
+    def disclaim(self) -> None:
+        """Keep it no longer than whoever has it open."""
+        self._is_claimed = False
+
     def _wait(self, patience_s: float) -> None:
         deadline_s = time.monotonic() + patience_s
         while True:
@@ -91,8 +106,8 @@ class FileLock:
         os.pwrite(self._file, ledger.pack(), _PID_BYTES)
 
     def release(self) -> None:
-        """Unlock; the file stays."""
-        if self._file >= 0:
+        """Unlock, unless it is claimed; the file stays."""
+        if self._file >= 0 and not self._is_claimed:
             os.close(self._file)
             self._file = -1
 

@@ -15,7 +15,7 @@ from ros2_kafka_bridge.spool.database import DamagedError
 from ros2_kafka_bridge.spool.health import log_of
 from ros2_kafka_bridge.spool.ledger import Ledger
 from ros2_kafka_bridge.spool.lock import copy_in, holder, is_in_use, lock_of
-from ros2_kafka_bridge.spool.rescue import rescue
+from ros2_kafka_bridge.spool.repair import recover
 from ros2_kafka_bridge.spool.rows import Row, Stored, unpack
 
 _SOURCE: Final = 'ros.topic'
@@ -144,7 +144,7 @@ def _what_is_left(
     """What a bridge would make of a damaged spool."""
     with _temporary() as place:
         whole = place / path.name
-        _, lost, certain = rescue(path, known, whole)
+        _, lost, certain = recover(path, known, whole)
         damaged = replace(general, lost=lost if certain or lost else None, certain=certain)
         with health.opened(whole) as db:
             return _with_contents(damaged, db, messages)

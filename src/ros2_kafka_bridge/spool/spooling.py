@@ -5,7 +5,6 @@
 What the disk does not take goes on without it, once nothing on disk is before it.
 """
 
-import logging
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import takewhile
@@ -13,13 +12,14 @@ from typing import Final, NamedTuple
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.endpoints import Message
-from ros2_kafka_bridge.logs.lines import summed
+from ros2_kafka_bridge.logs.lines import Log, summed
 from ros2_kafka_bridge.logs.text import count as counted
 from ros2_kafka_bridge.route.counters import Counters, Outcome
 from ros2_kafka_bridge.route.flight.messages import MessageEntry, MessageFlight
 from ros2_kafka_bridge.route.flight.stage import REFUSED
 from ros2_kafka_bridge.route.obstacle import KAFKA_IS_SLOW
-from ros2_kafka_bridge.spool.already_sent import AlreadySent, InKafka
+from ros2_kafka_bridge.route.produced import Produced
+from ros2_kafka_bridge.spool.already_sent import AlreadySent
 from ros2_kafka_bridge.spool.backlog import BATCH, Backlog
 from ros2_kafka_bridge.spool.rows import Row, identity_of
 
@@ -55,9 +55,9 @@ class Spooling:
         route: RosToKafkaRoute,
         flight: MessageFlight,
         backlog: Backlog | None,
-        in_kafka: InKafka,
+        in_kafka: Produced,
         counters: Counters,
-        log: logging.LoggerAdapter[logging.Logger],
+        log: Log,
     ) -> None:
         self.active = False  # whether new messages go to disk
         self.loaded_bytes = 0  # of values that an earlier life has left and that were loaded

@@ -1,40 +1,30 @@
 """A queue of records in one SQLite file, in the order in which the bridge took them.
 
-Each route that asks for one has its own, `<directory>/<bridge>.<route>.spool`, and beside it:
-
-    .spool-wal, .spool-shm        SQLite's own, while it is open or after a crash
-    .spool.lock                   who has it open, and a copy of its ledger
-    .spool.damaged-<UTC time>     a file that was damaged, put aside; the spool goes on without it
-    .spool.salvage, .salvage.copy, .new    for a moment, while a damaged one is repaired
-
-Every row carries a checksum over all its fields. The ledger says which rows there must be; it is
-written in the same transaction as they are, and once more into the lock file. What is missing can
-so be counted, and a row that was released before does not come back.
-
 Used by one thread, that of its route.
 """
 
 import contextlib
-import functools
-import logging
+import os
 import sqlite3
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Final, TypeVar
 
 from ros2_kafka_bridge.errors import RouteError, TransportError
-from ros2_kafka_bridge.spool import database
+from ros2_kafka_bridge.logs.lines import Log
+from ros2_kafka_bridge.spool import database, repair
 from ros2_kafka_bridge.spool.ages import Older
-from ros2_kafka_bridge.spool.database import DamagedError
-from ros2_kafka_bridge.spool.file import SpoolFile
-from ros2_kafka_bridge.spool.rows import Row, pack, unpack
-from ros2_kafka_bridge.spool.salvage import Damage
+from ros2_kafka_bridge.spool.database import DamagedError, translated
+from ros2_kafka_bridge.spool.ledger import Ledger
+from ros2_kafka_bridge.spool.lock import FileLock, lock_of
+from ros2_kafka_bridge.spool.place import files_of, make_directory, refuse_other_kinds
+from ros2_kafka_bridge.spool.rows import Row, pack
 
-__all__ = ['Damage', 'Row', 'Spool', 'file_of']
-
+_LOOK_S: Final = 0.05  # who only looks whether it is free has the lock for less
 _CHUNK: Final = 10_000  # rows deleted in one transaction: the log stays small
 _READ: Final = 10_000  # numbers read at once: the memory for them is bounded
-_LAST: Final = 2**63 - 1
 
 Result = TypeVar('Result')
 
@@ -56,25 +46,36 @@ class Spool:
         log: Where to say what happens.
     """
 
-    def __init__(
-        self, path: Path, *, sync: bool, log: logging.LoggerAdapter[logging.Logger]
-    ) -> None:
-        self._file = SpoolFile(path, sync=sync, log=log)
+    def __init__(self, path: Path, *, sync: bool, log: Log) -> None:
+        self.is_open = False
+        self.damage: repair.Damage | None = None  # what was found last
+        self.first = 0  # number of the oldest row; 0 where there is none
+        self._end = 0  # number of the newest row; 0 where there is none
+        self._ledger = Ledger()
+        self._path = path
+        self._sync = sync
+        self._log = log
+        self._lock = FileLock(lock_of(path))
+        self._db: sqlite3.Connection | None = None
+        self._lost = 0
 
     # Life
 
     def claim(self) -> None:
-        """Keep the file for this process, whether it is open or not, until `let_go`.
+        """Keep the file for this process, whether it is open or not, until `release`.
 
         Raises:
             SpoolInUseError: Another process has it.
             RouteError: It cannot be kept.
         """
-        self._file.claim()
+        make_directory(self._path.parent)
+        self._lock.claim(_LOOK_S)
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Close the file, and leave it to any process."""
-        self._file.let_go()
+        self._lock.disclaim()
+        self.close()
+        self._lock.release()
 
     def open(self) -> None:
         """Open the file; make it where there is none, repair it where it is damaged.
@@ -83,47 +84,98 @@ class Spool:
             RouteError: It cannot be used as it is, or there is no room to repair it: somebody has
                 to mend that. Nothing of it was changed.
         """
-        self._file.open()
+        if self.is_open:
+            return
+        make_directory(self._path.parent)
+        refuse_other_kinds(self._path)
+        self._lock.take()
+        try:
+            self._open_database()
+        except BaseException as error:
+            self._lock.release()
+            if isinstance(error, TransportError):
+                raise RouteError(str(error)) from error
+            raise
+        self.is_open = True
 
     def close(self) -> None:
         """Close the file; an empty one is made small. A second call does nothing."""
-        self._file.close()
+        if not self.is_open:
+            return
+        self.is_open = False
+        if self._db is not None and not self.count:
+            with contextlib.suppress(sqlite3.Error):  # it is a matter of size only
+                database.shrink(self._db)
+        self._close_database()
+        self._lock.release()
 
-    @property
-    def is_open(self) -> bool:
-        """Whether it is open."""
-        return self._file.is_open
+    def _open_database(self) -> sqlite3.Connection:
+        try:
+            self._db = self._connect()
+        except BaseException:
+            self._close_database()  # half open, it is of no use
+            raise
+        return self._db
 
-    @property
-    def damage(self) -> Damage | None:
-        """What was found to be damaged last."""
-        return self._file.damage
+    def _connect(self) -> sqlite3.Connection:
+        try:
+            damage = repair.repair(self._path, self._known(), self._log)
+            if damage is not None:
+                self.damage = damage
+                self._lost += damage.lost
+            refuse_other_kinds(self._path)
+            for file in files_of(self._path):
+                with contextlib.suppress(OSError):  # it is of another owner, who let us write
+                    file.chmod(0o600)
+            self._db = db = database.open_to_write(self._path, sync=self._sync)
+            with translated(self._path, 'cannot be read'):
+                self._ledger = database.read_ledger(db)
+                self._lock.keep(self._ledger)
+                self.first, self._end = database.ends(db)
+        except DamagedError as error:
+            raise self._damaged_again(error) from error
+        except OSError as error:
+            raise database.no_room(self._path, 'cannot be opened', error) from error
+        return db
+
+    def _close_database(self) -> None:
+        if self._db is not None:
+            with contextlib.suppress(sqlite3.Error):  # what is committed is in the log
+                self._db.close()
+            self._db = None
+
+    def _known(self) -> Ledger | None:
+        """The newest ledger that is known without reading the file."""
+        own = self._ledger if self._ledger.change else None
+        return max(filter(None, (self._lock.ledger(), own)), default=None)
+
+    def _damaged_again(self, error: DamagedError) -> RouteError:
+        return RouteError(
+            f'the spool {self._path} is damaged again as soon as it is repaired ({error}): is the '
+            'disk or the memory of this machine failing?'
+        )
 
     # What is there
 
     @property
-    def first(self) -> int:
-        """Number of the oldest row; 0 where there is none."""
-        return self._file.first
-
-    @property
     def last(self) -> int:
         """Highest number given so far, also to a row that is no longer there."""
-        return self._file.ledger.high
+        return self._ledger.high
 
     @property
     def count(self) -> int:
         """How many rows there are."""
-        return self._file.ledger.rows
+        return self._ledger.rows
 
     @property
     def size_bytes(self) -> int:
         """What they are accounted for: values, keys, headers, and 100 bytes each."""
-        return self._file.ledger.size_bytes
+        return self._ledger.size_bytes
 
     def take_lost(self) -> int:
         """How many rows were found to be unreadable since the last call."""
-        return self._file.take_lost()
+        lost, self._lost = self._lost, 0
+        return lost
 
     def read(self, after: int, limit: int, limit_bytes: int) -> list[Row]:
         """Read the rows above a number, in order; at least one, if there is one.
@@ -136,21 +188,7 @@ class Spool:
         Raises:
             RouteError: The disk does not answer, or has no room for a repair.
         """
-        return self._asked(lambda db: self._read(db, after, limit, limit_bytes))
-
-    def _read(self, db: sqlite3.Connection, after: int, limit: int, limit_bytes: int) -> list[Row]:
-        rows: list[Row] = []
-        size_bytes = 0
-        for stored in database.rows_after(db, after, limit):
-            row = unpack(stored)
-            if row is None or row.number <= after:
-                raise DamagedError(f'row {stored[0]}')
-            after = row.number
-            rows.append(row)
-            size_bytes += stored[2]
-            if size_bytes >= limit_bytes:
-                break
-        return rows
+        return self._ask(lambda db: database.read(db, after, limit, limit_bytes))
 
     def count_after(self, number: int) -> int:
         """How many rows are above a number; costs nothing where none can be.
@@ -158,9 +196,9 @@ class Spool:
         Raises:
             RouteError: The disk does not answer, or has no room for a repair.
         """
-        if number >= self._file.last:
+        if number >= self._end:
             return 0
-        return self._asked(lambda db: database.sum_of(db, number + 1, _LAST)[0])
+        return self._ask(lambda db: database.sum_of(db, number + 1, self._end)[0])
 
     def numbers(self) -> Iterator[tuple[bytes, int]]:
         """Publisher and number of all rows that have them, in the order of the rows.
@@ -171,22 +209,13 @@ class Spool:
             RouteError: The disk does not answer, or has no room for a repair.
         """
         after = 0
-        while part := self._asked(functools.partial(self._numbers, after=after)):
+        while part := self._ask(partial(database.numbers_after, number=after, limit=_READ)):
             yield from ((gid, seq) for _, gid, seq in part if gid and seq > 0)
             after = part[-1][0]
 
-    def _numbers(self, db: sqlite3.Connection, after: int) -> list[tuple[int, bytes, int]]:
-        part = []
-        for number, gid, seq in database.numbers_after(db, after, _READ):
-            if number <= after or not isinstance(gid, bytes) or not isinstance(seq, int):
-                raise DamagedError(f'row {number}')
-            after = number
-            part.append((number, gid, seq))
-        return part
-
-    def _asked(self, use: Callable[[sqlite3.Connection], Result]) -> Result:
+    def _ask(self, question: Callable[[sqlite3.Connection], Result]) -> Result:
         try:
-            return self._file.use(use, 'read')
+            return self._use(question, 'read')
         except TransportError as error:  # there is nothing to go on with meanwhile
             raise RouteError(str(error)) from error
 
@@ -205,10 +234,10 @@ class Spool:
             TransportError: The disk is full or does not answer: nothing of it was written.
             RouteError: Waiting does not help.
         """
-        return self._file.use(lambda db: self._append(db, rows), 'written')
+        return self._use(lambda db: self._append(db, rows), 'written')
 
     def _append(self, db: sqlite3.Connection, rows: Sequence[Row]) -> int:
-        ledger = self._file.ledger
+        ledger = self._ledger
         first = ledger.high + 1
         stored = [pack(row, number) for number, row in enumerate(rows, first)]
         if not ledger.rows:
@@ -218,52 +247,46 @@ class Spool:
             rows=ledger.rows + len(stored),
             size_bytes=ledger.size_bytes + sum(row[2] for row in stored),
         )
-        with self._file.transaction(db, ledger):
+        with self._transaction(db, ledger):
             database.insert(db, stored)
         return first
 
-    def release(self, before: int) -> None:
+    def delete_before(self, number: int) -> None:
         """Delete the rows below a number.
 
         Raises:
             TransportError: That is not possible now.
         """
         try:
-            self._file.use(lambda db: self._release(db, before), 'written')
+            self._use(lambda db: self._delete_before(db, number), 'written')
         except TransportError as error:
             # A disk that is full to the last byte has no room to note what is deleted, either.
-            if before <= self._file.last or not database.is_full(error):
+            if number <= self._end or not database.is_full(error):
                 raise
-            self._file.begin_again()
+            self._begin_again()
 
-    def _release(self, db: sqlite3.Connection, before: int) -> None:
-        until = min(before, self._file.last + 1)
-        while self._file.first and self._file.first < until:
-            self._delete(db, self._file.first, min(until, self._file.first + _CHUNK) - 1)
+    def _delete_before(self, db: sqlite3.Connection, number: int) -> None:
+        until = min(number, self._end + 1)
+        while self.first and self.first < until:
+            self._delete(db, self.first, min(until, self.first + _CHUNK) - 1)
         if database.is_bloated(db):
             with contextlib.suppress(sqlite3.OperationalError):  # no room, or a reader
                 database.shrink(db)
 
     def drop_oldest(self, after: int, bytes_needed: int) -> int:
-        """Delete the oldest rows above a number until so many bytes are free; the newest stays.
+        """Delete the oldest rows above a number until so many bytes are free; returns how many.
 
-        Returns:
-            How many rows.
+        The newest stays.
 
         Raises:
             TransportError: That is not possible now.
         """
-        return self._file.use(lambda db: self._drop_oldest(db, after, bytes_needed), 'written')
 
-    def _drop_oldest(self, db: sqlite3.Connection, after: int, bytes_needed: int) -> int:
-        last = after
-        freed_bytes = 0
-        query = 'SELECT number, size FROM rows WHERE number > ? AND number < ? ORDER BY number'
-        with contextlib.closing(db.execute(query, (after, self._file.last))) as rows:
-            while freed_bytes < bytes_needed and (row := rows.fetchone()) is not None:
-                last, size_bytes = row
-                freed_bytes += size_bytes
-        return self._drop(db, after + 1, last)
+        def drop(db: sqlite3.Connection) -> int:
+            last = database.last_of_bytes(db, after, self._end, bytes_needed)
+            return self._drop(db, after + 1, last)
+
+        return self._use(drop, 'written')
 
     def drop_older(self, after: int, older: Older) -> tuple[int, bool]:
         """Delete the oldest rows behind a number, up to the first that is not older.
@@ -274,50 +297,102 @@ class Spool:
         Raises:
             TransportError: That is not possible now.
         """
-        return self._file.use(lambda db: self._drop_older(db, after, older), 'written')
 
-    def _drop_older(self, db: sqlite3.Connection, after: int, older: Older) -> tuple[int, bool]:
-        found = db.execute(
-            'SELECT number FROM rows WHERE number > ? AND (taken_ns >= ? OR taken_ns < ?) '
-            'ORDER BY number LIMIT 1',
-            (after, older.until_ns, older.since_ns),
-        ).fetchone()
-        end = min(older.below, self._file.last + 1)
-        until = min(end, *found) if found else end
-        return self._drop(db, after + 1, until - 1), until == end
+        def drop(db: sqlite3.Connection) -> tuple[int, bool]:
+            end = min(older.below, self._end + 1)
+            younger = database.first_outside(db, after, older.since_ns, older.until_ns)
+            until = min(end, younger or end)
+            return self._drop(db, after + 1, until - 1), until == end
+
+        return self._use(drop, 'written')
 
     def discard_between(self, first: int, last: int, *, keep: frozenset[int]) -> int:
-        """Delete the rows from one number to another, but for some.
-
-        Returns:
-            How many rows.
+        """Delete the rows from one number to another, but for some; returns how many.
 
         Raises:
             TransportError: That is not possible now.
         """
-        return self._file.use(lambda db: self._discard(db, first, last, keep), 'written')
-
-    def _discard(self, db: sqlite3.Connection, first: int, last: int, keep: frozenset[int]) -> int:
-        discarded = 0
         kept = sorted(number for number in keep if first <= number <= last)
-        for begin, end in zip([first - 1, *kept], [*kept, last + 1], strict=True):
-            discarded += self._drop(db, begin + 1, end - 1)
-        return discarded
+        gaps = list(zip([first - 1, *kept], [*kept, last + 1], strict=True))
+        return self._use(
+            lambda db: sum(self._drop(db, begin + 1, end - 1) for begin, end in gaps), 'written'
+        )
 
     def _drop(self, db: sqlite3.Connection, first: int, last: int) -> int:
         before = self.count
-        for begin in range(first, min(last, self._file.last) + 1, _CHUNK):
+        for begin in range(first, min(last, self._end) + 1, _CHUNK):
             self._delete(db, begin, min(last, begin + _CHUNK - 1))
         return before - self.count
 
     def _delete(self, db: sqlite3.Connection, first: int, last: int) -> None:
-        """Delete the rows in a range of numbers of the table."""
         count, size_bytes = database.sum_of(db, first, last)
-        before = self._file.ledger
-        ledger = before._replace(
-            rows=before.rows - count, size_bytes=before.size_bytes - size_bytes
-        )
-        is_lowest = first <= self._file.first
+        rows, left_bytes = self.count - count, self.size_bytes - size_bytes
+        ledger = self._ledger._replace(rows=rows, size_bytes=left_bytes)
+        is_lowest = first <= self.first
         ledger = ledger.released(last + 1) if is_lowest else ledger.with_hole(first, last)
-        with self._file.transaction(db, ledger):
+        with self._transaction(db, ledger):
             db.execute('DELETE FROM rows WHERE number BETWEEN ? AND ?', (first, last))
+
+    # How the file is used
+
+    def _use(self, work: Callable[[sqlite3.Connection], Result], what: str) -> Result:
+        """Use the file; where it turns out to be damaged, repair it and use it again.
+
+        Args:
+            work: What to do with it; it is done once more after a repair, and on a full disk.
+            what: What that is, such as `written`.
+
+        Raises:
+            TransportError: The disk is full or does not answer.
+            RouteError: Waiting does not help.
+        """
+        assert self.is_open, 'open first'
+        try:
+            return self._try(self._db or self._open_database(), work, what)
+        except DamagedError:
+            self._close_database()
+        try:
+            return self._try(self._open_database(), work, what)
+        except DamagedError as error:
+            raise self._damaged_again(error) from error
+
+    def _try(
+        self, db: sqlite3.Connection, work: Callable[[sqlite3.Connection], Result], what: str
+    ) -> Result:
+        try:
+            with translated(self._path, f'cannot be {what}'):
+                return work(db)
+        except TransportError as error:
+            if not database.is_full(error):
+                raise
+        with translated(self._path, f'cannot be {what}'):
+            database.merge_log(db)
+            return work(db)
+
+    @contextmanager
+    def _transaction(self, db: sqlite3.Connection, ledger: Ledger) -> Iterator[None]:
+        """Change rows and ledger, both or none."""
+        ledger = ledger._replace(change=self._ledger.change + 1)
+        with database.transaction(db):
+            yield
+            database.write_ledger(db, ledger)
+            first, end = database.ends(db)
+        self._ledger, self.first, self._end = ledger, first, end
+        with contextlib.suppress(OSError):  # only a copy
+            self._lock.keep(ledger)
+
+    def _begin_again(self) -> None:
+        """Delete the file with all that is in it, and make a new one."""
+        self._close_database()
+        before, ledger = self._ledger, self._ledger.released(self.last + 1)
+        try:
+            self._ledger = ledger._replace(change=ledger.change + 1, rows=0, size_bytes=0)
+            self._lock.keep(self._ledger)
+            database.remove(self._path)
+        except OSError as error:
+            if os.path.lexists(self._path):  # with all its rows: they are not to be missed
+                self._ledger = before
+                with contextlib.suppress(OSError):  # it is the older one then, and also right
+                    self._lock.keep(before)
+            raise database.no_room(self._path, 'cannot be deleted', error) from error
+        self._open_database()

@@ -82,7 +82,7 @@ def test_it_looks_on_while_a_bridge_uses_the_spool(
     with opened(tmp_path) as spool:
         for first in range(32, 1032, 100):
             spool.append(rows(first, first + 99))
-            spool.release(first - 50)
+            spool.delete_before(first - 50)
             status, (seen,) = as_json(tmp_path, capsys)
             assert (status, seen['damage']) == (0, '')
             assert (seen['messages'], seen['bytes']) == (spool.count, spool.size_bytes)

@@ -37,7 +37,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Sample:
     with opened(source) as spool:
         for first in range(601, 701, 10):
             spool.append(rows(first, first + 9))
-        spool.release(40)
+        spool.delete_before(40)
         held = {one.number: one for one in read_all(spool)}
         for file in source.iterdir():
             shutil.copy(file, place)

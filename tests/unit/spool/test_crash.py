@@ -99,10 +99,10 @@ def test_what_was_delivered_from_a_full_disk_makes_room(small_disk: Path) -> Non
         fill(small_disk)
         assert numbers(read_all(spool)) == list(range(1, last + 1))
         try:
-            spool.release(last // 2)
+            spool.delete_before(last // 2)
         except TransportError:
             assert spool.count == last
-        spool.release(last + 1)
+        spool.delete_before(last + 1)
         assert spool.count == 0
         spool.append(rows(last + 1, last + 100, size=1000))
         assert numbers(read_all(spool)) == list(range(last + 1, last + 101))
@@ -131,10 +131,10 @@ def test_a_disk_that_refuses_also_a_new_file_is_waited_for(
             patch.setattr('ros2_kafka_bridge.spool.database.write_ledger', refuse)
             patch.setattr(f'ros2_kafka_bridge.spool.{call}', fail)
             with pytest.raises(TransportError, match='cannot be deleted: Input/output error'):
-                spool.release(11)
+                spool.delete_before(11)
         assert numbers(read_all(spool)) == list(range(1, 11)), 'it is the file that it was'
         assert spool.damage is None
-        spool.release(11)
+        spool.delete_before(11)
         spool.append(rows(11, 12))
         assert numbers(read_all(spool)) == [11, 12]
         assert spool.take_lost() == 0
@@ -182,7 +182,7 @@ def test_a_spool_is_delivered_from_a_full_disk_after_a_restart(small_disk: Path)
     with opened(small_disk) as spool:
         assert spool.damage is None
         assert numbers(read_all(spool)) == list(range(1, last + 1))
-        spool.release(last + 1)
+        spool.delete_before(last + 1)
         spool.append(rows(last + 1, last + 10))
     assert numbers(reopened(small_disk).rows) == list(range(last + 1, last + 11))
 

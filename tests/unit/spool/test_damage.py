@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from spools import make, numbers, opened, read_all, reopened, rows
 
-from ros2_kafka_bridge.spool import database, salvage
+from ros2_kafka_bridge.spool import database, repair
 
 SEVERAL = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -161,7 +161,7 @@ def test_the_damaged_file_is_put_aside_and_the_loss_is_said(
         assert len(kept) == 1
         assert kept[0].read_bytes() == content
         assert kept[0].stat().st_mode & 0o777 == 0o600
-        assert spool.damage == salvage.Damage(1, certain=True, kept_as=kept[0])
+        assert spool.damage == repair.Damage(1, certain=True, kept_as=kept[0])
         assert spool.take_lost() == 1
         assert spool.take_lost() == 0
     assert len(caplog.records) == 1
@@ -174,7 +174,7 @@ def test_the_damaged_file_is_put_aside_and_the_loss_is_said(
 def test_rows_that_were_released_or_dropped_never_come_back(closed: Sample, place: Path) -> None:
     sample = closed.copy(place)
     with opened(place) as spool:
-        spool.release(200)
+        spool.delete_before(200)
         spool.drop_oldest(250, 5000)
         left = numbers(read_all(spool))
     content = bytearray(beside(place).read_bytes())
@@ -202,7 +202,7 @@ def test_a_repair_that_was_interrupted_is_taken_up_again(
 
     target, name = {
         'written': (Path, 'rename'),
-        'named': (salvage, '_finish'),
+        'named': (repair, '_finish'),
         'log put aside': (os, 'link'),
         'put aside': (Path, 'replace'),
     }[stage]

@@ -17,7 +17,7 @@ def test_damage_while_it_is_open_is_repaired_on_the_way(tmp_path: Path) -> None:
     with opened(tmp_path) as spool:
         for first in range(1, 5001, 500):
             spool.append(rows(first, first + 499, size=2000))
-        spool.release(11)
+        spool.delete_before(11)
         first_half = spool.read(0, 2000, EVERYTHING)
         with sqlite3.connect(file) as other:
             other.execute('PRAGMA wal_checkpoint(TRUNCATE)')
@@ -33,7 +33,7 @@ def test_damage_while_it_is_open_is_repaired_on_the_way(tmp_path: Path) -> None:
         assert spool.take_lost() == 1
         assert len(list(tmp_path.glob('*.damaged-*'))) == 1
         spool.append(rows(5001, 5010))
-        spool.release(5001)
+        spool.delete_before(5001)
         assert numbers(read_all(spool)) == list(range(5001, 5011))
 
 
@@ -44,7 +44,7 @@ def test_a_damaged_message_is_counted_as_lost_and_no_other_waits_for_it(
     go_away(h)
     h.give(*range(1, 11))
     h.steps()
-    with sqlite3.connect(h.spool._file._path) as other:
+    with sqlite3.connect(h.spool._path) as other:
         other.execute("UPDATE rows SET body = x'00' WHERE number = 6")
     other.close()
     come_back(h)
@@ -79,6 +79,6 @@ def test_a_disk_that_keeps_damaging_it_fails_the_route(
 ) -> None:
     with opened(tmp_path) as spool:
         spool.append(rows(1, 10))
-        monkeypatch.setattr('ros2_kafka_bridge.spool.store.unpack', lambda *_: None)
+        monkeypatch.setattr('ros2_kafka_bridge.spool.database.unpack', lambda *_: None)
         with pytest.raises(RouteError, match=re.escape('damaged again as soon as it is repaired')):
             spool.read(0, 10, EVERYTHING)

@@ -71,8 +71,8 @@ def test_what_the_disk_has_lost_and_memory_has_not_goes_on(house: Make) -> None:
     h.sink.answering = False
     h.give(1, 2, 3)
     h.steps()
-    assert h.spool._file._db is not None
-    h.spool._file._db.execute('UPDATE rows SET size = size + 1 WHERE number = 1')
+    assert h.spool._db is not None
+    h.spool._db.execute('UPDATE rows SET size = size + 1 WHERE number = 1')
     h.fail_and_run_again()
     come_back(h)
     h.until_all_confirmed()

@@ -13,8 +13,8 @@ from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import RouteError, SpoolInUseError
 from ros2_kafka_bridge.spool.ages import Older
 from ros2_kafka_bridge.spool.lock import is_in_use, lock_of
-from ros2_kafka_bridge.spool.rows import size_of
-from ros2_kafka_bridge.spool.store import Row, file_of
+from ros2_kafka_bridge.spool.rows import Row, size_of
+from ros2_kafka_bridge.spool.store import file_of
 
 texts = st.text(max_size=20)  # without lone surrogates: Kafka has none either
 any_bytes = st.binary(max_size=6000)
@@ -66,7 +66,7 @@ def test_its_ends_and_sizes_are_found_again(tmp_path: Path) -> None:
     with opened(tmp_path) as spool:
         assert spool.append(rows(1, 20)) == 1
         assert spool.append(rows(21, 30)) == 21
-        spool.release(10)
+        spool.delete_before(10)
         state = (spool.first, spool.last, spool.count, spool.size_bytes)
         assert state[:3] == (10, 30, 21)
     with opened(tmp_path) as spool:
@@ -89,7 +89,7 @@ def test_numbers_go_on_also_where_it_was_empty(tmp_path: Path) -> None:
             assert spool.append(rows(1, 50)) == first
             assert (spool.first, spool.last) == (first, first + 49)
             assert numbers(read_all(spool)) == list(range(first, first + 50))
-            spool.release(first + 50)
+            spool.delete_before(first + 50)
             assert (spool.first, spool.last, spool.count) == (0, first + 49, 0)
 
 
@@ -115,21 +115,21 @@ def test_it_tells_them_in_order_however_many_there_are(
     monkeypatch.setattr('ros2_kafka_bridge.spool.store._READ', 4)
     with opened(tmp_path) as spool:
         spool.append(rows(1, 12))
-        spool.release(13)
+        spool.delete_before(13)
         without = [row(number)._replace(gid=b'') for number in range(13, 22)]
         spool.append([*without, *rows(22, 24)])
         spool.append(rows(25, 33))
         assert list(spool.numbers()) == [(GID, number) for number in range(22, 34)]
         found = spool.numbers()
         assert next(found) == (GID, 22)
-        spool.release(29)  # while somebody reads
+        spool.delete_before(29)  # while somebody reads
         assert list(found)[-5:] == [(GID, number) for number in range(29, 34)]
 
 
 def test_it_counts_the_rows_above_a_number(tmp_path: Path) -> None:
     with opened(tmp_path) as spool:
         spool.append(rows(1, 50))
-        spool.release(51)
+        spool.delete_before(51)
         spool.append(rows(1, 20))
         spool.discard_between(55, 60, keep=frozenset({57}))
         counts = {after: spool.count_after(after) for after in (0, 54, 57, 69, 70, 1000)}
@@ -173,10 +173,10 @@ def test_the_file_is_small_again_after_a_long_backlog(tmp_path: Path) -> None:
             spool.append(rows(first, first + 999, size=1000))
         assert file.stat().st_size > 20_000_000
         for before in range(1000, 30_000, 1000):
-            spool.release(before)
+            spool.delete_before(before)
         assert spool.count == 1001
         assert file.stat().st_size < 20_000_000, 'also while some are left'
-        spool.release(30_001)
+        spool.delete_before(30_001)
     assert file.stat().st_size < 100_000
     assert not file.with_name(f'{file.name}-wal').exists()
 
@@ -186,7 +186,7 @@ def test_the_file_does_not_grow_while_rows_come_and_go(tmp_path: Path) -> None:
     with opened(tmp_path) as spool:
         for first in range(1, 50_000, 500):
             spool.append(rows(first, first + 499, size=200))
-            spool.release(first)
+            spool.delete_before(first)
         assert file.stat().st_size < 10_000_000
         assert file.with_name(f'{file.name}-wal').stat().st_size < 10_000_000
 
@@ -225,12 +225,12 @@ def test_a_spool_that_is_claimed_stays_with_its_process_between_two_runs(tmp_pat
         other.claim()
     spool.open()
     assert spool.count == 10
-    spool.let_go()
+    spool.release()
     assert not is_in_use(file)
     other.claim()
     other.open()
     assert other.count == 10
-    other.let_go()
+    other.release()
 
 
 def test_a_second_process_is_told_who_has_it(tmp_path: Path) -> None:
@@ -305,7 +305,7 @@ def test_a_link_that_appears_later_is_not_followed(
     def plant(*_: object) -> None:
         file.with_name(f'{file.name}-wal').symlink_to(target)
 
-    monkeypatch.setattr('ros2_kafka_bridge.spool.salvage.make_well', plant)
+    monkeypatch.setattr('ros2_kafka_bridge.spool.repair.repair', plant)
     with pytest.raises(RouteError, match='-wal is no regular file'):
         make(tmp_path).open()
     assert stat.S_IMODE(target.stat().st_mode) == 0o644
