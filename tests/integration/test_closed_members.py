@@ -1,7 +1,7 @@
 """Members of a group that are closed while a rebalance waits for them.
 
 Called back from inside of the close, it may wait for ever with Python's lock held: each thread of
-the bridge would stand still (`kafka.draining`).
+the bridge would stand still (`kafka.group_client`).
 """
 
 import contextlib

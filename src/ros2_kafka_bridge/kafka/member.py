@@ -61,6 +61,7 @@ class Member:
         wakeup: Wakeup,
     ) -> None:
         self.rebalances = 0  # how often partitions came or went
+        self.is_paused = False  # whether it stays without reading on
         self._properties = dict(properties)
         self._topic = topic = offsets.topic
         self._offsets = offsets
@@ -73,7 +74,6 @@ class Member:
         self._client: GroupClient | None = None
         self._rebalance: Rebalance
         self._anew_at_s = -_AT_ONCE_S
-        self._is_paused = False
         self._reads_some = False  # some partitions came while the others were paused
 
     @property
@@ -95,7 +95,7 @@ class Member:
     @property
     def held_back(self) -> str:
         """Why Kafka gives out nothing though it is there; empty while nothing is asked for."""
-        return '' if self._is_paused else self._held_back.reason
+        return '' if self.is_paused else self._held_back.reason
 
     @property
     def is_in_group(self) -> bool:
@@ -105,7 +105,7 @@ class Member:
     @property
     def hears_ends(self) -> bool:
         """Whether it is told, while it reads, where its partitions end."""
-        return not self._health.away and (self._is_paused or not self._held_back.hides_ends)
+        return not self._health.away and (self.is_paused or not self._held_back.hides_ends)
 
     @property
     def is_answered(self) -> bool | None:
@@ -113,11 +113,6 @@ class Member:
         if self._health.away or self._watchdog.is_there is False:
             return False
         return self._health.is_heard or None
-
-    @property
-    def is_paused(self) -> bool:
-        """Whether it stays without reading on."""
-        return self._is_paused
 
     @property
     def is_outside(self) -> bool:
@@ -147,7 +142,7 @@ class Member:
             on_commit=self._offsets.on_answer,
         )
         self._client = client
-        self._is_paused = False
+        self.is_paused = False
         self._watchdog.begin()
         self._watch.begin()
         self._offsets.use(client)
@@ -213,15 +208,15 @@ class Member:
 
     def read_on(self) -> None:
         """Read all partitions."""
-        if self._is_paused:
+        if self.is_paused:
             self.consumer.resume(self.consumer.assignment())
-            self._is_paused = False
+            self.is_paused = False
 
     def pause(self) -> None:
         """Read nothing, also of partitions that have come meanwhile."""
-        if not self._is_paused or self._reads_some:
+        if not self.is_paused or self._reads_some:
             self.consumer.pause(self.consumer.assignment())
-            self._is_paused, self._reads_some = True, False
+            self.is_paused, self._reads_some = True, False
 
     def begin_at(self, number: int, offset: int) -> None:
         """Read a partition from an offset on."""
@@ -306,7 +301,7 @@ class Member:
         """Look at a client from which nothing comes; one that is given up says what it did."""
         try:
             self._watchdog.look_whether_outside(self._health.away)
-            if not (self._is_paused or self._health.away or self._held_back.is_throttled):
+            if not (self.is_paused or self._health.away or self._held_back.is_throttled):
                 self._watchdog.look_whether_stuck(self.consumer, self._offsets.reached)
         except RouteError:
             self.client.recorder.tell(self._log)
@@ -327,7 +322,7 @@ class Member:
     def forget_old_topic(self) -> None:
         """Forget all of a topic that is gone, and tell the group to begin at 0."""
         self._rebalance.detached(self._offsets.numbers)
-        self._offsets.begin_anew(self._watch.now)
+        self._offsets.begin_anew(self._watch.known)
 
     def _replace_useless_client(self, reason: str) -> None:
         """Put another client in the place of one that has failed.

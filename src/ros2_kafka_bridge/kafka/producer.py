@@ -1,8 +1,8 @@
 """Producing to Kafka: idempotent, with a report for every record."""
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from functools import partial
 from typing import Any, Generic
 
@@ -16,7 +16,7 @@ from ros2_kafka_bridge.errors import (
     TransportError,
 )
 from ros2_kafka_bridge.kafka.client_health import BLIP_S, BROKERS_LOST, ClientHealth
-from ros2_kafka_bridge.kafka.errors import Client, translate
+from ros2_kafka_bridge.kafka.errors import Client, translate, translated
 from ros2_kafka_bridge.kafka.properties import LINGER_MS
 from ros2_kafka_bridge.kafka.statistics import read, with_statistics
 from ros2_kafka_bridge.kafka.tls import check_files
@@ -103,7 +103,7 @@ class KafkaSink(Generic[Token]):
         }
         if self._fits_topic:
             own['batch.size'] = self._batch_bytes()
-        with self._translated():
+        with translated(self._where, self._about):
             self._producer = Producer(
                 self._properties | own,
                 logger=logging.getLogger(f'{__name__}.librdkafka'),
@@ -134,7 +134,7 @@ class KafkaSink(Generic[Token]):
         Raises:
             RouteError: The client cannot go on; what it has reported is kept for `close`.
         """
-        with self._translated():  # a fatal error of the client is raised from here
+        with translated(self._where, self._about):  # what is fatal for the client
             self._client.poll(timeout_s)
         if self._confirmed:
             self._health.on_contact()
@@ -149,7 +149,7 @@ class KafkaSink(Generic[Token]):
     def hurry(self) -> None:
         """Send at once what lingers, unless the user has said how long it may."""
         if self._may_hurry:
-            with self._translated():
+            with translated(self._where, self._about):
                 self._client.flush(_HURRY_S)
 
     def close(self) -> Iterable[Token]:
@@ -174,13 +174,6 @@ class KafkaSink(Generic[Token]):
     def _client(self) -> Producer:
         assert self._producer is not None, 'the sink is open'
         return self._producer
-
-    @contextmanager
-    def _translated(self) -> Iterator[None]:
-        try:
-            yield
-        except KafkaException as error:
-            raise translate(error.args[0], self._where, self._about) from error
 
     def _on_statistics(self, text: str) -> None:
         statistics = read(text)
@@ -222,6 +215,6 @@ class KafkaSink(Generic[Token]):
             where = 'message.max.bytes of the producer'
             return RecordTooLargeError(len(record.value or b''), limit_bytes, where)
         if error.code() == KafkaError._FATAL:  # noqa: SLF001 (its public name)
-            with self._translated():  # what it was for is still to be called back
+            with translated(self._where, self._about):  # the cause is still to be called back
                 self._client.poll(0.0)
         return translate(error, self._where, self._about)

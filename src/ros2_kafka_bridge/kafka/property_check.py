@@ -130,7 +130,7 @@ def _together(properties: Mapping[str, PropertyValue], kinds: tuple[_Kind, ...])
     """Problems of properties that are right one by one: files, and pairs that do not fit."""
     problems: dict[str, str] = {}
     # A client that asks for tokens does not survive a wrong file: librdkafka ends the process.
-    if _asks_for_tokens(properties) and (
+    if _lower(properties, _TOKEN_METHOD) == 'oidc' and (
         error := _client_error('producer', _offline(_tls_alone(properties)))
     ):
         return dict([_told(properties, error)])
@@ -168,10 +168,6 @@ def _aws_problem(properties: Mapping[str, PropertyValue]) -> str | None:
     if find_spec('boto3') is None:
         return "needs boto3: pip install 'confluent-kafka[oauthbearer-aws]'"
     return None
-
-
-def _asks_for_tokens(properties: Mapping[str, PropertyValue]) -> bool:
-    return _lower(properties, _TOKEN_METHOD) == 'oidc'
 
 
 def _lower(properties: Mapping[str, PropertyValue], name: str) -> str:

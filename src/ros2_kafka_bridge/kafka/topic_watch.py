@@ -31,9 +31,9 @@ class TopicWatch:
 
     - `Partition.of`, of the offsets of one partition: one that has just come begins at 0, for one
       that is read the client is of no use any more.
-    - `_known`, the last that was there: it outlives clients and runs of a route, as Kafka deletes
+    - `known`, the last that was there: it outlives clients and runs of a route, as Kafka deletes
       the offsets of a group with the topic. All that the new one holds is new.
-    - `_read`, as `_known`, but forgotten with the client.
+    - `_read`, as `known`, but forgotten with the client.
 
     Args:
         ids: Whom to ask.
@@ -54,18 +54,13 @@ class TopicWatch:
         self._offsets = offsets
         self._log = log
         self._on_new = on_new
-        self._known: TopicId | None = None
+        self.known: TopicId | None = None
         self._read: TopicId | None = None
         self._past: set[TopicId | None] = set()  # a broker that is cut off may still tell of them
         self._is_due = False
         self._asked_at_s = self._waited_at_s = -_SOON_S
         self._is_silent = False  # who is asked
         self._question: Question | None = None
-
-    @property
-    def now(self) -> TopicId | None:
-        """The topic that is there, as far as it is known."""
-        return self._known
 
     @property
     def is_asking(self) -> bool:
@@ -85,7 +80,7 @@ class TopicWatch:
         """
         self._ids.serve()
         if age_s is None:  # a reader without partitions, which may get them of another topic
-            self._is_due = self._is_due or self._known is None
+            self._is_due = self._is_due or self.known is None
         elif time.monotonic() - age_s > self._asked_at_s:
             self._is_due = True
 
@@ -98,8 +93,8 @@ class TopicWatch:
         if (now := self._wait_once() if at_once else self._look()) is None:
             return False
         of = [partition.of for partition in self._offsets]
-        if self._tell_replaced([self._known, *of], now):
-            self._known = now
+        if self._tell_replaced([self.known, *of], now):
+            self.known = now
             return len(self._offsets) > 0
         self._settle_on(now, of)
         return False
@@ -121,7 +116,7 @@ class TopicWatch:
             self._is_due = True  # of no use for these, either: another client reads all
             return frozenset()
         gone = frozenset(number for number, of in told.items() if now.has_replaced(of))
-        self._tell_replaced([self._known, *told.values()], now)
+        self._tell_replaced([self.known, *told.values()], now)
         self._settle_on(now, told.values())
         return gone
 
@@ -177,7 +172,7 @@ class TopicWatch:
         others = (of for of in known if of is not None and now.is_elsewhere(of))
         if (other := next(others, None)) is not None:
             self._log.warning(_ELSEWHERE, self._topic, other.cluster_id, now.cluster_id)
-        self._known = now
+        self.known = now
         self._read = now if self._offsets else None
         for partition in self._offsets:
             partition.of = now

@@ -5,8 +5,8 @@ from unittest.mock import MagicMock
 import pytest
 from confluent_kafka import KafkaError, KafkaException
 
-from ros2_kafka_bridge.kafka import draining
-from ros2_kafka_bridge.kafka.draining import drain
+from ros2_kafka_bridge.kafka import group_client
+from ros2_kafka_bridge.kafka.group_client import drain
 
 USELESS = KafkaException(KafkaError(KafkaError._INVALID_ARG))
 
@@ -30,7 +30,7 @@ def test_who_stays_a_member_keeps_its_partitions() -> None:
 @pytest.mark.parametrize('comes', ['a record', None])
 def test_it_ends_in_time(comes: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = MagicMock(monotonic=MagicMock(side_effect=range(100)))
-    monkeypatch.setattr(draining, 'time', clock)
+    monkeypatch.setattr(group_client, 'time', clock)
     client = MagicMock()
     client.poll.return_value = comes
     client.assignment.return_value = ['orders']

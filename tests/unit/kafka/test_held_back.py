@@ -7,10 +7,10 @@ from unittest.mock import MagicMock
 
 import pytest
 
+from ros2_kafka_bridge.kafka import consumer
 from ros2_kafka_bridge.kafka import held_back as under_test
-from ros2_kafka_bridge.kafka import lag
+from ros2_kafka_bridge.kafka.consumer import Lag
 from ros2_kafka_bridge.kafka.held_back import HeldBack
-from ros2_kafka_bridge.kafka.lag import Lag
 from ros2_kafka_bridge.kafka.offsets import Offsets
 from ros2_kafka_bridge.kafka.statistics import PartitionEnds, read
 
@@ -152,7 +152,7 @@ def test_how_far_was_read_is_asked_for_where_a_backlog_hides_it_and_not_known_be
 ) -> None:
     """While other partitions are read on: records of this one come late."""
     now_s = [1000.0]
-    monkeypatch.setattr(lag, 'time', SimpleNamespace(monotonic=lambda: now_s[0]))
+    monkeypatch.setattr(consumer, 'time', SimpleNamespace(monotonic=lambda: now_s[0]))
     counts, broker = Lag(offsets), client(p0=10, p1=50)
     broker.committed.return_value = [MagicMock(partition=1, offset=20)]
     assert counts.count(broker, ask=False) is None
