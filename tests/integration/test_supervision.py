@@ -26,7 +26,7 @@ from ros2_kafka_bridge.process.draining import drain
 from ros2_kafka_bridge.process.in_process_worker import InProcessWorker
 from ros2_kafka_bridge.process.plan import Plan, Rank, RoutePlan, Share, plan_of, write_plan
 from ros2_kafka_bridge.process.signals import Signals
-from ros2_kafka_bridge.process.single_process import SingleProcess
+from ros2_kafka_bridge.process.single_process import run_in_process
 from ros2_kafka_bridge.process.supervisor import Supervisor
 from ros2_kafka_bridge.process.systemd import Systemd
 from ros2_kafka_bridge.process.worker_handle import WorkerHandle
@@ -316,7 +316,7 @@ def test_a_bug_in_what_hears_the_signals_ends_the_bridge_with_1(
         return 0
 
     bridge = cast('Bridge', SimpleNamespace(stop=stop, snapshots=fails, run=run))
-    assert SingleProcess(bridge, ONE, Signals(), 'text').run(lambda _: None) == 1
+    assert run_in_process(bridge, ONE, Signals(), 'text', lambda _: None) == 1
     assert 'a bug of the bridge ends it' in caplog.text
     assert not stop.at_once
 

@@ -20,58 +20,47 @@ if TYPE_CHECKING:
     from ros2_kafka_bridge.bridge import Bridge, Tell
 
 
-class SingleProcess:
-    """Runs a bridge until it is told to stop.
+def run_in_process(
+    bridge: 'Bridge', plan: Plan, signals: Signals, log_format: str, tell: 'Tell'
+) -> int:
+    """Run a bridge until it is told to stop; returns the exit status.
 
     Args:
         bridge: With all routes.
         plan: What it runs.
         signals: Handled already.
         log_format: How workers write a line of the log.
+        tell: Told of what happens.
+
+    Raises:
+        BridgeError: It cannot begin.
     """
+    systemd = Systemd.from_environ(os.environ)
+    own = InProcessWorker(bridge, signals.wakeup, tells_often=systemd.listens)
+    words = [f'--log-format={log_format}', '--', plan.file]
+    try:
+        supervisor = Supervisor(plan, words, systemd, signals, own)
+    except OSError as error:
+        raise TransportError(f'the bridge cannot begin: {error.strerror}') from error
+    statuses: list[int] = []
 
-    def __init__(self, bridge: 'Bridge', plan: Plan, signals: Signals, log_format: str) -> None:
-        self._bridge = bridge
-        self._plan = plan
-        self._signals = signals
-        self._log_format = log_format
-        self._status = 0  # of what looks after it
-
-    def run(self, tell: 'Tell') -> int:
-        """Run to the end; returns the exit status.
-
-        Args:
-            tell: Told of what happens.
-
-        Raises:
-            BridgeError: It cannot begin.
-        """
-        systemd = Systemd.from_environ(os.environ)
-        own = InProcessWorker(self._bridge, self._signals.wakeup, tells_often=systemd.listens)
-        words = [f'--log-format={self._log_format}', '--', self._plan.file]
-        try:
-            supervisor = Supervisor(self._plan, words, systemd, self._signals, own)
-        except OSError as error:
-            raise TransportError(f'the bridge cannot begin: {error.strerror}') from error
-        beside = threading.Thread(
-            target=self._supervise, args=(supervisor,), name='supervisor', daemon=True
-        )
-        beside.start()
-        try:
-            status = own.run(tell)
-        finally:
-            beside.join()
-        return max(status, self._status)
-
-    def _supervise(self, supervisor: Supervisor) -> None:
+    def supervise() -> None:
         """Look after the bridge; in a thread of its own."""
         try:
             with supervisor:
-                self._status = supervisor.run()
+                statuses.append(supervisor.run())
         except BaseException:  # noqa: BLE001 (whatever it is)
             # A bridge that hears nothing any more could not even be stopped.
             route_log().critical('a bug of the bridge ends it: draining', exc_info=True)
-            self._status = 1
-            self._signals.on_stop = self._bridge.stop.on_signal
-            if not self._bridge.stop.asked:
-                self._bridge.stop.ask()
+            statuses.append(1)
+            signals.on_stop = bridge.stop.on_signal
+            if not bridge.stop.asked:
+                bridge.stop.ask()
+
+    beside = threading.Thread(target=supervise, name='supervisor', daemon=True)
+    beside.start()
+    try:
+        statuses.append(own.run(tell))
+    finally:
+        beside.join()
+    return max(statuses)

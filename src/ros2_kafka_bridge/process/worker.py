@@ -18,20 +18,82 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, Final, NoReturn, Self
 
 from ros2_kafka_bridge.errors import BridgeError, TransportError
 from ros2_kafka_bridge.logs import lines as logs
+from ros2_kafka_bridge.process.lines import LineWriter
 from ros2_kafka_bridge.process.orders import follow_orders
 from ros2_kafka_bridge.process.plan import read_plan
-from ros2_kafka_bridge.process.sender import SnapshotSender
 from ros2_kafka_bridge.process.signals import Signals
+from ros2_kafka_bridge.protocol import worker as wire
 from ros2_kafka_bridge.protocol.worker import Event
+from ros2_kafka_bridge.route.counters import Snapshot, to_line
 from ros2_kafka_bridge.threads import unattended
 from ros2_kafka_bridge.threads.stop import SIGNALS
+
+if TYPE_CHECKING:
+    from ros2_kafka_bridge.bridge import Tell
+
+_PERIOD_S: Final = 1.0
+_LAST_S: Final = 1.0
+_BUSY_S: Final = 0.01
+
+
+class SnapshotSender:
+    """Sends snapshots once a second, from a thread, and a last time at the end of `with`.
+
+    A lock keeps the lines whole: a route may send one from its own thread.
+
+    Args:
+        pipe: Where they go.
+        snapshots: Makes them.
+        events: Whether what happens is sent, too.
+    """
+
+    def __init__(
+        self, pipe: int, snapshots: Callable[[], list[Snapshot]], *, events: bool = False
+    ) -> None:
+        self._snapshots = snapshots
+        self._events = events
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._send_often, name='snapshots', daemon=True)
+        self._lock = threading.Lock()
+        self._writer = LineWriter(pipe)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join(_LAST_S)
+        deadline_s = time.monotonic() + _LAST_S
+        self._tell(to_line(self._snapshots()))
+        while self._writer.unsent and time.monotonic() < deadline_s:
+            time.sleep(_BUSY_S)
+            self._tell(b'')
+
+    def send(self, event: Event) -> None:
+        """Send what cannot wait, and the snapshots of that moment before it.
+
+        A pipe without room gets it in time.
+        """
+        self._tell(to_line(self._snapshots()) + (wire.to_line(event) if self._events else b''))
+
+    def _send_often(self) -> None:
+        while not self._ended.wait(_PERIOD_S):
+            self._tell(b'')
+            if not self._writer.unsent:  # a slow reader misses some
+                self._tell(to_line(self._snapshots()))
+
+    def _tell(self, lines: bytes) -> None:
+        with self._lock:
+            self._writer.send(lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -106,18 +168,18 @@ def _run(options: argparse.Namespace, signals: Signals) -> int:
     gc.freeze()
     gc.set_threshold(50_000, 20, 100)
     with ExitStack() as stack:
-        tell = None
+        tell: Tell = _tell_nobody
         if options.snapshots is not None:
             sender = SnapshotSender(options.snapshots, bridge.snapshots, events=options.worker > 0)
             tell = stack.enter_context(sender).send
         if options.worker:
             orders = (bridge, options.after)
             threading.Thread(target=follow_orders, args=orders, daemon=True).start()
-            return bridge.run(tell or _tell_nobody, waits=options.waits)
+            return bridge.run(tell, waits=options.waits)
 
-        from ros2_kafka_bridge.process.single_process import SingleProcess  # noqa: PLC0415 (not for workers)
+        from ros2_kafka_bridge.process.single_process import run_in_process  # noqa: PLC0415 (not for workers)
 
-        return SingleProcess(bridge, plan, signals, options.log_format).run(tell or _tell_nobody)
+        return run_in_process(bridge, plan, signals, options.log_format, tell)
 
 
 def _tell_nobody(_event: Event) -> None:

@@ -14,8 +14,8 @@ import pytest
 from handles import handle, hear
 
 from ros2_kafka_bridge.process.reports import in_words, is_live
-from ros2_kafka_bridge.process.sender import SnapshotSender
 from ros2_kafka_bridge.process.systemd import Systemd
+from ros2_kafka_bridge.process.worker import SnapshotSender
 from ros2_kafka_bridge.protocol.limits import STUCK_S
 from ros2_kafka_bridge.protocol.monitor import Lifecycle
 from ros2_kafka_bridge.protocol.worker import EVENTS, RoutesEnded

@@ -17,7 +17,7 @@ from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.process.control_plane import ControlPlane
 from ros2_kafka_bridge.process.plan import Plan, RoutePlan
 from ros2_kafka_bridge.process.signals import Signals
-from ros2_kafka_bridge.process.single_process import SingleProcess
+from ros2_kafka_bridge.process.single_process import run_in_process
 from ros2_kafka_bridge.protocol.worker import Begun
 from ros2_kafka_bridge.route.counters import Counters, Snapshot, State
 from ros2_kafka_bridge.threads.stop import SIGNALS, Stop
@@ -59,13 +59,13 @@ class House:
         self.bridge = MemoryBridge(for_s)
         self.signals = Signals(lambda _: None)
         self.signals.had_terminal = False
-        self.process = SingleProcess(cast('Bridge', self.bridge), PLAN, self.signals, 'text')
 
     def run(self) -> float:
         """Run to the end; returns how long that took."""
         began_s = time.monotonic()
         self.signals.install()
-        assert self.process.run(lambda _: None) == 0
+        bridge = cast('Bridge', self.bridge)
+        assert run_in_process(bridge, PLAN, self.signals, 'text', lambda _: None) == 0
         return time.monotonic() - began_s
 
 
