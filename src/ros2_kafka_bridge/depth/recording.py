@@ -73,14 +73,11 @@ def read_arrivals(file: Path) -> Times:
     times = _column(file, 'a time in nanoseconds, one a line')
     behind = np.flatnonzero(np.diff(times) < 0)
     if len(behind):
-        raise ConfigError(
-            [
-                (
-                    f'{file}: time {behind[0] + 2} of {len(times)} is earlier than the one '
-                    f'before it: sort the file (sort -n {file})'
-                )
-            ]
+        text = (
+            f'{file}: time {behind[0] + 2} of {len(times)} is earlier than the one '
+            f'before it: sort the file (sort -n {file})'
         )
+        raise ConfigError([text])
     return times
 
 
@@ -191,15 +188,12 @@ def _check_one_at_a_time(file: Path, starts: Times, ends: Times) -> None:
     overlaps = int((starts[1:] < ends[:-1]).sum())
     # A clock that is set back a little looks like an overlap, too.
     if overlaps > max(3, len(starts) // 1000):
-        raise ConfigError(
-            [
-                (
-                    f'{file}: {overlaps} callbacks began before the one before them had ended: '
-                    'this model has one at a time (one thread, or a '
-                    'MutuallyExclusiveCallbackGroup), and one subscription for each file'
-                )
-            ]
+        text = (
+            f'{file}: {overlaps} callbacks began before the one before them had ended: '
+            'this model has one at a time (one thread, or a '
+            'MutuallyExclusiveCallbackGroup), and one subscription for each file'
         )
+        raise ConfigError([text])
 
 
 def _is_recording(file: Path) -> bool:

@@ -3,12 +3,10 @@
 import threading
 import time
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Protocol
 
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.exclusive.handover_window import MOST_AT_END_S, HandoverWindow
-from ros2_kafka_bridge.kafka.lock import GroupLock
-from ros2_kafka_bridge.ros.successor import SuccessorWatch
 from ros2_kafka_bridge.threads.stop import Stop
 
 # A second is usual after a lock was left, 5.2 s were seen on a busy machine; one that has stood
@@ -18,6 +16,40 @@ _LEAVING_S: Final = 7.5  # Kafka is asked who stands by, and the lock is left
 
 HANDOVER_S: Final = _LEAVING_S + _COMING_S + MOST_AT_END_S
 """How long one that ends waits at most for the bridge that goes on."""
+
+
+class RouteLock(Protocol):
+    """The exclusive right to run a route (`kafka.lock.GroupLock`)."""
+
+    @property
+    def held(self) -> bool:
+        """Whether it is ours, as far as is known."""
+
+    def poll(self, timeout_s: float) -> None:
+        """Learn whether it still is."""
+
+    def has_standby(self) -> bool:
+        """Whether another bridge stands by."""
+
+    def close(self) -> None:
+        """Leave it to another."""
+
+
+class Successor(Protocol):
+    """Another bridge that is to read the ROS topic (`ros.successor.SuccessorWatch`)."""
+
+    def note_readers(self, *, may_read: bool) -> None:
+        """Note who reads now.
+
+        Args:
+            may_read: Whether it may be one of them already.
+        """
+
+    def is_needed(self) -> bool:
+        """Whether what is published while nobody reads would be lost."""
+
+    def has_come(self) -> bool:
+        """Whether one reads that was not noted then."""
 
 
 class Term:
@@ -33,7 +65,7 @@ class Term:
         successor: Who is to go on after it.
     """
 
-    def __init__(self, whole: Stop, lock: GroupLock, successor: SuccessorWatch) -> None:
+    def __init__(self, whole: Stop, lock: RouteLock, successor: Successor) -> None:
         self.is_lost = False  # the lock, and this bridge has not got it back in time
         self.guard = threading.RLock()  # of the lock: the thread of the route uses it, too
         self._whole = whole

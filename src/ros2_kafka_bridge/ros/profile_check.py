@@ -49,22 +49,16 @@ def check_profile(node: NodeView, file: Path | None) -> None:
     if _lifespan_ns(node) in {None, MARK_S * 10**9}:
         return
     if file is None:
-        raise ConfigError(
-            [
-                (
-                    f'Fast DDS does not use the settings of the bridge: {_WORDS}; without such '
-                    'words something has started ROS in this process before the bridge'
-                )
-            ]
+        text = (
+            f'Fast DDS does not use the settings of the bridge: {_WORDS}; without such '
+            'words something has started ROS in this process before the bridge'
         )
-    raise ConfigError(
-        [
-            (
-                f'{file}: Fast DDS refuses this DDS profile, and with it what the bridge needs '
-                f'beside it: {_WORDS}'
-            )
-        ]
+        raise ConfigError([text])
+    text = (
+        f'{file}: Fast DDS refuses this DDS profile, and with it what the bridge needs '
+        f'beside it: {_WORDS}'
     )
+    raise ConfigError([text])
 
 
 def _lifespan_ns(node: NodeView) -> int | None:

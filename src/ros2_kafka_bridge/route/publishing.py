@@ -1,5 +1,6 @@
 """What waits to be published, what holds it back, and what the readers of a route have got."""
 
+import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
@@ -12,10 +13,36 @@ from ros2_kafka_bridge.route.flight.flight import Lane
 from ros2_kafka_bridge.route.flight.records import RecordEntry, RecordFlight
 from ros2_kafka_bridge.route.flight.stage import SENT
 from ros2_kafka_bridge.route.obstacle import HISTORY_FULL, PACED, Cause, Obstacle
-from ros2_kafka_bridge.route.pace import Pace
 from ros2_kafka_bridge.route.readiness import SubscriberReadiness
 
 _EXPIRED: Final = Obstacle('the first that waits is too old')
+
+
+class Pace:
+    """At most so many messages per second, evenly.
+
+    Args:
+        max_rate: Messages per second; None lets every one go.
+    """
+
+    def __init__(self, max_rate: float | None) -> None:
+        self._interval_s = 0.0 if max_rate is None else 1 / max_rate
+        self._next_s = 0.0
+
+    @property
+    def wait_s(self) -> float:
+        """How long until the next message may go."""
+        return max(0.0, self._next_s - time.monotonic())
+
+    def go(self) -> bool:
+        """Tell whether a message may go now; one that may is counted."""
+        if not self._interval_s:
+            return True
+        now_s = time.monotonic()
+        if now_s < self._next_s:
+            return False
+        self._next_s = max(self._next_s, now_s - self._interval_s) + self._interval_s
+        return True
 
 
 class Publishing:

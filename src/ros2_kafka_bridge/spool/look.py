@@ -16,7 +16,7 @@ from ros2_kafka_bridge.spool.health import log_of
 from ros2_kafka_bridge.spool.ledger import Ledger
 from ros2_kafka_bridge.spool.lock import copy_in, holder, is_in_use, lock_of
 from ros2_kafka_bridge.spool.repair import recover
-from ros2_kafka_bridge.spool.rows import Row, Stored, unpack
+from ros2_kafka_bridge.spool.rows import Row, unpack
 
 _SOURCE: Final = 'ros.topic'
 
@@ -186,7 +186,8 @@ def _with_contents(general: SpoolContents, db: sqlite3.Connection, messages: int
         'SELECT count(*), total(size), total(dead), min(taken_ns), max(taken_ns) FROM rows'
     ).fetchone()
     shown = map(unpack, database.rows_after(db, -1, messages))
-    record = _record(database.first_alive(db) or next(database.rows_after(db, -1, 1), None))
+    first = database.first_alive(db) or next(database.rows_after(db, -1, 1), None)
+    record = unpack(first) if first else None
     return replace(
         general,
         messages=count,
@@ -198,10 +199,6 @@ def _with_contents(general: SpoolContents, db: sqlite3.Connection, messages: int
         dead_letters=int(dead_letters),
         rows=[row for row in shown if row],
     )
-
-
-def _record(stored: Stored | None) -> Row | None:
-    return unpack(stored) if stored else None
 
 
 def _ros_topic(row: Row | None) -> str:

@@ -236,11 +236,7 @@ class Asking:
     def metadata(self, topic: str | None = None) -> ClusterMetadata | None:
         """What the cluster says of itself, None where nobody answers within 0.2 s."""
         with suppress(KafkaException):
-            return (
-                self._admin.list_topics(timeout=0.2)
-                if topic is None
-                else self._admin.list_topics(topic, timeout=0.2)
-            )
+            return self._admin.list_topics(topic, timeout=0.2)
         return None
 
 

@@ -2,11 +2,12 @@
 
 import time
 from collections.abc import Iterable
-from typing import Final, Protocol, TypeAlias
+from typing import Final, TypeAlias
 
-from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing
+from ros2_kafka_bridge.endpoints import HeaderList, Message
 from ros2_kafka_bridge.errors import RecordError
 from ros2_kafka_bridge.route.counters import Outcome
+from ros2_kafka_bridge.route.flight.messages import MessageEntry
 from ros2_kafka_bridge.route.labels import MakeHeaders
 from ros2_kafka_bridge.route.trace_context import TRACEPARENT, from_headers, traceparents
 from ros2_kafka_bridge.tracing.span import Attributes, EndSpan, Span, in_words, since_1970_ns
@@ -15,23 +16,14 @@ _SAMPLED: Final = b'-01'
 _ERROR: Final = 'dead_letter.error'
 
 
-class TracedMessage(Protocol):
-    """A message on its way, as far as its span tells of it."""
-
-    record: Outgoing
-    gid: bytes
-    seq: int
-    taken_s: float
-
-
 class NoMessageTraces:
     """Follows no message of a route."""
 
-    def confirmed(self, entries: Iterable[TracedMessage]) -> None:
+    def confirmed(self, entries: Iterable[MessageEntry]) -> None:
         """End nothing."""
 
     def ended(
-        self, entry: TracedMessage, outcome: Outcome, error: RecordError | None = None
+        self, entry: MessageEntry, outcome: Outcome, error: RecordError | None = None
     ) -> None:
         """End nothing."""
 
@@ -72,7 +64,7 @@ class SpansOfMessages:
         self._same = same
         self._end = end
 
-    def confirmed(self, entries: Iterable[TracedMessage]) -> None:
+    def confirmed(self, entries: Iterable[MessageEntry]) -> None:
         """End the spans of a batch that Kafka has confirmed."""
         for entry in entries:
             headers = entry.record.headers
@@ -80,7 +72,7 @@ class SpansOfMessages:
                 self.ended(entry, Outcome.CONFIRMED)
 
     def ended(
-        self, entry: TracedMessage, outcome: Outcome, error: RecordError | None = None
+        self, entry: MessageEntry, outcome: Outcome, error: RecordError | None = None
     ) -> None:
         """End the span of a message, by an error or without, if it is sampled."""
         headers = entry.record.headers

@@ -3,11 +3,12 @@
 import random
 import time
 from collections import deque
-from typing import Final, NamedTuple, Protocol, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 from ros2_kafka_bridge.endpoints import HeaderList, Record
 from ros2_kafka_bridge.errors import RecordError
 from ros2_kafka_bridge.route.counters import Outcome
+from ros2_kafka_bridge.route.flight.records import RecordEntry
 from ros2_kafka_bridge.route.trace_context import TraceContext, from_headers
 from ros2_kafka_bridge.tracing.span import Attributes, EndSpan, Span, in_words, since_1970_ns
 
@@ -16,27 +17,15 @@ _PASSED_ON: Final = ('ros.gid', 'ros.seq', 'ros.source_time_ns')
 _MOST_CHARS: Final = 64  # a bridge writes fewer
 
 
-class TracedEntry(Protocol):
-    """A record on its way, as far as its span tells of it."""
-
-    partition: int
-    offset: int
-    taken_s: float
-
-    @property
-    def outcome(self) -> Outcome | None:
-        """What became of it; None while it has not ended."""
-
-
 class NoRecordTraces:
     """Follows no record of a route, at no cost."""
 
     follow = False
 
-    def begin(self, entry: TracedEntry, record: Record, headers: HeaderList | None) -> None:
+    def begin(self, entry: RecordEntry, record: Record, headers: HeaderList | None) -> None:
         """Begin nothing."""
 
-    def refused(self, entry: TracedEntry, error: RecordError) -> None:
+    def refused(self, entry: RecordEntry, error: RecordError) -> None:
         """Note nothing."""
 
     def look(self) -> None:
@@ -47,7 +36,7 @@ NO_RECORD_TRACES: Final = NoRecordTraces()
 
 
 class _Open(NamedTuple):
-    entry: TracedEntry
+    entry: RecordEntry
     parent: TraceContext | None
     told: dict[str, str | int]
 
@@ -76,7 +65,7 @@ class SpansOfRecords:
         self._open: deque[_Open] = deque()
         self._errors: dict[int, RecordError] = {}  # by id of the entry
 
-    def begin(self, entry: TracedEntry, record: Record, headers: HeaderList | None) -> None:
+    def begin(self, entry: RecordEntry, record: Record, headers: HeaderList | None) -> None:
         """Begin the span of a record that was just taken, if it is sampled.
 
         Args:
@@ -89,7 +78,7 @@ class SpansOfRecords:
         if sampled and len(self._open) < _MOST_OPEN:
             self._open.append(_Open(entry, parent, _told(record, headers or [])))
 
-    def refused(self, entry: TracedEntry, error: RecordError) -> None:
+    def refused(self, entry: RecordEntry, error: RecordError) -> None:
         """Note why a record cannot be delivered, if it has a span."""
         if self._open and self._open[-1].entry is entry:
             self._errors[id(entry)] = error

@@ -1,17 +1,11 @@
 """What runs a route by a lock ends when the bridge does, or when the lock is lost: not earlier."""
 
-from typing import TYPE_CHECKING, cast
-
 import pytest
 
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.exclusive.handover_window import MOST_AT_END_S, MOST_S
 from ros2_kafka_bridge.exclusive.term import Term
 from ros2_kafka_bridge.threads.stop import Stop
-
-if TYPE_CHECKING:
-    from ros2_kafka_bridge.kafka.lock import GroupLock
-    from ros2_kafka_bridge.ros.successor import SuccessorWatch
 
 
 class MemoryLock:
@@ -101,13 +95,9 @@ class MemorySuccessor:
         return self.come
 
 
-def _term(stop: Stop, lock: MemoryLock, successor: MemorySuccessor) -> Term:
-    return Term(stop, cast('GroupLock', lock), cast('SuccessorWatch', successor))
-
-
 def test_a_term_ends_with_the_bridge(clock: Clock) -> None:
     stop = Stop()
-    leader = Leader(_term(stop, MemoryLock(), MemorySuccessor()), clock)
+    leader = Leader(Term(stop, MemoryLock(), MemorySuccessor()), clock)
     assert leader.lasts(60)
     stop.ask()
     assert leader.step()
@@ -116,7 +106,7 @@ def test_a_term_ends_with_the_bridge(clock: Clock) -> None:
 
 def test_a_term_is_over_once_its_lock_was_lost_also_if_it_comes_back(clock: Clock) -> None:
     lock = MemoryLock()
-    leader = Leader(_term(Stop(), lock, MemorySuccessor(needed=False)), clock)
+    leader = Leader(Term(Stop(), lock, MemorySuccessor(needed=False)), clock)
     lock.lost = True
     assert leader.step()
     lock.lost = False
@@ -129,7 +119,7 @@ def test_guarantee_8_a_term_that_is_over_runs_on_until_the_successor_reads_and_i
 ) -> None:
     """As where Kafka gives the route to another, though this bridge lives and takes."""
     lock, successor = MemoryLock(), MemorySuccessor()
-    leader = Leader(_term(Stop(), lock, successor), clock)
+    leader = Leader(Term(Stop(), lock, successor), clock)
     assert leader.lasts(0.3)
     lock.lost = True
     assert leader.lasts(0.3), 'the other one has not subscribed yet'
@@ -146,7 +136,7 @@ def test_a_lock_that_comes_back_before_the_drain_has_begun_lets_the_term_go_on(
 ) -> None:
     """As where the other bridge has died meanwhile: nobody else reads."""
     lock, successor = MemoryLock(), MemorySuccessor()
-    leader = Leader(_term(Stop(), lock, successor), clock)
+    leader = Leader(Term(Stop(), lock, successor), clock)
     lock.lost = True
     assert leader.lasts(0.3)
     assert leader.term.is_lost
@@ -170,7 +160,7 @@ def test_a_stop_reads_on_for_its_successor_however_long_kafka_takes_to_tell(
 
     monkeypatch.setattr(lock, 'has_standby', tell_late)
     stop = Stop()
-    leader = Leader(_term(stop, lock, MemorySuccessor()), clock)
+    leader = Leader(Term(stop, lock, MemorySuccessor()), clock)
     stop.ask()
     assert not leader.step()
     left_s = clock.now_s
@@ -180,7 +170,7 @@ def test_a_stop_reads_on_for_its_successor_however_long_kafka_takes_to_tell(
 
 def test_a_term_that_is_over_waits_for_its_successor_for_a_while_only(clock: Clock) -> None:
     lock = MemoryLock()
-    leader = Leader(_term(Stop(), lock, MemorySuccessor()), clock)
+    leader = Leader(Term(Stop(), lock, MemorySuccessor()), clock)
     lock.lost = True
     assert not leader.lasts(60)
     assert 1020 <= clock.now_s < 1021
@@ -192,7 +182,7 @@ def test_a_successor_that_may_have_come_unseen_is_waited_for_as_one_that_has_com
 ) -> None:
     """Not every publisher may send to it yet; a discovery server, for one, does not show it."""
     stop, lock = Stop(), MemoryLock(wanted=True)
-    leader = Leader(_term(stop, lock, MemorySuccessor()), clock)
+    leader = Leader(Term(stop, lock, MemorySuccessor()), clock)
     lock.lost = not stops
     if stops:
         stop.ask()
@@ -203,7 +193,7 @@ def test_a_successor_that_may_have_come_unseen_is_waited_for_as_one_that_has_com
 
 def test_a_second_stop_ends_a_term_that_is_over_and_runs_on(clock: Clock) -> None:
     stop, lock = Stop(), MemoryLock()
-    leader = Leader(_term(stop, lock, MemorySuccessor()), clock)
+    leader = Leader(Term(stop, lock, MemorySuccessor()), clock)
     lock.lost = True
     assert leader.lasts(0.3)
     stop.ask()
@@ -214,7 +204,7 @@ def test_a_second_stop_ends_a_term_that_is_over_and_runs_on(clock: Clock) -> Non
 
 def test_a_stop_runs_on_until_the_successor_reads_and_is_known(clock: Clock) -> None:
     stop, lock, successor = Stop(), MemoryLock(wanted=True), MemorySuccessor()
-    leader = Leader(_term(stop, lock, successor), clock)
+    leader = Leader(Term(stop, lock, successor), clock)
     stop.ask()
     assert not leader.step()
     assert lock.left, 'it goes to the successor first'
@@ -232,7 +222,7 @@ def test_a_stop_waits_for_no_successor_where_none_is_there_or_needed(
 ) -> None:
     stop, lock = Stop(), MemoryLock(wanted=missing != 'wanted')
     stop.ask()
-    term = _term(stop, lock, MemorySuccessor(needed=missing != 'needed'))
+    term = Term(stop, lock, MemorySuccessor(needed=missing != 'needed'))
     assert Leader(term, clock).step()
     assert lock.held
 
@@ -243,12 +233,12 @@ def test_a_term_that_is_over_runs_on_for_nobody_where_no_message_would_be_lost(
     """As where all publishers are TRANSIENT_LOCAL: the other one gets their history."""
     lock, successor = MemoryLock(), MemorySuccessor(needed=False)
     lock.lost = successor.come = True
-    assert Leader(_term(Stop(), lock, successor), clock).step()
+    assert Leader(Term(Stop(), lock, successor), clock).step()
 
 
 def test_a_second_stop_waits_for_nobody(clock: Clock) -> None:
     stop = Stop()
-    leader = Leader(_term(stop, MemoryLock(wanted=True), MemorySuccessor()), clock)
+    leader = Leader(Term(stop, MemoryLock(wanted=True), MemorySuccessor()), clock)
     stop.ask()
     assert not leader.step()
     stop.ask()
@@ -258,7 +248,7 @@ def test_a_second_stop_waits_for_nobody(clock: Clock) -> None:
 def test_a_route_that_waits_for_long_is_woken_while_its_successor_reads(clock: Clock) -> None:
     """It tells what it has taken after each wait only, and these can be long."""
     stop, lock, successor = Stop(), MemoryLock(), MemorySuccessor()
-    leader = Leader(_term(stop, lock, successor), clock)
+    leader = Leader(Term(stop, lock, successor), clock)
     leader.step()
     assert not stop.wakeup.is_rung
     lock.lost = successor.come = True
@@ -273,7 +263,7 @@ def test_what_each_publisher_sent_before_the_successor_was_known_is_taken_first(
     clock: Clock, newer: str
 ) -> None:
     lock, successor = MemoryLock(), MemorySuccessor()
-    term = _term(Stop(), lock, successor)
+    term = Term(Stop(), lock, successor)
     lock.lost = successor.come = True
     assert not term.step(takes=True)
     old, new = clock.time_ns(), clock.time_ns() + 60_000_000_000
@@ -292,7 +282,7 @@ def test_a_term_that_is_over_has_less_time_once_somebody_waits_for_its_end(
     clock: Clock, *, stops: bool
 ) -> None:
     stop, lock, successor = Stop(), MemoryLock(), MemorySuccessor()
-    term = _term(stop, lock, successor)
+    term = Term(stop, lock, successor)
     lock.lost = successor.come = True
     began_s, old = clock.now_s, [Message(b'', b'publisher', 1, clock.time_ns())]
     while not term.step(takes=True):
@@ -307,7 +297,7 @@ def test_a_term_that_is_over_has_less_time_once_somebody_waits_for_its_end(
 def test_a_route_that_was_held_up_before_its_successor_read_is_waited_for(clock: Clock) -> None:
     lock, successor = MemoryLock(), MemorySuccessor()
     stop = Stop()
-    term = _term(stop, lock, successor)
+    term = Term(stop, lock, successor)
     term.note_taken([])
     clock.sleep(5.0)  # there is no room
     stop.ask()

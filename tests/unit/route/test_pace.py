@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from ros2_kafka_bridge.route.pace import Pace
+from ros2_kafka_bridge.route.publishing import Pace
 
 
 def test_without_a_rate_every_message_goes_at_once() -> None:

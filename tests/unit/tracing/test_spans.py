@@ -6,7 +6,8 @@ import socket
 import time
 from collections import deque
 from collections.abc import Iterator
-from typing import NamedTuple
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import pytest
 from collector import Collector, collector
@@ -35,24 +36,24 @@ SERVICE = Service('robots', 'warehouse-1', 2)
 LOG = RouteLog(logging.getLogger('test'), None)
 
 
-class Entry:
-    def __init__(self, offset: int = 0, headers: HeaderList | None = None) -> None:
-        self.partition, self.offset = 1, offset
-        self.taken_s = time.monotonic() - 1
-        self.outcome: Outcome | None = None
-        self.record = Outgoing('orders', None, b'value', headers or [])
-        self.gid, self.seq = bytes(16), 3
+def _entry(offset: int = 0, headers: HeaderList | None = None) -> Any:
+    """What is looked at of a record, or a message, in flight."""
+    record = Outgoing('orders', None, b'value', headers or [])
+    return SimpleNamespace(
+        partition=1, offset=offset, taken_s=time.monotonic() - 1, outcome=None,
+        record=record, gid=bytes(16), seq=3,
+    )  # fmt: skip
 
 
 class Records(NamedTuple):
     """Spans of records, and what begins them."""
 
     ended: list[Span]
-    entries: deque[Entry]
+    entries: deque[Any]
     traces: SpansOfRecords
 
-    def take(self, *headers: tuple[str, str | bytes]) -> Entry:
-        entry = Entry(len(self.entries))
+    def take(self, *headers: tuple[str, str | bytes]) -> Any:
+        entry = _entry(len(self.entries))
         self.entries.append(entry)
         self.traces.begin(entry, MemoryRecord(b'value'), [*headers])
         return entry
@@ -152,8 +153,8 @@ def test_each_message_gets_a_trace_of_its_own_behind_its_other_headers() -> None
 def test_the_span_of_a_message_has_the_ids_of_its_header() -> None:
     ended: list[Span] = []
     traces = SpansOfMessages('orders', {'ros.topic': '/orders'}, ended.append)
-    others = [Entry(headers=[NOT_SAMPLED]), Entry(headers=[('ros.seq', b'-01')]), Entry()]
-    traces.confirmed([Entry(headers=[('ros.topic', b'x'), SAMPLED]), *others])
+    others = [_entry(headers=[NOT_SAMPLED]), _entry(headers=[('ros.seq', b'-01')]), _entry()]
+    traces.confirmed([_entry(headers=[('ros.topic', b'x'), SAMPLED]), *others])
     (span,) = ended
     assert span.context == parse(SAMPLED[1])
     assert (span.name, span.kind, span.parent) == ('publish orders', 'producer', None)
@@ -166,10 +167,10 @@ def test_a_message_that_became_a_dead_letter_or_was_dropped_says_why() -> None:
     ended: list[Span] = []
     traces = SpansOfMessages('orders', {}, ended.append)
     reason = ('dead_letter.error', 'RecordTooLargeError: 9 bytes: too many')
-    traces.ended(Entry(headers=[SAMPLED, reason]), Outcome.DEAD_LETTERED)
-    traces.ended(Entry(headers=[SAMPLED]), Outcome.DROPPED, EncodeError('no'))
-    traces.ended(Entry(headers=[SAMPLED]), Outcome.DROPPED)
-    traces.ended(Entry(headers=[NOT_SAMPLED, reason]), Outcome.DEAD_LETTERED)
+    traces.ended(_entry(headers=[SAMPLED, reason]), Outcome.DEAD_LETTERED)
+    traces.ended(_entry(headers=[SAMPLED]), Outcome.DROPPED, EncodeError('no'))
+    traces.ended(_entry(headers=[SAMPLED]), Outcome.DROPPED)
+    traces.ended(_entry(headers=[NOT_SAMPLED, reason]), Outcome.DEAD_LETTERED)
     assert [span.error for span in ended] == [
         ('RecordTooLargeError', '9 bytes: too many'),
         ('EncodeError', 'no'),

@@ -117,7 +117,8 @@ class ManagedNode(LifecycleNodeMixin, Node):
     def _on_change_state(self, request: Any, response: Any) -> Any:
         wanted = request.transition.label or request.transition.id
         known = self._state_machine.available_transitions
-        possible = [(number, label) for number, label, *_ in known if _of_person(label)]
+        # Others are the ends of those that go on.
+        possible = [(number, label) for number, label, *_ in known if label in _TRANSITIONS]
         if not any(wanted in one for one in possible):
             self._log.warning('%s', self._refusal(wanted, [label for _, label in possible]))
             response.success = False
@@ -139,8 +140,3 @@ class ManagedNode(LifecycleNodeMixin, Node):
 def in_one_line(answer: Answer) -> str:
     """The text of an answer, for the log."""
     return '; '.join(answer.text.splitlines())
-
-
-def _of_person(label: str) -> bool:
-    """Whether a transition is one that may be asked for, not the end of one that goes on."""
-    return label in _TRANSITIONS
