@@ -27,7 +27,8 @@ def publish(
     """Start a node that publishes CDR bytes."""
     file = bench.place / f'{time.monotonic_ns()}.hex'
     file.write_text('\n'.join(message.hex() for message in messages))
-    return bench.script('ros_raw_publisher.py', topic, message_type, str(file), *options)
+    words = '--type', message_type, '--file', str(file)
+    return bench.publisher(topic, *words, *options)
 
 
 def route(

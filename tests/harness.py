@@ -164,8 +164,8 @@ class Bench:
         return done.returncode, done.stdout, done.stderr
 
     def publisher(self, topic: str, *options: str, **environ: str) -> Process:
-        """Start a ROS node that publishes (tests/peers/ros_publisher.py)."""
-        return self._begin(str(PEERS / 'ros_publisher.py'), topic, *options, **environ)
+        """Start a ROS node that publishes (rig/peers/publisher.py)."""
+        return self.peer('publisher', topic, *options, **environ)
 
     def subscriber(
         self,
@@ -176,7 +176,7 @@ class Bench:
         lease_s: float | None = None,
         **environ: str,
     ) -> Process:
-        """Start a ROS node that reads into a file (tests/peers/ros_subscriber.py).
+        """Start a ROS node that reads into a file (rig/peers/subscriber.py).
 
         It takes `samples` into its DDS cache (default 5000), and is given up `lease_s` after it
         was killed (default 20).
@@ -186,10 +186,14 @@ class Bench:
             profile = self._file('xml')
             profile.write_text(make_profile(Histories({}, readers, lease_s)))
             environ[FASTDDS_3.variable] = str(profile)
-        return self._begin(str(PEERS / 'ros_subscriber.py'), topic, str(file), *options, **environ)
+        return self.peer('subscriber', topic, str(file), *options, **environ)
+
+    def peer(self, name: str, *arguments: str, **environ: str) -> Process:
+        """Start an end of rig/peers."""
+        return self._begin('-m', f'rig.peers.{name}', *arguments, **environ)
 
     def script(self, name: str, *arguments: str) -> Process:
-        """Start another script of tests/peers."""
+        """Start a script of tests/peers."""
         return self._begin(str(PEERS / name), *arguments)
 
     def _begin(self, *arguments: str, **environ: str) -> Process:

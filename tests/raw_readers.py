@@ -10,8 +10,8 @@ def reader_of(bench: Bench, message_type: str, topic: str = '/out') -> Process:
     """A subscriber of one topic, ready; what it reads comes into the file `received`."""
     file = str(bench.place / 'received')
     with ExitStack() as stack:
-        script = bench.script('ros_raw_subscriber.py', topic, message_type, file)
-        reader = stack.enter_context(script)
+        words = topic, file, '--type', message_type, '--form', 'hex'
+        reader = stack.enter_context(bench.peer('subscriber', *words))
         reader.wait_for('ready')
         stack.pop_all()
     return reader

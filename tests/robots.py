@@ -1,5 +1,6 @@
 """Nodes that use types which are not installed where the bridge runs."""
 
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -37,17 +38,31 @@ def robot(
     publishes: Mapping[str, Sequence[bytes]] | None = None,
     takes: Mapping[str, Path] | None = None,
 ) -> Iterator[Process]:
-    """A node with endpoints of one type, TRANSIENT_LOCAL (tests/peers/describing_node.py)."""
-    arguments = [message_type, '--prefix', str(prefix), *options]
-    for topic, messages in (publishes or {}).items():
-        file = bench.place / f'{topic.strip("/")}-{prefix.parent.name}.hex'
-        file.write_text('\n'.join(message.hex() for message in messages))
-        arguments += ['--publish', f'{topic}={file}']
-    for topic, file in (takes or {}).items():
-        arguments += ['--take', f'{topic}={file}']
-    with bench.script('describing_node.py', *arguments) as process:
+    """A node with endpoints of one type, TRANSIENT_LOCAL (rig/peers/ros_node.py)."""
+    words = ends(bench, message_type, publishes or {}, takes or {})
+    with bench.peer('ros_node', '--made', str(prefix), *words, *options) as process:
         process.wait_for('ready')
         yield process
+
+
+def ends(
+    bench: Bench,
+    message_type: str,
+    publishes: Mapping[str, Sequence[bytes]],
+    takes: Mapping[str, Path],
+) -> Sequence[str]:
+    """The options of a node for its ends of one type."""
+    place = bench.place / f'{time.monotonic_ns()}'
+    sends, reads = place.with_suffix('.sends'), place.with_suffix('.takes')
+    sends.write_text(
+        ''.join(
+            f'{topic} {message_type} {message}\n'
+            for topic, messages in publishes.items()
+            for message in ('', *(message.hex() for message in messages))
+        )
+    )
+    reads.write_text(''.join(f'{topic} {message_type} {takes[topic]}\n' for topic in takes))
+    return '--publish', str(sends), '--take', str(reads)
 
 
 def random_cdr(message_type: str, folder: Path, count: int) -> list[bytes]:

@@ -35,7 +35,7 @@ class Warm:
     It ends with the process that it was forked from, which ends with that of the tests.
 
     Args:
-        arguments: Those of Python: `-P -m MODULE ...` or a script and its own.
+        arguments: Those of Python: `-P -m MODULE ...`, `-m MODULE ...` or a script and its own.
         log: Its output goes to the end of this file.
         environ: Added to the environment of the tests.
     """
@@ -140,6 +140,10 @@ def _run(arguments: list[str]) -> None:
         case ['-P', '-m', module, *words]:
             sys.modules.pop(module, None)  # it was imported, and is to begin anew
             sys.argv = [module, *words]
+            runpy.run_module(module, run_name='__main__', alter_sys=True)
+        case ['-m', module, *words]:
+            sys.argv = [module, *words]
+            sys.path.insert(0, str(_TESTS.parent))
             runpy.run_module(module, run_name='__main__', alter_sys=True)
         case [script, *words]:
             sys.argv = [script, *words]

@@ -66,7 +66,8 @@ def reader(bench: Bench, file: Path, leave: Leave, patch: pytest.MonkeyPatch) ->
     profile.write_text(make_profile(Histories({}, {'/joints': SAMPLES})))
     with patch.context() as its_own:
         its_own.setenv(FASTDDS_3.variable, str(profile))
-        return bench.script('ros_raw_subscriber.py', '/joints', JOINTS, str(file), *leave.options)
+        words = '/joints', str(file), '--type', JOINTS, '--form', 'hex'
+        return bench.peer('subscriber', *words, *leave.options)
 
 
 def test_each_byte_comes_to_ros_through_sigkills_and_only_the_uncommitted_again_guarantees_1_8(

@@ -178,9 +178,8 @@ def test_guarantee_8_a_history_read_over_another_transport_is_known_again(
         if vendor == 'fastdds':
             stack.enter_context(bench.publisher('/orders', *LATCHED, *options))
         else:
-            stack.enter_context(
-                bench.script('cyclone_writer.py', '/orders', '--latched', *options)
-            )
+            words = 'write', '/orders', '--latched', *options
+            stack.enter_context(bench.peer('cyclone', *words))
         for run, transport in enumerate(transports):
             with bench.bridge(config, FASTDDS_BUILTIN_TRANSPORTS=transport) as bridge:
                 leave.up_to(count + run)
@@ -200,7 +199,7 @@ def test_guarantee_6b_forged_numbers_cost_a_publisher_without_a_time_nothing(
     bench.create_topic(topic_name)
     config = bench.config([to_kafka('/orders', topic_name)])
     options = ('--latched', '--timeless', *leave.options, '--count', '10')
-    with bench.script('cyclone_writer.py', '/orders', *options):
+    with bench.peer('cyclone', 'write', '/orders', *options):
         with bench.bridge(config) as bridge:
             leave.up_to(5)
             records = wait_for(bench, topic_name, 5, bridge)

@@ -133,8 +133,12 @@ def test_what_is_published_comes_back_from_kafka_byte_for_byte_in_every_format(
     }
     out = bench.config([way.to_kafka for way in ways], name=f'{bench.name}-out', **more)
     back = bench.config([way.to_ros for way in ways], name=f'{bench.name}-back', **more)
+    came = [bench.place / f'{way.number}.received' for way in ways]
     (bench.place / 'read').write_text(
-        ''.join(f'/out{way.number} {way.message_type}\n' for way in ways)
+        ''.join(
+            f'/out{way.number} {way.message_type} {file}\n'
+            for way, file in zip(ways, came, strict=True)
+        )
     )
     (bench.place / 'sent').write_text(
         ''.join(
@@ -142,15 +146,15 @@ def test_what_is_published_comes_back_from_kafka_byte_for_byte_in_every_format(
         )
     )
     count = sum(len(way.sent) for way in ways)
-    received = bench.place / 'received'
+    node = 'ros_node', '--durability', 'volatile'
     with (
-        bench.script('ros_many_subscriber.py', str(bench.place / 'read'), str(received)),
+        bench.peer(*node, '--take', str(bench.place / 'read')),
         bench.bridge(back) as reader,
         bench.bridge(out) as writer,
-        bench.script('ros_many_publisher.py', str(bench.place / 'sent')),
+        bench.peer(*node, '--publish', str(bench.place / 'sent'), '--readers', '1'),
     ):
         eventually(
-            lambda: len(lines(received)) >= count,
+            lambda: sum(len(lines(file)) for file in came) >= count,
             90,
             lambda: f'{writer.output()}{reader.output()}',
         )
@@ -160,12 +164,10 @@ def test_what_is_published_comes_back_from_kafka_byte_for_byte_in_every_format(
     assert f'subject {ways[-1].topic}-value of {registry.url} has the schema, with' in told
     assert told.count(' has the schema, with the id ') == 2 * len(FEW)
     assert checked == 0, told
-    found = [line.split(' ') for line in lines(received)]
-    for way in ways:
+    for way, file in zip(ways, came, strict=True):
         exact = exact_of(way.message_type)
-        came = [exact(bytes.fromhex(hexed)) for at, hexed in found if at == f'/out{way.number}']
-        assert came == way.sent, f'{way.format_name} {way.message_type}'
-    assert len(found) == count
+        found = [exact(bytes.fromhex(line)) for line in lines(file)]
+        assert found == way.sent, f'{way.format_name} {way.message_type}'
 
 
 def test_a_bad_record_becomes_a_dead_letter_that_names_the_field_or_both_hashes(

@@ -33,7 +33,7 @@ def last(bench: Bench, topic: str) -> bytes:
 
 
 def numbered(prefix: str, count: int) -> list[bytes]:
-    """What tests/peers/ros_publisher.py publishes."""
+    """What rig/peers/publisher.py publishes."""
     return [f'{prefix}{number}'.encode() for number in range(count)]
 
 

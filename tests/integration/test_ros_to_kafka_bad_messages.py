@@ -123,7 +123,7 @@ def test_what_was_refused_of_a_history_is_no_second_dead_letter_after_a_restart_
     bench: Bench, topic_name: str
 ) -> None:
     sent = [text(b'before'), text(b'caf\xe9'), *(text(b'%d' % number) for number in range(2000))]
-    latched = ('--durability', 'transient_local', '--readers', '0', '--period', '0.02')
+    latched = ('--durability', 'transient_local', '--readers', '0', '--rate', '50')
     config = bench.config([to_kafka('/orders', topic_name)])
     bench.create_topic(topic_name)
     with publish(bench, '/orders', sent, *latched):

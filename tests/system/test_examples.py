@@ -32,7 +32,7 @@ def hexed(bench: Bench, name: str, messages: list[bytes]) -> str:
 
 
 def publisher(bench: Bench, topic: str, kind: str, file: str, *options: str) -> Process:
-    return bench.script('ros_raw_publisher.py', topic, kind, file, *options)
+    return bench.publisher(topic, '--type', kind, '--file', file, *options)
 
 
 @pytest.mark.parametrize('file', FILES, ids=lambda file: file.stem)
@@ -103,10 +103,8 @@ def test_a_map_and_fixed_transforms_reach_who_comes_later(own_bench: Bench) -> N
     copy = bench.place / 'copy'
     with bench.run(example(bench, 'latched_to_robots')) as bridge:
         eventually(lambda: bench.committed('site-2.map', 'site-1.map') == 1, 60)
-        with bench.script(
-            'ros_raw_subscriber.py', '/site_1/map', map_type, str(copy),
-            '--durability', 'transient_local',
-        ):  # fmt: skip
+        words = '--type', map_type, '--form', 'hex', '--durability', 'transient_local'
+        with bench.subscriber('/site_1/map', copy, *words):
             eventually(lambda: len(lines(copy)) > 0, 60)
         assert bridge.end() == 0
     assert [bytes.fromhex(line) for line in lines(copy)] == [site]
@@ -121,7 +119,7 @@ def test_pictures_at_best_effort_arrive_as_they_were(own_bench: Bench) -> None:
     ]
     file = hexed(bench, 'pictures', pictures)
     topic, kind = '/camera/image_raw/compressed', 'sensor_msgs/msg/CompressedImage'
-    options = ('--reliability', 'best_effort', '--period', '0.05')
+    options = ('--reliability', 'best_effort', '--rate', '20')
     with (
         bench.run(example(bench, 'camera')) as bridge,
         publisher(bench, topic, kind, file, *options),
@@ -148,8 +146,8 @@ def test_old_commands_do_not_move_a_robot(own_bench: Bench) -> None:
     bench.produce('robot-7.velocity', [before])
     with (
         bench.run(example(bench, 'commands')) as bridge,
-        bench.script(
-            'ros_raw_subscriber.py', '/cmd_vel', 'geometry_msgs/msg/TwistStamped', str(received)
+        bench.subscriber(
+            '/cmd_vel', received, '--type', 'geometry_msgs/msg/TwistStamped', '--form', 'hex'
         ) as robot,
     ):
         robot.wait_for('ready')

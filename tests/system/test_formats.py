@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import pytest
 from confluent_kafka.schema_registry import Schema, SchemaRegistryClient
-from harness import PEERS, Bench, Process, eventually, headers, lines, values
+from harness import Bench, Process, eventually, headers, lines, values
 from messages import cdr, layout_of
 from raw_readers import reader_of, received
 from registry_server import RegistryServer
@@ -23,6 +23,7 @@ from ros2_kafka_bridge.message_types import load_layout
 from ros2_kafka_bridge.message_types.layout import Layout
 
 STRING = 'std_msgs/msg/String'
+NODE = (sys.executable, '-m', 'rig.peers.ros_node')
 FLOAT64 = 'std_msgs/msg/Float64'
 
 
@@ -96,7 +97,7 @@ def test_a_registry_that_is_away_at_the_start_holds_the_publishers_back_and_lose
     )
     with (
         bench.bridge(config) as bridge,
-        bench.script('ros_raw_publisher.py', '/in', STRING, str(file)) as publisher,
+        bench.publisher('/in', '--file', str(file)) as publisher,
     ):
         publisher.wait_for('published 50', 60)
         bridge.wait_for('tried again in', 60)
@@ -148,12 +149,8 @@ def test_a_custom_message_is_carried_and_that_of_another_version_is_a_dead_lette
             environ = built[version].environ
             bridge = stack.enter_context(bench.bridge(config, python=None, **environ))
             bridge.wait_for('subscribes to /in')
-        publisher = [
-            sys.executable,
-            str(PEERS / 'ros_many_publisher.py'),
-            str(bench.place / 'sent'),
-            '--readers=2',
-        ]
+        words = '--durability', 'volatile', '--readers', '2'
+        publisher = [*NODE, '--publish', str(bench.place / 'sent'), *words]
         log = bench.place / 'publisher.log'
         stack.enter_context(Process(publisher, log, bench.environ | built['theirs'].environ))
         [record] = bench.records(f'{topic_name}.theirs', 1)
@@ -176,10 +173,11 @@ def test_a_route_waits_while_a_subscriber_of_another_version_would_misread_it(
     route = {'name': 'to_ros', 'from': source, 'to': sink, 'format': 'json'}
 
     def reader(version: str) -> Process:
-        script = [sys.executable, str(PEERS / 'ros_raw_subscriber.py')]
-        file = str(bench.place / f'{version}.read')
+        takes = bench.place / f'{version}.takes'
+        takes.write_text(f'/out {CRANE} {bench.place / version}.read\n')
+        command = [*NODE, '--take', str(takes), '--durability', 'volatile']
         environ = bench.environ | built[version].environ
-        return Process([*script, '/out', CRANE, file], bench.place / f'{version}.log', environ)
+        return Process(command, bench.place / f'{version}.log', environ)
 
     with ExitStack() as stack:
         old = stack.enter_context(reader('theirs'))

@@ -7,6 +7,8 @@ from renaming import renamed
 
 from ros2_kafka_bridge.testing.local_kafka import free_port
 
+NO_BOOLS = ('--type', 'std_msgs/msg/Bool', '--file', '/dev/null')
+
 Unique = Callable[[str], str]
 
 
@@ -21,10 +23,7 @@ def test_a_graph_becomes_routes_that_carry_its_messages(bench: Bench, unique: Un
             f'/{robot}/map', '--count', '1', '--durability', 'transient_local', '--readers', '0'
         ) as latched,
         bench.publisher(f'/{robot}/mixed', '--count', '0', '--readers', '0') as one,
-        bench.script(
-            'ros_raw_publisher.py', f'/{robot}/mixed', 'std_msgs/msg/Bool', '/dev/null',
-            '--readers', '0',
-        ) as other,
+        bench.publisher(f'/{robot}/mixed', *NO_BOOLS, '--readers', '0') as other,
         bench.subscriber(f'/{robot}/cmd', received, '--durability', 'transient_local') as reader,
     ):  # fmt: skip
         latched.wait_for('published')

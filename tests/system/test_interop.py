@@ -22,7 +22,7 @@ def test_a_writer_of_another_vendor_reaches_kafka_once_and_in_order_guarantees_2
     config = bench.config([to_kafka('/orders', topic_name)])
     with (
         bench.bridge(config) as bridge,
-        bench.script('cyclone_writer.py', '/orders', '--count', str(COUNT)) as writer,
+        bench.peer('cyclone', 'write', '/orders', '--count', str(COUNT)) as writer,
     ):
         writer.wait_for('published')
         records = bench.records(topic_name, COUNT)
@@ -40,7 +40,7 @@ def test_a_reader_of_another_vendor_gets_all_once_and_in_order_guarantees_1_3(
     config = bench.config([to_ros(topic_name, '/orders')])
     bench.produce(topic_name, [number.encode() for number in NUMBERS])
     with (
-        bench.script('cyclone_reader.py', '/orders', str(file)),
+        bench.peer('cyclone', 'read', '/orders', '--file', str(file)),
         bench.bridge(config) as bridge,
     ):
         eventually(lambda: len(lines(file)) >= COUNT, 60, lambda: f'only {lines(file)} came')
@@ -63,7 +63,7 @@ def test_readers_of_another_vendor_that_come_after_the_bridge_miss_nothing_guara
         for topic in topics:
             bridge.wait_for(f'{topic[1:]}: reads {topic_name}')
         for topic, file in zip(topics, files, strict=True):
-            stack.enter_context(bench.script('cyclone_reader.py', topic, str(file)))
+            stack.enter_context(bench.peer('cyclone', 'read', topic, '--file', str(file)))
         eventually(lambda: all(NUMBERS[-1] in lines(file) for file in files), 60)
         assert bridge.end() == 0
     assert [lines(file) for file in files] == [NUMBERS] * 4
@@ -76,7 +76,7 @@ def test_the_history_of_a_writer_of_another_vendor_is_known_again_guarantee_8(
     count, restarts, leave = 200, 6, Leave(bench.place)
     config = bench.config([to_kafka('/orders', topic_name)])
     options = ('--latched', *leave.options, '--count', str(count + restarts))
-    with bench.script('cyclone_writer.py', '/orders', *options):
+    with bench.peer('cyclone', 'write', '/orders', *options):
         for run in range(restarts):
             with bench.bridge(config) as bridge:
                 leave.up_to(count + run)
@@ -94,7 +94,7 @@ def test_large_messages_of_a_writer_of_another_vendor_come_whole(
     options = ('--count', str(count), '--bytes', str(size))
     with (
         bench.bridge(config) as bridge,
-        bench.script('cyclone_writer.py', '/orders', *options) as writer,
+        bench.peer('cyclone', 'write', '/orders', *options) as writer,
     ):
         writer.wait_for('published', 90)
         records = bench.records(topic_name, count)

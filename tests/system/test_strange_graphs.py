@@ -33,7 +33,7 @@ def test_guarantee_6b_a_stranger_in_the_graph_ends_nothing(
     ]  # fmt: skip
     bridge = watched(bench, routes)
     many = [text(b'%d' % number) for number in range(400)]
-    with bridge.process as process, publish(bench, '/orders', many, '--period', '0.05') as before:
+    with bridge.process as process, publish(bench, '/orders', many, '--rate', '20') as before:
         eventually(lambda: bench.reaches(orders, 20), 60, process.output)
         with (
             stranger(bench.domain, b'rt/orders', **strange),

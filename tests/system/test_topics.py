@@ -10,6 +10,8 @@ from terminal import on_terminal, without_colours
 
 from ros2_kafka_bridge.testing.local_kafka import free_port
 
+NO_BOOLS = ('--type', 'std_msgs/msg/Bool', '--file', '/dev/null')
+
 Unique = Callable[[str], str]
 
 
@@ -87,9 +89,7 @@ def test_counting_is_no_subscriber_that_a_waiting_bridge_would_deliver_to(
 def test_two_types_on_one_topic_are_both_named(bench: Bench) -> None:
     with (
         bench.publisher('/mixed', '--count', '0', '--readers', '0') as one,
-        bench.script(
-            'ros_raw_publisher.py', '/mixed', 'std_msgs/msg/Bool', '/dev/null', '--readers', '0'
-        ) as other,
+        bench.publisher('/mixed', *NO_BOOLS, '--readers', '0') as other,
     ):
         one.wait_for('published')
         other.wait_for('published')

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from harness import PEERS, Bench, Process, eventually, headers, lines, to_kafka, to_ros, values
 from patience import patient
-from robots import installed, random_cdr, robot
+from robots import ends, installed, random_cdr, robot
 from ros_package import build_package, write_package
 
 from rig.processes import Programs
@@ -58,19 +58,16 @@ def of_robots(bench: Bench) -> Programs:
 
 
 @contextmanager
-def packaged(
-    bench: Bench, name: str, built: dict[str, str], message_type: str, *options: str
-) -> Iterator[Process]:
-    """An ordinary node with the package of its type (tests/peers/packaged_node.py)."""
-    script = str(PEERS / 'packaged_node.py')
-    with of_robots(bench).python(name, script, message_type, *options, **built) as node:
+def packaged(bench: Bench, name: str, built: dict[str, str], *words: str) -> Iterator[Process]:
+    """An ordinary node with the package of its type, which sends and takes objects of it."""
+    command = '-m', 'rig.peers.ros_node', '--typed', '--name', name, *words
+    with of_robots(bench).python(name, *command, **built) as node:
         yield node
 
 
-def hexed(bench: Bench, name: str, messages: Sequence[bytes]) -> Path:
-    file = bench.place / f'{name}.hex'
-    file.write_text('\n'.join(message.hex() for message in messages))
-    return file
+def told(words: Sequence[str]) -> list[str]:
+    """What an ordinary node with these ends has published, as Python prints it."""
+    return lines(Path(words[1]).with_suffix('.sent'))
 
 
 def assert_without(bridge: Process, package: str, prefix: Path) -> None:
@@ -108,31 +105,26 @@ def test_tf_of_nodes_that_have_tf2_msgs_goes_both_ways_through_a_bridge_that_has
     ]
     tf = {'name': 'tf_out', 'from': {'ros': '/tf'}, 'to': {'kafka': 'site-1.tf'}, 'format': 'json'}
     back[1] |= {'format': 'json'}
-    ends: dict[str, list[str]] = {}
-    for it, messages in sent.items():
-        file = hexed(bench, it, messages)
-        ends[it] = ['--publish', f'/{it}={file}={bench.place / it}.sent']
-    takes = [f'--take=/site_1/{it}={bench.place / it}.came' for it in sent]
+    came = {f'/site_1/{it}': bench.place / f'{it}.came' for it in sent}
+    statics, moves = (ends(bench, TF, {f'/{it}': sent[it]}, {}) for it in sent)
     with ExitStack() as stack:
         enter = stack.enter_context
-        enter(packaged(bench, 'statics', built, TF, *ends['tf_static']))
-        enter(packaged(bench, 'rviz', built, TF, *takes))
+        enter(packaged(bench, 'statics', built, *statics))
+        enter(packaged(bench, 'rviz', built, *ends(bench, TF, {}, came)))
         static = enter(bench.run(example(bench, 'latched')))
         others = enter(bench.run(bench.config([tf, *back])))
-        moving = packaged(
-            bench, 'moving', built, TF, *ends['tf'], '--durability', 'volatile', '--readers', '1'
-        )
-        enter(moving)
-        for it, messages in sent.items():
-            came, there = bench.place / f'{it}.came', bench.place / f'{it}.sent'
-            eventually(lambda: len(lines(came)) >= len(messages), 90, others.output)  # noqa: B023
-            assert lines(came) == lines(there)
-            assert 'TransformStamped' in lines(came)[1]
+        now = '--durability', 'volatile', '--readers', '1'
+        enter(packaged(bench, 'moving', built, *moves, *now))
+        for (it, messages), words in zip(sent.items(), (statics, moves), strict=True):
+            file = came[f'/site_1/{it}']
+            eventually(lambda: len(lines(file)) >= len(messages), 90, others.output)  # noqa: B023
+            assert lines(file) == told(words)
+            assert 'TransformStamped' in lines(file)[1]
         for bridge in (static, others):
             assert_without(bridge, 'tf2_msgs', prefix)
             assert bridge.end() == 0
     assert values(bench.records('site-1.tf_static', 20)) == sent['tf_static']
-    assert f'tf_static: {TF} is described by the node /tf2_msgs_node' in static.output()
+    assert f'tf_static: {TF} is described by the node /statics' in static.output()
 
 
 def test_plans_of_a_built_package_come_back_as_the_same_objects(
@@ -155,18 +147,17 @@ def test_plans_of_a_built_package_come_back_as_the_same_objects(
             to_kafka('/plan', topic, f'{form}_out') | {'from': {'ros': '/plan'}} | settings,
             to_ros(topic, f'/{form}', form) | {'to': sink} | settings,
         ]
-    file = hexed(bench, 'plans', random_cdr(PLAN, package, 100))
-    there, came = bench.place / 'sent', {form: bench.place / form for form in forms}
-    takes = [f'--take=/{form}={file}' for form, file in came.items()]
+    came = {f'/{form}': bench.place / form for form in forms}
+    words = ends(bench, PLAN, {'/plan': random_cdr(PLAN, package, 100)}, came)
     with (
-        packaged(bench, 'planner', built, PLAN, f'--publish=/plan={file}={there}', *takes),
+        packaged(bench, 'planner', built, *words),
         bench.run(bench.config(routes)) as bridge,
     ):
         for file in came.values():
             eventually(lambda: len(lines(file)) >= 100, 60, bridge.output)  # noqa: B023
         assert_without(bridge, 'acme_nav', prefix)
         assert bridge.end() == 0
-    assert [lines(file) for file in came.values()] == [lines(there)] * 3
+    assert [lines(file) for file in came.values()] == [told(words)] * 3
 
 
 # Others than nodes of this ROS
@@ -190,8 +181,8 @@ def test_those_of_another_vendor_have_no_node_to_ask_and_a_folder_helps(
     ]
     came = bench.place / 'came'
     with (
-        bench.script('cyclone_writer.py', '/out', '--count', '10', '--type', FINE) as writer,
-        bench.script('cyclone_reader.py', '/back', str(came), '--type', FINE),
+        bench.peer('cyclone', 'write', '/out', '--count', '10', '--type', FINE) as writer,
+        bench.peer('cyclone', 'read', '/back', '--file', str(came), '--type', FINE),
     ):
         with bench.bridge(bench.config(routes)) as bridge:
             for name in ('out', 'to_ros'):
@@ -218,9 +209,8 @@ def test_jazzy_and_kilted_describe_types_to_each_other(
     own = {'_ROS_WHEELS_BOOTSTRAP_COMPLETE': '', 'LD_LIBRARY_PATH': ''}
     sent = random_cdr(FINE, fine / 'src', 20)
     came = bench.place / 'came'
-    publish = f'/out={hexed(bench, "fine", sent)}'
-    options = ['--prefix', str(fine), '--publish', publish, '--take', f'/back={came}']
-    command = [pythons[robots], str(PEERS / 'describing_node.py'), FINE, *options]
+    words = ends(bench, FINE, {'/out': sent}, {'/back': came})
+    command = [pythons[robots], '-m', 'rig.peers.ros_node', '--made', str(fine), *words]
     routes = [
         {'name': 'out', 'from': {'ros': '/out'}, 'to': {'kafka': topic}, 'format': 'json'},
         to_ros(topic, '/back', format='json')
@@ -237,7 +227,7 @@ def test_jazzy_and_kilted_describe_types_to_each_other(
         assert bridge.end() == 0
     assert [
         bytes.fromhex(line)[: len(it)] for line, it in zip(lines(came), sent, strict=True)
-    ] == (sent)
+    ] == sent
     assert headers(records[0])['ros.type_hash'].startswith('RIHS01_')
     assert bridge.output().count(f'{FINE} is described by the node /robot_') == 2
 
@@ -267,6 +257,21 @@ def test_a_silent_node_holds_up_no_route_of_another_topic_with_the_same_type(
 # Many
 
 
+def many(bench: Bench, prefix: Path, types: int, count: int) -> Process:
+    """A node with many topics of types that it alone describes, a message on each."""
+    sends = bench.place / 'many.sends'
+    sends.write_text(
+        ''.join(
+            f'/t{it} acme_many/msg/T{it % types} {numbered_cdr(it).hex()}\n' for it in range(count)
+        )
+    )
+    return bench.peer('ros_node', '--made', str(prefix), '--publish', str(sends))
+
+
+def numbered_cdr(number: int) -> bytes:
+    return b'\0\1\0\0' + number.to_bytes(8, 'little')
+
+
 def test_250_routes_learn_fifty_types_of_one_node(bench: Bench, topic_name: str) -> None:
     types, count = 50, 250
     messages = {f'T{it}': f'uint64 x{it}\n' for it in range(types)}
@@ -275,7 +280,7 @@ def test_250_routes_learn_fifty_types_of_one_node(bench: Bench, topic_name: str)
         to_kafka(f'/t{it}', topic_name, f'r{it}', format='cdr') | {'from': {'ros': f'/t{it}'}}
         for it in range(count)
     ]
-    node = bench.script('many_described.py', str(prefix), str(types), str(count))
+    node = many(bench, prefix, types, count)
     config = bench.config(routes)
     with node:
         node.wait_for('ready')
@@ -284,9 +289,7 @@ def test_250_routes_learn_fifty_types_of_one_node(bench: Bench, topic_name: str)
             records = bench.records(topic_name, count, 120)
             print(f'{count} routes after {time.monotonic() - began_s:.1f} s, {resident(bridge)}')  # noqa: T201
             assert bridge.end() == 0
-    assert sorted(values(records)) == sorted(
-        b'\0\1\0\0' + it.to_bytes(8, 'little') for it in range(count)
-    )
+    assert sorted(values(records)) == sorted(map(numbered_cdr, range(count)))
     assert len({headers(record)['ros.type_hash'] for record in records}) == types
 
 
@@ -294,7 +297,7 @@ def test_a_process_has_1_000_endpoints_of_types_that_a_node_alone_describes(benc
     types, count = 50, 1000
     messages = {f'T{it}': f'uint64 x{it}\n' for it in range(types)}
     prefix = installed(bench.place / 'many', 'acme_many', messages)
-    node = bench.script('many_described.py', str(prefix), str(types), str(count))
+    node = many(bench, prefix, types, count)
     taker = bench.script('takes_many.py', str(count), str(bench.domain))
     with node:
         node.wait_for('ready')
