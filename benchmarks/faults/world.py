@@ -270,12 +270,11 @@ class World:
     # How parts are made
 
     def _producer(self, stream: Stream) -> None:
-        options = ['--partitions', str(stream.lines), *self._pace()]
-        arguments = [
-            self.cluster.bootstrap_servers, stream.kafka_topic, str(self._sent(stream)),
-            str(self._commands(stream.name)),
-        ]  # fmt: skip
-        self._peer(self._here, 'kafka_producer', *arguments, *options)
+        servers = '--bootstrap-servers', self.cluster.bootstrap_servers
+        options = *servers, '--partitions', str(stream.lines)
+        self._peer(
+            self._here, 'kafka_producer', *self._sender(stream.kafka_topic, stream), *options
+        )
 
     def _subscriber(self, stream: Stream) -> Process:
         profile = self._profile('subscriber', Histories({}, {stream.ros_topic: SUBSCRIBER_CACHE}))
@@ -285,12 +284,10 @@ class World:
     def _publisher(self, stream: Stream) -> Process:
         assert stream.durability is not None
         history = Histories({stream.ros_topic: PUBLISHER_HISTORY}, {})
-        command = [
-            '-m', f'{_PEER}.ros_publisher', stream.ros_topic, str(self._sent(stream)),
-            str(self._commands(stream.name)), '--durability', stream.durability, *self._pace(),
-        ]  # fmt: skip
+        command = '-m', f'{_PEER}.ros_publisher', *self._sender(stream.ros_topic, stream)
+        options = '--durability', stream.durability
         profile = self._profile(stream.name, history)
-        return self._robot.python(f'publisher-{stream.name}', *command, **profile)
+        return self._robot.python(f'publisher-{stream.name}', *command, *options, **profile)
 
     def _recorder(self) -> None:
         topics = [stream.kafka_topic for stream in self.setting.streams if stream.durability]
@@ -303,8 +300,9 @@ class World:
         self._peers.append(part)
         return part
 
-    def _pace(self) -> list[str]:
-        return ['--rate', str(self.setting.rate), '--seed', str(self.setting.seed)]
+    def _sender(self, topic: str, stream: Stream) -> Sequence[str]:
+        files = str(self._sent(stream)), str(self._commands(stream.name))
+        return topic, *files, f'--rate={self.setting.rate}', f'--seed={self.setting.seed}'
 
     def _profile(self, name: str, histories: Histories) -> dict[str, str]:
         """With a quick heartbeat: what is acknowledged is known at once."""

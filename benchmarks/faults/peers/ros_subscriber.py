@@ -8,12 +8,12 @@ import os
 from pathlib import Path
 
 import rclpy
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
 from benchmarks.faults import orders
 from benchmarks.faults.journal import ARRIVED, BEGUN, STRANGE, Journal
+from rig.peers.ends import qos
 
 
 def main() -> None:
@@ -24,14 +24,13 @@ def main() -> None:
     args = parser.parse_args()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node(f'subscriber_{os.getpid()}')
-    qos = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_ALL)
     journal = Journal(args.journal)
 
     def note(message: bytes) -> None:
         number = orders.number_of(orders.from_cdr(message))
         journal.write(STRANGE if number is None else ARRIVED, number or 0)
 
-    node.create_subscription(String, args.topic, note, qos, raw=True)
+    node.create_subscription(String, args.topic, note, qos(), raw=True)
     journal.write(BEGUN, os.getpid())
     rclpy.spin(node)
 
