@@ -18,7 +18,7 @@ from confluent_kafka import Consumer, Producer
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
-from benchmarks.many_topics import KEEP_ALL
+from rig.peers.ends import qos
 
 POLL_S = 0.1
 
@@ -35,12 +35,13 @@ def main() -> None:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('bare')
     common = {'bootstrap.servers': args.brokers, 'log_level': 3}
+    keep_all = qos()
     ends: list[object] = []
     came: list[object] = []
     for number in range(args.count):
-        ends.append(node.create_publisher(String, f'{args.ros}/to_ros{number}', KEEP_ALL))
+        ends.append(node.create_publisher(String, f'{args.ros}/to_ros{number}', keep_all))
         back = f'{args.ros}/to_kafka{number}'
-        ends.append(node.create_subscription(String, back, lambda _: None, KEEP_ALL, raw=True))
+        ends.append(node.create_subscription(String, back, lambda _: None, keep_all, raw=True))
         ends.append(Producer({**common, 'enable.idempotence': True}))
         topic = f'{args.kafka}.to_ros.{number}'
         consumer = Consumer({**common, 'group.id': f'bare.{topic}'})

@@ -9,27 +9,21 @@ bridge publish again what it had not acknowledged: so the steady reader may get 
 """
 
 import argparse
-import json
-import signal
 import sys
 import tempfile
-import uuid
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from confluent_kafka import KafkaException
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.machine import machine, versions
-from benchmarks.numbers import BOTH_WAYS, Count, count_topic
-from benchmarks.processes import programs
-from benchmarks.topics import EndOffset, topics
+from benchmarks.command import run
+from benchmarks.numbers import Count, staged
+from benchmarks.topics import EndOffset
 from benchmarks.vitals import Slope, Vitals, slope, vitals
-from rig.processes import Process, ProcessError, Programs
-from ros2_kafka_bridge.errors import ConfigError, TransportError
+from rig.processes import Process, Programs
 from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Histories, make_profile
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
@@ -82,42 +76,22 @@ def play(servers: str, place: Path, domain: int, times: int) -> Result:
         domain: ROS domain.
         times: How often.
     """
-    mark = f'churn_{uuid.uuid4().hex[:8]}'
-    at = programs(place, domain)
-    read, write = f'/to_ros_{mark}', f'/to_kafka_{mark}'
-
-    def peer(part: str, *words: str) -> Process:
-        return at.python(part, '-m', 'benchmarks.numbers', part, *words)
-
-    with ExitStack() as stack:
-        stack.enter_context(topics(servers, [f'{mark}.source', f'{mark}.sink']))
-        file = place / 'churn.yaml'
-        file.write_text(
-            f'defaults: {{drain_s: 60}}\n{BOTH_WAYS.format(servers=servers, mark=mark)}'
-        )
-        bridge = stack.enter_context(at.bridge('bridge', file))
-        for what in ('subscribes to', 'reads '):
-            bridge.wait_for(what, START_S)
-        counted = place / 'counted.json'
-        counter = stack.enter_context(peer('count', str(counted), read))
-        to_kafka = stack.enter_context(peer('ros', write, '--rate', str(RATE)))
-        to_ros = peer('kafka', servers, f'{mark}.source', '--rate', str(RATE))
-        stack.enter_context(to_ros)
-        for process in (counter, to_kafka, to_ros):
-            process.wait_for('ready', START_S)
+    with (
+        staged(servers, place, domain, 'churn', '{drain_s: 60}') as stage,
+        stage.senders(RATE, RATE) as senders,
+    ):
+        bridge = stage.bridge
         seen = [vitals(bridge.pid)]
-        visitors = _Visitors(at, read, write)
+        visitors = _Visitors(stage.at, f'/to_ros_{stage.mark}', f'/to_kafka_{stage.mark}')
         for first in range(0, times, ROUND):
             visitors.come_and_go(min(ROUND, times - first), seed=first)
             bridge.check()
             seen.append(vitals(bridge.pid))
-        sent = (_end_of(to_ros), _end_of(to_kafka))
+        sent = senders.end()
         status = bridge.end(END_S)
-        counter.end(END_S)
-        there = Count(**json.loads(counted.read_text()))
-        sink = EndOffset(servers, f'{mark}.sink')
-        in_kafka = count_topic(servers, f'{mark}.sink', sink())
-        sink.close()
+        there = stage.counted()
+        with closing(EndOffset(servers, f'{stage.mark}.sink')) as end_offset:
+            in_kafka = stage.counted_in_kafka(end_offset())
     return Result(times, visitors.killed, seen, sent, (there, in_kafka), status)
 
 
@@ -146,11 +120,6 @@ class _Visitors:
         return self._at.python(f'{name}-{seed}', *words, **self._profile)
 
 
-def _end_of(sender: Process) -> int:
-    sender.end(END_S)
-    return int(sender.output().rpartition('sent ')[2])
-
-
 # The report
 
 
@@ -171,15 +140,11 @@ def show(result: Result, console: Console) -> None:
             f'{count.repeated:,} repeated; of visitors: {count.others:,}'
         )
     console.print(f'{result.visits:,} visits, {result.killed} killed; status {result.status}')
-    here = machine()
-    console.print(f'{here.cores} cores of {here.cpu}, {here.memory_gib} GiB')
 
 
-def report(result: Result) -> Mapping[str, Any]:
+def report(result: Result, _: argparse.Namespace) -> Mapping[str, Any]:
     """Make what `--json` writes."""
     return {
-        'machine': machine()._asdict(),
-        'versions': versions(is_local_kafka=True),
         'visits': result.visits,
         'killed': result.killed,
         'sent': result.sent,
@@ -199,23 +164,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog='python -m benchmarks.churn', description='Lets ROS nodes come and go at a bridge.'
     )
     parser.add_argument('--times', type=int, default=1000, help='default: %(default)s')
-    parser.add_argument('--json', type=Path, help='write all of it into this file, too')
-    options = parser.parse_args(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    console = Console(highlight=False)
-    try:
-        with LocalKafka() as kafka, tempfile.TemporaryDirectory(prefix='churn-') as place:
-            result = play(kafka.bootstrap_servers, Path(place), DOMAIN, options.times)
-    except KeyboardInterrupt:
-        return 130
-    except (ConfigError, TransportError, ProcessError, TimeoutError, KafkaException) as error:
-        console.print(str(error), style='red')
-        return 1
-    show(result, console)
-    if options.json:
-        text = json.dumps(report(result), indent=2)
-        options.json.write_text(text + '\n', encoding='utf-8')
-    return 1 if result.lost or result.status else 0
+    return run(parser, arguments, _measure, show, report, lambda it: not (it.lost or it.status))
+
+
+def _measure(options: argparse.Namespace, _: Console) -> Result:
+    with LocalKafka() as kafka, tempfile.TemporaryDirectory(prefix='churn-') as place:
+        return play(kafka.bootstrap_servers, Path(place), DOMAIN, options.times)
 
 
 if __name__ == '__main__':

@@ -18,8 +18,6 @@ start-up, and shown apart.
 import argparse
 import contextlib
 import itertools
-import json
-import signal
 import sys
 import tempfile
 import time
@@ -31,17 +29,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from confluent_kafka import KafkaException
 from rich.console import Console
 
+from benchmarks.command import run
 from benchmarks.contestants import CONTESTANTS, Commands, Ends
 from benchmarks.drain_table import Result, Side, report, show
-from benchmarks.machine import show_machine
 from benchmarks.options import broker, domains, some_of, whole_number
-from benchmarks.processes import Usage, programs, usage
+from benchmarks.processes import Usage, of_family, programs
 from benchmarks.topics import EndOffset, count, fill, topics
-from rig.processes import Process, ProcessError, direct
-from ros2_kafka_bridge.errors import ConfigError, TransportError
+from rig.processes import Process, direct
 from ros2_kafka_bridge.testing.orders import encode, orders
 
 ORDERS: Final = 150_000
@@ -86,9 +82,7 @@ class Watched(NamedTuple):
     def look(self) -> None:
         """Note what it has used, with its children."""
         self.process.check()
-        usages = [usage(pid) for pid in _family(self.process.pid)]
-        cpu_s, anon_mib = map(sum, zip(*usages, strict=True))
-        self.seen.append(Usage(cpu_s, anon_mib))
+        self.seen.append(of_family(self.process.pid))
 
     def side(self, first: int, last: int, delivered: int) -> Side:
         """Sum up, between two looks."""
@@ -128,7 +122,7 @@ def drain(name: str, number: int, ends: Ends, values: Sequence[bytes], domain: i
         with contextlib.closing(EndOffset(ends.bootstrap_servers, ends.sink)) as end_offset:
             commands = CONTESTANTS[name].commands(ends)
             with _started(CONTESTANTS[name].what, commands, ends.place, domain) as sides:
-                start_s, first, last = _watch(end_offset, sides, Pages(commands.pages))
+                start_s, first, last = watch(end_offset, sides, Pages(commands.pages))
             end = end_offset()
         tally = count(ends.bootstrap_servers, ends.sink, end)
     return Result(
@@ -160,15 +154,7 @@ def _started(
             yield Watched(kafka_to_ros, []), Watched(ros_to_kafka, [])
 
 
-def _family(pid: int) -> list[int]:
-    """A process and its children, and theirs."""
-    lists = [
-        file.read_text().split() for file in Path('/proc', str(pid), 'task').glob('*/children')
-    ]
-    return [pid, *(one for child in itertools.chain(*lists) for one in _family(int(child)))]
-
-
-def _watch(
+def watch(
     end_offset: Callable[[], int], sides: Sequence[Watched], pages: Pages
 ) -> tuple[float, int, int]:
     """Wait for the last record of the sink.
@@ -211,26 +197,6 @@ def _line(result: Result) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and print; returns the exit status."""
-    options = _parse(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    console = Console(highlight=False)
-    try:
-        with broker(options.bootstrap_servers) as kafka:
-            results = run_rounds(options, kafka.bootstrap_servers, console.print)
-    except KeyboardInterrupt:
-        return 130
-    except (ConfigError, TransportError, ProcessError, OSError, KafkaException) as error:
-        print(error, file=sys.stderr)
-        return 1
-    made = report(results, is_local_kafka=options.bootstrap_servers is None)
-    show(results, console)
-    show_machine(made, console)
-    if options.json:
-        options.json.write_text(json.dumps(made, indent=2) + '\n', encoding='utf-8')
-    return 0
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='python -m benchmarks.drain', description='Drains a topic through both directions.'
     )
@@ -249,9 +215,13 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         default=DOMAINS,
         help='ROS domains, in turn (default: %(default)s)',
     )
-    parser.add_argument('--json', type=Path, help='write all of it into this file, too')
     parser.add_argument('--bootstrap-servers', help='default: a Kafka is started for the run')
-    return parser.parse_args(arguments)
+    return run(parser, arguments, _measure, show, report, says_versions=True)
+
+
+def _measure(options: argparse.Namespace, console: Console) -> list[Result]:
+    with broker(options.bootstrap_servers) as kafka:
+        return run_rounds(options, kafka.bootstrap_servers, console.print)
 
 
 if __name__ == '__main__':

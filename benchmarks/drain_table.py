@@ -1,13 +1,12 @@
 """What the contestants of a drain did, as a table and as JSON."""
 
+import argparse
 import statistics
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from rich.console import Console
 from rich.table import Table
-
-from benchmarks.machine import machine, versions
 
 
 class Side(NamedTuple):
@@ -124,7 +123,7 @@ _COMPARED: Final[Sequence[tuple[str, Callable[[Result], float]]]] = (
 )
 
 
-def report(results: Sequence[Result], *, is_local_kafka: bool) -> dict[str, Any]:
+def report(results: Sequence[Result], _: argparse.Namespace) -> Mapping[str, Any]:
     """Make what `--json` writes."""
     rounds = [
         {
@@ -136,9 +135,4 @@ def report(results: Sequence[Result], *, is_local_kafka: bool) -> dict[str, Any]
         }
         for result in results
     ]
-    return {
-        'machine': machine()._asdict(),
-        'versions': versions(is_local_kafka=is_local_kafka),
-        'ratios': _ratios(_by_contestant(results)),
-        'rounds': rounds,
-    }
+    return {'ratios': _ratios(_by_contestant(results)), 'rounds': rounds}

@@ -10,8 +10,6 @@ its record says has arrived. The same seed makes the same records.
 """
 
 import argparse
-import json
-import signal
 import sys
 import tempfile
 import time
@@ -24,22 +22,19 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from confluent_kafka import Consumer, KafkaException, TopicPartition
-from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
-    AdminClient,
-    NewTopic,
-)
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.hash_reader import DIGEST_BYTES, digest
+from benchmarks.command import run
 from benchmarks.hostile import CDR_TYPE, LIMIT_BYTES, TEXT_TYPE, Hostile, messages, texts
-from benchmarks.machine import machine, versions
 from benchmarks.processes import programs
 from benchmarks.raw_producer import RawProducer
-from benchmarks.topics import EndOffset
+from benchmarks.topics import topics
 from benchmarks.vitals import watched
+from rig.peers.subscriber import DIGEST_BYTES, digest
 from rig.processes import Process, ProcessError, direct
-from ros2_kafka_bridge.errors import ConfigError, RecordError, TransportError
+from rig.topics import records
+from ros2_kafka_bridge.errors import RecordError
 from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.ros.types import load_type
@@ -53,7 +48,6 @@ LOOK_S: Final = 0.5
 QUIET_S: Final = 5.0
 REQUEST_S: Final = 10.0
 TOPIC_LIMIT_BYTES: Final = 5_000_000
-MANY: Final = 1000
 
 FILE: Final = """\
 name: fuzz
@@ -189,21 +183,21 @@ def play(servers: str, place: Path, domain: int, seed: int, count: int) -> Outco
     """
     mark = f'fuzz_{uuid.uuid4().hex[:8]}'
     both = lanes(seed, count)
-    _create(servers, [f'{mark}.{lane.name}' for lane in both])
-    for lane in both:
-        with RawProducer(servers) as producer:
-            for key, value, headers in lane.records():
-                producer.produce(f'{mark}.{lane.name}', value, key, headers)
     file = place / 'fuzz.yaml'
     file.write_text(
         FILE.format(servers=servers, mark=mark, text_type=TEXT_TYPE, cdr_type=CDR_TYPE)
     )
     at = programs(place, domain)
     with ExitStack() as stack:
+        names = [f'{mark}.{lane.name}' for lane in both]
+        stack.enter_context(topics(servers, names, max_message_bytes=str(TOPIC_LIMIT_BYTES)))
         for lane in both:
-            topic = f'/{lane.name}_{mark}={lane.message_type}'
-            words = '-m', 'benchmarks.hash_reader', str(place / lane.name), topic
-            reader = at.python(f'reader of {lane.name}', *words)
+            with RawProducer(servers) as producer:
+                for key, value, headers in lane.records():
+                    producer.produce(f'{mark}.{lane.name}', value, key, headers)
+        for lane in both:
+            words = f'/{lane.name}_{mark}', str(place / lane.name), '--type', lane.message_type
+            reader = at.peer(f'reader of {lane.name}', 'subscriber', *words, '--form', 'hash')
             stack.enter_context(reader).wait_for('ready', START_S)
         bridge = programs(place, domain, direct).bridge('bridge', file)
         begun_s = time.monotonic()
@@ -214,14 +208,6 @@ def play(servers: str, place: Path, domain: int, seed: int, count: int) -> Outco
         arrived = {lane.name: _arrived(place / lane.name) for lane in both}
     results = [_result(lane, letters[lane.name], arrived[lane.name]) for lane in both]
     return Outcome(results, seconds, max(vitals.anon_kib for vitals in seen) / 1024, bug)
-
-
-def _create(servers: str, topics: Sequence[str]) -> None:
-    admin = AdminClient({'bootstrap.servers': servers, 'log_level': 3})
-    config = {'max.message.bytes': str(TOPIC_LIMIT_BYTES)}
-    new = [NewTopic(topic, num_partitions=1, config=config) for topic in topics]
-    for made in admin.create_topics(new).values():
-        made.result(REQUEST_S)
 
 
 def _wait_until_read(servers: str, mark: str, both: Sequence[Lane], bridge: Process) -> str:
@@ -256,29 +242,10 @@ def _committed(servers: str, mark: str, lane: str) -> int:
 
 def _letters(servers: str, topic: str) -> Counter[int]:
     """How many dead letters each offset has."""
-    topic = f'{topic}.dead-letters'
-    with closing(EndOffset(servers, topic)) as end_offset:
-        left = end_offset()
     found: Counter[int] = Counter()
-    config = {
-        'bootstrap.servers': servers,
-        'group.id': topic,
-        'enable.auto.commit': False,
-        'fetch.message.max.bytes': 20_000_000,
-    }
-    with closing(Consumer(config)) as consumer:
-        consumer.assign([TopicPartition(topic, 0, 0)])
-        deadline_s = time.monotonic() + STALL_S
-        while left:
-            for record in consumer.consume(min(left, MANY), 0.1):
-                if record.error() is None:
-                    left -= 1
-                    deadline_s = time.monotonic() + STALL_S
-                    # Forged ones come first.
-                    told: dict[str, Any] = dict(record.headers() or [])
-                    found[int(told['dead_letter.offset'])] += 1
-            if time.monotonic() > deadline_s:
-                raise TimeoutError(f'{topic}: {left} records cannot be read')
+    for record in records(servers, f'{topic}.dead-letters'):
+        told: dict[str, Any] = dict(record.headers() or [])  # forged ones come first
+        found[int(told['dead_letter.offset'])] += 1
     return found
 
 
@@ -337,15 +304,11 @@ def show(outcome: Outcome, console: Console) -> None:
         f'{outcome.records_per_s:,.0f} records/s, {outcome.peak_mib:.0f} MiB at most; the bridge '
         + (f'ended: {outcome.bug}' if outcome.bug else 'lives')
     )
-    here = machine()
-    console.print(f'{here.cores} cores of {here.cpu}, {here.memory_gib} GiB')
 
 
 def report(outcome: Outcome, options: argparse.Namespace) -> Mapping[str, Any]:
     """Make what `--json` writes."""
     return {
-        'machine': machine()._asdict(),
-        'versions': versions(is_local_kafka=True),
         'seed': options.seed,
         'records_per_s': outcome.records_per_s,
         'seconds': outcome.seconds,
@@ -362,25 +325,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument('--records', type=int, default=1_000_000, help='default: %(default)s')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
-    parser.add_argument('--json', type=Path, help='write all of it into this file, too')
-    options = parser.parse_args(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    console = Console(highlight=False)
-    try:
-        with LocalKafka() as kafka, tempfile.TemporaryDirectory(prefix='fuzz-') as place:
-            outcome = play(
-                kafka.bootstrap_servers, Path(place), DOMAIN, options.seed, options.records
-            )
-    except KeyboardInterrupt:
-        return 130
-    except (ConfigError, TransportError, ProcessError, TimeoutError, KafkaException) as error:
-        console.print(str(error), style='red')
-        return 1
-    show(outcome, console)
-    if options.json:
-        text = json.dumps(report(outcome, options), indent=2)
-        options.json.write_text(text + '\n', encoding='utf-8')
-    return 0 if outcome.sound else 1
+    return run(parser, arguments, _measure, show, report, lambda outcome: outcome.sound)
+
+
+def _measure(options: argparse.Namespace, _: Console) -> Outcome:
+    with LocalKafka() as kafka, tempfile.TemporaryDirectory(prefix='fuzz-') as place:
+        return play(kafka.bootstrap_servers, Path(place), DOMAIN, options.seed, options.records)
 
 
 if __name__ == '__main__':

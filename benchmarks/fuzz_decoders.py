@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.command import write
 from benchmarks.fuzz_versions import VERSIONS, make_check, versions_of
 from benchmarks.machine import machine, versions
 
@@ -296,18 +297,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory(prefix='fuzz-decoders-') as place:
         results = [run(name, share_s, options.seed, Path(place)) for name in options.formats]
     show(results, console)
-    if options.json:
-        written = {
-            'machine': machine()._asdict(),
-            'versions': versions(is_local_kafka=False),
-            'seed': options.seed,
-            'seconds': options.seconds,
-            'results': [
-                result._asdict() | {'finding': result.finding and result.finding._asdict()}
-                for result in results
-            ],
-        }
-        options.json.write_text(json.dumps(written, indent=2) + '\n', encoding='utf-8')
+    written = {
+        'machine': machine()._asdict(),
+        'versions': versions(is_local_kafka=False),
+        'seed': options.seed,
+        'seconds': options.seconds,
+        'results': [
+            result._asdict() | {'finding': result.finding and result.finding._asdict()}
+            for result in results
+        ],
+    }
+    write(options.json, written)
     return 1 if any(result.finding for result in results) else 0
 
 

@@ -7,27 +7,23 @@ beside the bridge, and both are looked at over the same seconds.
 """
 
 import argparse
-import json
-import signal
 import sys
 import tempfile
 import time
 import uuid
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
-from confluent_kafka import KafkaException
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.machine import machine, versions
-from benchmarks.processes import programs, usage
+from benchmarks.command import run
+from benchmarks.processes import of_family, programs
 from benchmarks.routes import bridge_file
 from benchmarks.topics import topics
-from rig.processes import ProcessError, direct
-from ros2_kafka_bridge.errors import ConfigError, TransportError
+from rig.processes import direct
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
 DOMAIN: Final = 223
@@ -72,18 +68,12 @@ def measure(servers: str, routes: int, workers: int, seconds: float) -> Result:
         bare.wait_for('ready', START_S)
         time.sleep(SETTLE_S)
         begun_s = time.monotonic()
-        before = [_cpu_s(process.pid) for process in (bridge, bare)]
+        before = [of_family(process.pid).cpu_s for process in (bridge, bare)]
         time.sleep(seconds)
-        after = [_cpu_s(process.pid) for process in (bridge, bare)]
+        after = [of_family(process.pid).cpu_s for process in (bridge, bare)]
         took_s = time.monotonic() - begun_s
         each = [(b - a) / took_s for a, b in zip(before, after, strict=True)]
         return Result(2 * half, *each)
-
-
-def _cpu_s(pid: int) -> float:
-    """The CPU time of a process and its children."""
-    children = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
-    return sum(usage(one).cpu_s for one in (pid, *map(int, children)))
 
 
 def show(results: Sequence[Result], console: Console) -> None:
@@ -95,8 +85,11 @@ def show(results: Sequence[Result], console: Console) -> None:
             f'{one.ratio:.2f}',
         )  # fmt: skip
     console.print(table)
-    here = machine()
-    console.print(f'{here.cores} cores of {here.cpu}, {here.memory_gib} GiB')
+
+
+def report(results: Sequence[Result], _: argparse.Namespace) -> Mapping[str, Any]:
+    """Make what `--json` writes."""
+    return {'results': [one._asdict() for one in results]}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -107,30 +100,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--routes', type=int, nargs='+', default=[2, 50])
     parser.add_argument('--workers', type=int, default=1, help='default: %(default)s')
     parser.add_argument('--seconds', type=float, default=20.0, help='default: %(default)s')
-    parser.add_argument('--json', type=Path, help='write all of it into this file, too')
-    options = parser.parse_args(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    console = Console(highlight=False)
-    try:
-        with LocalKafka() as kafka:
-            results = [
-                measure(kafka.bootstrap_servers, routes, options.workers, options.seconds)
-                for routes in options.routes
-            ]
-    except KeyboardInterrupt:
-        return 130
-    except (ConfigError, TransportError, ProcessError, TimeoutError, KafkaException) as error:
-        console.print(str(error), style='red')
-        return 1
-    show(results, console)
-    if options.json:
-        told = {
-            'machine': machine()._asdict(),
-            'versions': versions(is_local_kafka=True),
-            'results': [one._asdict() for one in results],
-        }
-        options.json.write_text(json.dumps(told, indent=2) + '\n', encoding='utf-8')
-    return 0
+    return run(parser, arguments, _measure, show, report)
+
+
+def _measure(options: argparse.Namespace, _: Console) -> Sequence[Result]:
+    with LocalKafka() as kafka:
+        return [
+            measure(kafka.bootstrap_servers, routes, options.workers, options.seconds)
+            for routes in options.routes
+        ]
 
 
 if __name__ == '__main__':

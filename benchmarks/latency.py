@@ -11,8 +11,6 @@ how long an order that waits in Kafka takes from the start of both processes on.
 
 import argparse
 import itertools
-import json
-import signal
 import statistics
 import sys
 import tempfile
@@ -23,17 +21,15 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import msgspec
-from confluent_kafka import KafkaException
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks import command
 from benchmarks.experiment.cell import measure, start_up
 from benchmarks.experiment.parts import Place
 from benchmarks.experiment.results import Cell, Latency, Load
-from benchmarks.machine import machine, show_machine, versions
 from benchmarks.options import broker, domains, positive, some_of, whole_number
 from rig.processes import ProcessError
-from ros2_kafka_bridge.errors import ConfigError, TransportError
 
 RATES: Final = (163.0, 2000.0, 10_000.0)
 SECONDS: Final = 15.0
@@ -214,11 +210,9 @@ def _range(values: Sequence[float]) -> str:
     return f'{middle:.2f} ({min(values):.2f} to {max(values):.2f})'
 
 
-def report(found: Found, *, is_local_kafka: bool) -> dict[str, Any]:
+def report(found: Found, _: argparse.Namespace) -> Mapping[str, Any]:
     """Make what `--json` writes."""
     return {
-        'machine': machine()._asdict(),
-        'versions': versions(is_local_kafka=is_local_kafka),
         'rounds': [
             {**one._asdict(), 'latency': msgspec.to_builtins(one.latency)}
             for one in found.measured
@@ -229,27 +223,6 @@ def report(found: Found, *, is_local_kafka: bool) -> dict[str, Any]:
 
 
 # The command line
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and print; returns the exit status."""
-    options = _parse(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    console = Console(highlight=False)
-    try:
-        with _places(options) as place:
-            found = run(options, place, console.print)
-    except KeyboardInterrupt:
-        return 130
-    except (ConfigError, TransportError, ProcessError, KafkaException, OSError) as error:
-        print(error, file=sys.stderr)
-        return 1
-    made = report(found, is_local_kafka=options.bootstrap_servers is None)
-    show(found, console)
-    show_machine(made, console)
-    if options.json:
-        options.json.write_text(json.dumps(made, indent=2) + '\n', encoding='utf-8')
-    return 1 if found.problems else 0
 
 
 @contextmanager
@@ -263,7 +236,8 @@ def _places(options: argparse.Namespace) -> Iterator[Callable[[], Place]]:
         yield lambda: Place(*kafka, next(turns), Path(files), Path(files))
 
 
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure and print; returns the exit status."""
     parser = argparse.ArgumentParser(
         prog='python -m benchmarks.latency',
         description=__doc__,
@@ -290,9 +264,16 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         '--ros-domains', type=domains, default=DOMAINS, help='in turn (default: %(default)s)'
     )
-    parser.add_argument('--json', type=Path, help='write all of it into this file, too')
     parser.add_argument('--bootstrap-servers', help='default: a Kafka is started for the run')
-    return parser.parse_args(arguments)
+    return command.run(
+        parser, arguments, _measure_all, show, report, lambda found: not found.problems,
+        says_versions=True,
+    )  # fmt: skip
+
+
+def _measure_all(options: argparse.Namespace, console: Console) -> Found:
+    with _places(options) as place:
+        return run(options, place, console.print)
 
 
 def _rates(text: str) -> list[float]:

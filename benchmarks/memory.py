@@ -40,6 +40,7 @@ SETTLE_S: Final = 10.0
 STALL_S: Final = 20.0
 LONGEST_S: Final = 180.0
 LOOK_S: Final = 0.05
+FOR_EVER_S: Final = 3600.0
 LARGE_BYTES: Final = 950_000
 DOMAIN: Final = 214
 
@@ -88,10 +89,9 @@ class Stage(NamedTuple):
     delivered: EndOffset
 
     @contextmanager
-    def peer(self, part: str, topic: str, *options: str) -> Iterator[None]:
-        """Run a ROS node beside (benchmarks/peer.py)."""
-        words = '-m', 'benchmarks.peer', part, f'/{topic}_{self.mark}', *options
-        with self.at.python(part, *words) as node:
+    def peer(self, end: str, topic: str, *options: str) -> Iterator[None]:
+        """Run a ROS node beside."""
+        with self.at.peer(end, end, f'/{topic}_{self.mark}', *options) as node:
             node.wait_for('ready', START_S)
             yield
 
@@ -117,12 +117,12 @@ def _drain(stage: Stage) -> None:
 
 
 def _stalled_reader(stage: Stage) -> None:
-    with stage.peer('stall', 'orders'):
+    with stage.peer('subscriber', 'orders', os.devnull, '--work', str(FOR_EVER_S)):
         time.sleep(STALL_S)
 
 
 def _stalled_kafka(stage: Stage) -> None:
-    with stage.peer('publish', 'other', '--bytes', str(LARGE_BYTES), '--rate', '50'):
+    with stage.peer('publisher', 'other', '--size', str(LARGE_BYTES), '--rate', '50'):
         time.sleep(2)
         os.kill(stage.kafka.pid, signal.SIGSTOP)
         try:
@@ -184,13 +184,13 @@ def measure(case: Case, kafka: LocalKafka) -> Result:
 def measure_bare(kafka: LocalKafka) -> Result:
     """Let a node be there that moves nothing."""
     mark = uuid.uuid4().hex[:8]
-    topic = f'memory-{mark}.source'
+    topic = f'memory-{mark}.to_ros.0'
     with ExitStack() as stack:
         place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='memory-')))
         stack.enter_context(topics(kafka.bootstrap_servers, [topic]))
-        words = '-m', 'benchmarks.peer', 'bare', f'/orders_{mark}'
-        ends = '--brokers', kafka.bootstrap_servers, '--kafka', topic
-        node = stack.enter_context(programs(place, DOMAIN).python('bare', *words, *ends))
+        ends = kafka.bootstrap_servers, f'memory-{mark}', f'/orders_{mark}', '1'
+        words = '-m', 'benchmarks.bare_clients', *ends
+        node = stack.enter_context(programs(place, DOMAIN).python('bare', *words))
         node.wait_for('ready', START_S)
         seen = stack.enter_context(watched(lambda: node.pid, LOOK_S))
         time.sleep(SETTLE_S)

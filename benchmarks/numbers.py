@@ -1,32 +1,35 @@
-"""Peers of a bridge that send numbers and count them, a process each, until SIGTERM.
+"""Numbers through a bridge, both ways, and what of them has arrived.
 
-python -m benchmarks.numbers kafka SERVERS TOPIC --rate 1000
-python -m benchmarks.numbers ros /topic --rate 1000
-python -m benchmarks.numbers count FILE /topic
+python -m benchmarks.numbers FILE /topic
+
+That is a node of ROS which counts, and writes it down at SIGTERM.
 """
 
-import argparse
 import json
 import signal
-import time
-from collections.abc import Callable, Iterator
-from functools import partial
+import sys
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from threading import Event
+from typing import Final, NamedTuple
 
-from confluent_kafka import Producer
-
+from benchmarks.processes import programs
+from benchmarks.topics import topics
+from rig.processes import Process, Programs
 from rig.topics import records
 
 BYTES: Final = 500
-STEP_S: Final = 0.005
-FLUSH_S: Final = 60.0
-_PADDING: Final = 'x' * (BYTES - 13)
+START_S: Final = 60.0
+END_S: Final = 120.0
+COUNTED: Final = 'counted.json'
 
 BOTH_WAYS: Final = """\
 name: numbers
 kafka: {{bootstrap.servers: '{servers}'}}
+defaults: {defaults}
 routes:
   - name: to_ros
     from: {{kafka: {mark}.source, start: earliest}}
@@ -85,147 +88,121 @@ class Counter:
         return Count(self._different, self._repeated, self._seen.rfind(1), self._others)
 
 
-def count_topic(bootstrap_servers: str, topic: str, end: int) -> Count:
-    """Count the numbers that a topic of one partition holds below an offset."""
-    counter = Counter()
-    for record in islice(records(bootstrap_servers, topic), end):
-        counter.add(record.value() or b'')
-    return counter.count()
+class Stage(NamedTuple):
+    """A bridge with a route each way, and a node that counts what comes to ROS.
+
+    Args:
+        mark: Part of the names of all topics.
+    """
+
+    servers: str
+    mark: str
+    at: Programs
+    bridge: Process
+    counter: Process
+
+    @contextmanager
+    def senders(self, to_ros: float, to_kafka: float) -> Iterator['Senders']:
+        """Send so many numbers per second each way, to the end of the `with` or of one's own."""
+        until = self.at.logs / f'until-{uuid.uuid4().hex[:8]}'
+        words = '--size', str(BYTES), '--until', str(until), '--rate'
+        kafka = self.servers, f'{self.mark}.source', *words, str(to_ros)
+        ros = f'/to_kafka_{self.mark}', '--acknowledged', *words, str(to_kafka)
+        with (
+            self.at.peer(f'kafka-{until.name}', 'kafka_producer', *kafka) as sends_to_ros,
+            self.at.peer(f'ros-{until.name}', 'publisher', *ros) as sends_to_kafka,
+        ):
+            for sender in (sends_to_ros, sends_to_kafka):
+                sender.wait_for('ready', START_S)
+            yield Senders(sends_to_ros, sends_to_kafka, until)
+
+    def counted(self) -> Count:
+        """What has come to ROS; ends who counts."""
+        self.counter.end(END_S)
+        return Count(**json.loads((self.at.logs / COUNTED).read_text()))
+
+    def counted_in_kafka(self, end: int) -> Count:
+        """What has come to Kafka, below an offset."""
+        counter = Counter()
+        for record in islice(records(self.servers, f'{self.mark}.sink'), end):
+            counter.add(record.value() or b'')
+        return counter.count()
 
 
-def text_of(number: int) -> str:
-    """Write a number, padded."""
-    return f'{number:012} {_PADDING}'
+class Senders(NamedTuple):
+    """What sends the numbers of both ways."""
+
+    to_ros: Process
+    to_kafka: Process
+    until: Path
+
+    def end(self) -> tuple[int, int]:
+        """Let both come to their end; returns how many they have sent, and are acknowledged."""
+        self.until.touch()
+        for sender in (self.to_ros, self.to_kafka):
+            sender.wait_for('published', END_S)
+        to_ros, to_kafka = (
+            int(sender.output().rpartition('published ')[2])
+            for sender in (self.to_ros, self.to_kafka)
+        )
+        return to_ros, to_kafka
 
 
-class _Asked:
-    """Whether SIGTERM came."""
+@contextmanager
+def staged(
+    servers: str, place: Path, domain: int, stem: str, defaults: str = '{}'
+) -> Iterator[Stage]:
+    """Start a bridge with two routes, and a reader that counts.
 
-    def __init__(self) -> None:
-        self.to_end = False
-        signal.signal(signal.SIGTERM, self._on_signal)
-
-    def _on_signal(self, *_: object) -> None:
-        self.to_end = True
-
-
-def _paced(rate: float, asked: _Asked) -> Iterator[int]:
-    """Yield the numbers from 0 on, so many a second, until asked to end."""
-    start_s = time.monotonic()
-    number = 0
-    while not asked.to_end:
-        due = int((time.monotonic() - start_s) * rate)
-        while number < due and not asked.to_end:
-            yield number
-            number += 1
-        time.sleep(STEP_S)
-
-
-def _to_kafka(servers: str, topic: str, rate: float) -> None:
-    asked = _Asked()
-    producer = Producer(
-        {'bootstrap.servers': servers, 'enable.idempotence': True, 'linger.ms': 5, 'log_level': 3}
-    )
-    sent = 0
-    print('ready', flush=True)
-    for number in _paced(rate, asked):
-        while not _tried(partial(producer.produce, topic, text_of(number)), BufferError):
-            producer.poll(0.01)
-        producer.poll(0)
-        sent += 1
-    left = producer.flush(FLUSH_S)
-    print(f'sent {sent - left}', flush=True)
+    Args:
+        servers: Of a Kafka.
+        place: A directory for files.
+        domain: ROS domain.
+        stem: Of the names of topics.
+        defaults: Of the routes.
+    """
+    mark = f'{stem}_{uuid.uuid4().hex[:8]}'
+    at = programs(place, domain)
+    file = place / 'bridge.yaml'
+    file.write_text(BOTH_WAYS.format(servers=servers, mark=mark, defaults=defaults))
+    words = '-m', 'benchmarks.numbers', str(place / COUNTED), f'/to_ros_{mark}'
+    with (
+        topics(servers, [f'{mark}.source', f'{mark}.sink']),
+        at.bridge('bridge', file) as bridge,
+        at.python('count', *words) as counter,
+    ):
+        for what in ('subscribes to', ' reads '):
+            bridge.wait_for(what, START_S)
+        counter.wait_for('ready', START_S)
+        yield Stage(servers, mark, at, bridge, counter)
 
 
-def _tried(act: Callable[[], object], busy: type[Exception], words: str = '') -> bool:
-    """Do something; False where the other side is busy."""
-    try:
-        act()
-    except busy as error:
-        if words not in str(error):
-            raise
-        return False
-    return True
-
-
-def _to_ros(topic: str, rate: float) -> None:
-    import rclpy  # noqa: PLC0415 (not for Kafka's side)
-    from rclpy.duration import Duration  # noqa: PLC0415
-    from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
-    from std_msgs.msg import String  # noqa: PLC0415
-
-    asked = _Asked()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node('numbers')
-    publisher = node.create_publisher(String, topic, _keep_all())
-    while not publisher.get_subscription_count() and not asked.to_end:
-        time.sleep(0.01)
-    time.sleep(1.0)  # the writer knows of the match before the reader does
-    print('ready', flush=True)
-    sent = 0
-    for number in _paced(rate, asked):
-        message = String(data=text_of(number))
-        while not _tried(partial(publisher.publish, message), Exception, 'cannot publish data'):
-            time.sleep(0.001)
-        sent += 1
-    # What is not acknowledged goes with the publisher.
-    publisher.wait_for_all_acked(Duration(seconds=FLUSH_S))
-    print(f'sent {sent}', flush=True)
-
-
-def _count(file: Path, topic: str) -> None:
-    import rclpy  # noqa: PLC0415 (not for Kafka's side)
+def main() -> None:
+    """Count what comes from ROS until told to end."""
+    import rclpy  # noqa: PLC0415 (not for those who start this)
     from rclpy.executors import SingleThreadedExecutor  # noqa: PLC0415
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
     from std_msgs.msg import String  # noqa: PLC0415
 
-    asked = _Asked()
+    from rig.peers.ends import qos  # noqa: PLC0415
+
+    file, topic = sys.argv[1:]
+    asked = Event()
+    signal.signal(signal.SIGTERM, lambda *_: asked.set())
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('counter')
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     counter = Counter()
     # The bytes of a String: header, length, text, NUL.
-    node.create_subscription(
-        String, topic, lambda cdr: counter.add(cdr[8:30]), _keep_all(), raw=True
-    )
+    node.create_subscription(String, topic, lambda cdr: counter.add(cdr[8:30]), qos(), raw=True)
     print('ready', flush=True)
-    while not asked.to_end:
+    while not asked.is_set():
         executor.spin_once(timeout_sec=0.1)
     counted = None
     while counted != (counted := counter.count()):  # what waits in the reader's cache
         executor.spin_once(timeout_sec=0.5)
-    file.write_text(json.dumps(counted._asdict()))
-
-
-def _keep_all() -> Any:
-    from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy  # noqa: PLC0415
-
-    return QoSProfile(
-        depth=0, history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE
-    )
-
-
-def main() -> None:
-    """Play one part until told to end."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parts = parser.add_subparsers(dest='part', required=True)
-    kafka = parts.add_parser('kafka', help='send to Kafka')
-    kafka.add_argument('servers')
-    ros = parts.add_parser('ros', help='send to ROS')
-    count = parts.add_parser('count', help='count what comes from ROS')
-    count.add_argument('file', type=Path)
-    for part in (kafka, ros, count):
-        part.add_argument('topic')
-    for part in (kafka, ros):
-        part.add_argument('--rate', type=float, required=True, help='numbers per second')
-    args = parser.parse_args()
-    if args.part == 'kafka':
-        _to_kafka(args.servers, args.topic, args.rate)
-    elif args.part == 'ros':
-        _to_ros(args.topic, args.rate)
-    else:
-        _count(args.file, args.topic)
+    Path(file).write_text(json.dumps(counted._asdict()))
 
 
 if __name__ == '__main__':

@@ -1,5 +1,7 @@
 """What the kernel says that a measured process uses, and the programs around it."""
 
+import contextlib
+import itertools
 import time
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -37,6 +39,25 @@ def usage(pid: int) -> Usage:
     if 'RssAnon' not in status:
         raise ProcessLookupError(f'process {pid} has ended')
     return Usage(cpu_s, int(status['RssAnon'].split()[0]) / 1024)
+
+
+def of_family(pid: int) -> Usage:
+    """Look at what a process has used, with its children and theirs.
+
+    One that has just ended counts no more.
+    """
+    cpu_s = anon_mib = 0.0
+    for one in _family(pid):
+        with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+            seen = usage(one)
+            cpu_s, anon_mib = cpu_s + seen.cpu_s, anon_mib + seen.anon_mib
+    return Usage(cpu_s, anon_mib)
+
+
+def _family(pid: int) -> list[int]:
+    files = Path('/proc', str(pid), 'task').glob('*/children')
+    children = itertools.chain(*(file.read_text().split() for file in files))
+    return [pid, *(one for child in children for one in _family(int(child)))]
 
 
 def _cpu_clock(pid: int) -> int:

@@ -7,27 +7,25 @@ what is there for all of them. In the end one message goes through each route.
 """
 
 import argparse
-import json
-import signal
 import sys
 import tempfile
 import time
 import uuid
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from confluent_kafka import Consumer, KafkaException, Producer
+from confluent_kafka import Consumer, Producer
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.machine import machine, versions
+from benchmarks.command import run
 from benchmarks.processes import programs
 from benchmarks.topics import topics
 from benchmarks.vitals import Vitals, vitals
-from rig.processes import ProcessError, direct
-from ros2_kafka_bridge.errors import ConfigError, TransportError
+from rig.processes import direct
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
 DOMAIN: Final = 222
@@ -108,26 +106,33 @@ def measure(servers: str, routes: int) -> Result:
         ready_s = time.monotonic() - begun_s
         time.sleep(SETTLE_S)
         held = vitals(bridge.pid)
-        reader = stack.enter_context(
-            at.python('read', *PEER, 'read', f'/to_ros_{mark}/n', str(half))
+        came = [place / f'came-{number}' for number in range(half)]
+        takes, sends = place / 'takes', place / 'sends'
+        takes.write_text(
+            ''.join(f'/to_ros_{mark}/n{n} {STRING} {file}\n' for n, file in enumerate(came))
         )
-        reader.wait_for('ready', START_S)
+        sends.write_text(
+            ''.join(f'/to_kafka_{mark}/n{n} {STRING} {EMPTY.hex()}\n' for n in range(half))
+        )
+        node = 'ros_node', '--durability', 'volatile'
+        reader = at.peer('read', *node, '--take', str(takes), '--writers', '1')
+        stack.enter_context(reader).wait_for('ready', START_S)
         begun_s = time.monotonic()
         _produce(servers, names['to_ros'])
-        reader.wait_for('all', ARRIVE_S)
+        _wait_for(came)
         to_ros_s = time.monotonic() - begun_s
         begun_s = time.monotonic()
-        words = 'write', f'/to_kafka_{mark}/n', str(half)
-        stack.enter_context(at.python('write', *PEER, *words))
+        writer = at.peer('write', *node, '--publish', str(sends), '--readers', '1')
+        stack.enter_context(writer)
         found = _consume(servers, names['to_kafka'])
         to_kafka_s = time.monotonic() - begun_s
         begun_s = time.monotonic()
         status = bridge.end(END_S)
         ended_s = time.monotonic() - begun_s
         reader.end(END_S)
-        got = [line for line in reader.output().split('\n') if line.startswith('/')]
-    repeated = len(got) - len(set(got)) + sum(found.values()) - len(found)
-    arrived = len(set(got)), len(found)
+        got = sum(len(file.read_text().splitlines()) for file in came)
+    repeated = got - half + found.total() - len(found)
+    arrived = half, len(found)
     return Result(
         2 * half, checked_s, ready_s, held, to_ros_s, to_kafka_s, arrived, repeated, ended_s,
         status,
@@ -136,7 +141,8 @@ def measure(servers: str, routes: int) -> Result:
 
 WAYS: Final = ('to_ros', 'to_kafka')
 BRIDGE: Final = ('-m', 'ros2_kafka_bridge')
-PEER: Final = ('-m', 'benchmarks.many_topics')
+STRING: Final = 'std_msgs/msg/String'
+EMPTY: Final = b'\0\1\0\0\1\0\0\0\0'
 
 
 def bridge_file(servers: str, mark: str, half: int) -> str:
@@ -155,7 +161,15 @@ def _produce(servers: str, names: Sequence[str]) -> None:
         raise TimeoutError(f'Kafka did not take {left} records')
 
 
-def _consume(servers: str, names: Sequence[str]) -> Mapping[str, int]:
+def _wait_for(files: Sequence[Path]) -> None:
+    deadline_s = time.monotonic() + ARRIVE_S
+    while left := sum(not file.exists() for file in files):
+        if time.monotonic() > deadline_s:
+            raise TimeoutError(f'{left} of {len(files)} routes to ROS have delivered nothing')
+        time.sleep(LOOK_S)
+
+
+def _consume(servers: str, names: Sequence[str]) -> Counter[str]:
     """How many records each topic got; waits until each has one, and a little longer."""
     config = {
         'bootstrap.servers': servers,
@@ -163,15 +177,13 @@ def _consume(servers: str, names: Sequence[str]) -> Mapping[str, int]:
         'auto.offset.reset': 'earliest',
         'enable.auto.commit': False,
     }
-    found: dict[str, int] = {}
+    found: Counter[str] = Counter()
     with closing(Consumer(config)) as consumer:
         consumer.subscribe(list(names))
         deadline_s = time.monotonic() + ARRIVE_S
         while len(found) < len(names) and time.monotonic() < deadline_s:
-            for topic in _came(consumer, LOOK_S):
-                found[topic] = found.get(topic, 0) + 1
-        for topic in _came(consumer, 1.0):
-            found[topic] = found.get(topic, 0) + 1
+            found.update(_came(consumer, LOOK_S))
+        found.update(_came(consumer, 1.0))
     return found
 
 
@@ -184,22 +196,21 @@ def _came(consumer: Consumer, timeout_s: float) -> Iterator[str]:
 # The report
 
 
-def show(few: Result, many: Result, console: Console) -> None:
+def show(results: tuple[Result, Result], console: Console) -> None:
     """Print the table."""
+    few, many = results
     table = Table('', f'{few.routes} routes', f'{many.routes} routes', 'each more')
     for words, read in _ROWS:
         a, b = read(few), read(many)
         each = (b - a) / max(1, many.routes - few.routes)
         table.add_row(words, f'{a:,.1f}', f'{b:,.1f}', f'{each:,.3f}')
     console.print(table)
-    for one in (few, many):
+    for one in results:
         console.print(
             f'{one.routes} routes: {one.arrived[0]} of {one.routes // 2} to ROS and '
             f'{one.arrived[1]} of {one.routes // 2} to Kafka delivered, {one.repeated} repeated, '
             f'status {one.status}'
         )
-    here = machine()
-    console.print(f'{here.cores} cores of {here.cpu}, {here.memory_gib} GiB')
 
 
 _ROWS: Final[Sequence[tuple[str, Callable[[Result], float]]]] = (
@@ -214,12 +225,10 @@ _ROWS: Final[Sequence[tuple[str, Callable[[Result], float]]]] = (
 )
 
 
-def report(few: Result, many: Result) -> Mapping[str, Any]:
+def report(results: tuple[Result, Result], _: argparse.Namespace) -> Mapping[str, Any]:
     """Make what `--json` writes."""
     return {
-        'machine': machine()._asdict(),
-        'versions': versions(is_local_kafka=True),
-        'results': [{**one._asdict(), 'vitals': one.vitals._asdict()} for one in (few, many)],
+        'results': [{**one._asdict(), 'vitals': one.vitals._asdict()} for one in results],
     }
 
 
@@ -229,24 +238,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog='python -m benchmarks.routes', description='Runs many routes in one bridge.'
     )
     parser.add_argument('--routes', type=int, default=200, help='default: %(default)s')
-    parser.add_argument('--json', type=Path, help='write all of it into this file, too')
-    options = parser.parse_args(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    console = Console(highlight=False)
-    try:
-        with LocalKafka() as kafka:
-            few = measure(kafka.bootstrap_servers, 2)
-            many = measure(kafka.bootstrap_servers, options.routes)
-    except KeyboardInterrupt:
-        return 130
-    except (ConfigError, TransportError, ProcessError, TimeoutError, KafkaException) as error:
-        console.print(str(error), style='red')
-        return 1
-    show(few, many, console)
-    if options.json:
-        text = json.dumps(report(few, many), indent=2)
-        options.json.write_text(text + '\n', encoding='utf-8')
-    return 0 if few.sound and many.sound else 1
+    return run(parser, arguments, _measure, show, report, lambda two: all(it.sound for it in two))
+
+
+def _measure(options: argparse.Namespace, _: Console) -> tuple[Result, Result]:
+    with LocalKafka() as kafka:
+        few = measure(kafka.bootstrap_servers, 2)
+        return few, measure(kafka.bootstrap_servers, options.routes)
 
 
 if __name__ == '__main__':

@@ -12,36 +12,29 @@ than four minutes a bridge has not settled, and nothing is said of its memory.
 """
 
 import argparse
-import json
 import math
-import signal
 import sys
 import tempfile
 import time
-import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from confluent_kafka import Consumer, KafkaException, TopicPartition
+from confluent_kafka import Consumer, TopicPartition
 from confluent_kafka.admin import AdminClient
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.machine import machine, versions
-from benchmarks.numbers import BOTH_WAYS, Count, count_topic
-from benchmarks.processes import programs
-from benchmarks.topics import EndOffset, topics
+from benchmarks.command import run
+from benchmarks.numbers import Count, Stage, staged
+from benchmarks.topics import EndOffset
 from benchmarks.vitals import Slope, Vitals, held, means, slope, watched
-from rig.processes import Process, ProcessError
-from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import RosNode, open_node
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
 DOMAIN: Final = 220
-START_S: Final = 60.0
 END_S: Final = 120.0
 FIRST_RATE: Final = 250.0
 MOST_RATE: Final = 30_000.0
@@ -144,63 +137,21 @@ class Result(NamedTuple):
         return all_came and not self.grown and self.status == 0
 
 
-class Stage(NamedTuple):
-    """A bridge with everybody around it."""
-
-    servers: str
-    mark: str
-    place: Path
-    bridge: Process
-    counter: Process
-    counted: Path
-
-    @contextmanager
-    def senders(self, rates: Rates) -> Iterator[tuple[Process, Process]]:
-        """Send in both directions, to the end of the `with` or of one's own asking."""
-        with ExitStack() as stack:
-            to_kafka = stack.enter_context(
-                _peer(self.place, 'ros', f'/to_kafka_{self.mark}', '--rate', str(rates.to_kafka))
-            )
-            to_ros = stack.enter_context(
-                _peer(
-                    self.place, 'kafka', self.servers, f'{self.mark}.source',
-                    '--rate', str(rates.to_ros),
-                )
-            )  # fmt: skip
-            for sender in (to_kafka, to_ros):
-                sender.wait_for('ready', START_S)
-            yield to_ros, to_kafka
-
-
 @contextmanager
-def staged(servers: str) -> Iterator[Stage]:
-    """Start a bridge with two routes, and a reader that counts."""
-    mark = f'soak_{uuid.uuid4().hex[:8]}'
-    with ExitStack() as stack:
-        place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='soak-')))
-        stack.enter_context(topics(servers, [f'{mark}.source', f'{mark}.sink']))
-        file = place / 'bridge.yaml'
-        file.write_text(BOTH_WAYS.format(servers=servers, mark=mark))
-        bridge = stack.enter_context(programs(place, DOMAIN).bridge('bridge', file))
-        bridge.wait_for('subscribes to', START_S)
-        bridge.wait_for(' reads ', START_S)
-        counted = place / 'counted.json'
-        counter = stack.enter_context(_peer(place, 'count', str(counted), f'/to_ros_{mark}'))
-        counter.wait_for('ready', START_S)
-        yield Stage(servers, mark, place, bridge, counter, counted)
-
-
-def _peer(place: Path, part: str, *words: str) -> Process:
-    name = f'{part}-{uuid.uuid4().hex[:8]}'
-    return programs(place, DOMAIN).python(name, '-m', 'benchmarks.numbers', part, *words)
+def _staged(servers: str) -> Iterator[Stage]:
+    with (
+        tempfile.TemporaryDirectory(prefix='soak-') as place,
+        staged(servers, Path(place), DOMAIN, 'soak') as stage,
+    ):
+        yield stage
 
 
 def most(servers: str) -> float:
     """Find the highest rate that both ways keep up with at once, to a factor of `STEP`."""
     rate, kept = FIRST_RATE, 0.0
-    with staged(servers) as stage:
+    with _staged(servers) as stage:
         while rate <= MOST_RATE:
-            with stage.senders(Rates(rate, rate)):
+            with stage.senders(rate, rate):
                 time.sleep(STEP_S / 4)
                 before, since_s = _delivered(stage), time.monotonic()
                 time.sleep(STEP_S)
@@ -230,10 +181,10 @@ def soak(servers: str, rates: Rates, minutes: float) -> Result:
     around: list[Around] = []
     half: Mapping[str, int] = {}  # memory at half-time
     warm_up_s = WARM_UP_SHARE * minutes * 60
-    with staged(servers) as stage, open_node('soak', DOMAIN, Histories({}, {}, None)) as node:
+    with _staged(servers) as stage, open_node('soak', DOMAIN, Histories({}, {}, None)) as node:
         with (
             watched(lambda: stage.bridge.pid) as seen,
-            stage.senders(rates) as (to_ros, to_kafka),
+            stage.senders(*rates) as senders,
         ):
             begun_s = time.monotonic()
             while (elapsed_s := time.monotonic() - begun_s) < minutes * 60:
@@ -245,13 +196,12 @@ def soak(servers: str, rates: Rates, minutes: float) -> Result:
                     half = held(stage.bridge.pid)
             end_held = held(stage.bridge.pid)
             seen = list(seen)  # noqa: PLW2901 -- what comes now is the end
-            sent = [_end_of(sender) for sender in (to_ros, to_kafka)]
+            sent = senders.end()
         behind = sent[0] - _delivered(stage)[0]
         end = _wait_for_all(stage, sent)
         status = stage.bridge.end(END_S)
-        stage.counter.end(END_S)
-        arrived = Count(**json.loads(stage.counted.read_text()))
-        in_kafka = count_topic(servers, f'{stage.mark}.sink', end)
+        arrived = stage.counted()
+        in_kafka = stage.counted_in_kafka(end)
     return Result(
         rates,
         seen,
@@ -267,11 +217,6 @@ def soak(servers: str, rates: Rates, minutes: float) -> Result:
 
 def _way(sent: int, count: Count) -> Way:
     return Way(sent, count.lost(sent), count.repeated)
-
-
-def _end_of(sender: Process) -> int:
-    sender.end(END_S)
-    return int(sender.output().rpartition('sent ')[2])
 
 
 def _wait_for_all(stage: Stage, sent: Sequence[int]) -> int:
@@ -322,15 +267,11 @@ def show(result: Result, console: Console) -> None:
         f'{result.around[-1].ros_endpoints} ROS endpoints; '
         + (f'grown: {", ".join(result.grown)}' if result.grown else 'none has grown')
     )
-    here = machine()
-    console.print(f'{here.cores} cores of {here.cpu}, {here.memory_gib} GiB')
 
 
-def report(result: Result) -> Mapping[str, Any]:
+def report(result: Result, _: argparse.Namespace) -> Mapping[str, Any]:
     """Make what `--json` writes."""
     return {
-        'machine': machine()._asdict(),
-        'versions': versions(is_local_kafka=True),
         'rates': result.rates._asdict(),
         'to_ros': result.to_ros._asdict(),
         'to_kafka': result.to_kafka._asdict(),
@@ -351,30 +292,6 @@ def report(result: Result) -> Mapping[str, Any]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Soak and print; returns the exit status: 1 where something was lost, or has grown."""
-    options = _parse(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    console = Console(highlight=False)
-    try:
-        with LocalKafka() as kafka:
-            rates = options.rate
-            if rates is None:
-                full = most(kafka.bootstrap_servers)
-                console.print(f'both ways keep up with {full:,.0f} messages/s each')
-                rates = Rates(full / 2, full / 2)
-            result = soak(kafka.bootstrap_servers, rates, options.minutes)
-    except KeyboardInterrupt:
-        return 130
-    except (ConfigError, TransportError, ProcessError, TimeoutError, KafkaException) as error:
-        console.print(str(error), style='red')
-        return 1
-    show(result, console)
-    if options.json:
-        text = json.dumps(report(result), indent=2)
-        options.json.write_text(text + '\n', encoding='utf-8')
-    return 0 if result.sound else 1
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='python -m benchmarks.soak',
         description='Runs a bridge at half its maximum rate, and looks whether it grows.',
@@ -386,8 +303,17 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         default='auto',
         help='messages per second each way; auto: half of what it carries (default)',
     )
-    parser.add_argument('--json', type=Path, help='write all of it into this file, too')
-    return parser.parse_args(arguments)
+    return run(parser, arguments, _measure, show, report, lambda result: result.sound)
+
+
+def _measure(options: argparse.Namespace, console: Console) -> Result:
+    with LocalKafka() as kafka:
+        rates = options.rate
+        if rates is None:
+            full = most(kafka.bootstrap_servers)
+            console.print(f'both ways keep up with {full:,.0f} messages/s each')
+            rates = Rates(full / 2, full / 2)
+        return soak(kafka.bootstrap_servers, rates, options.minutes)
 
 
 def _rate(text: str) -> Rates | None:

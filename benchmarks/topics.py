@@ -2,9 +2,9 @@
 
 import contextlib
 import signal
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from typing import Final, NamedTuple
 
 from confluent_kafka import (
@@ -20,13 +20,13 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     NewTopic,
 )
 
+from rig.topics import records
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.testing.orders import decode
 
 _REQUEST_S: Final = 10.0
 _QUIET: Final = 3  # errors: what the clients of a benchmark warn of interests nobody
 _FILL_S: Final = 120.0
-_READ_S: Final = 120.0
 
 
 class Tally(NamedTuple):
@@ -48,15 +48,21 @@ class Tally(NamedTuple):
 
 
 @contextmanager
-def topics(bootstrap_servers: str, names: Sequence[str]) -> Iterator[None]:
+def topics(bootstrap_servers: str, names: Sequence[str], **config: str) -> Iterator[None]:
     """Create topics of one partition, with the broker's clock; delete them at the end.
+
+    Args:
+        bootstrap_servers: Of the broker.
+        names: Of the topics.
+        config: Of each, with `_` for `.`.
 
     Raises:
         TransportError: The broker does not answer.
     """
     admin = AdminClient({'bootstrap.servers': bootstrap_servers, 'log_level': _QUIET})
-    config = {'message.timestamp.type': 'LogAppendTime'}
-    new = [NewTopic(name, num_partitions=1, config=config) for name in names]
+    properties = {name.replace('_', '.'): value for name, value in config.items()}
+    properties['message.timestamp.type'] = 'LogAppendTime'
+    new = [NewTopic(name, num_partitions=1, config=properties) for name in names]
     with _ctrl_c_held_back():
         asked = admin.create_topics(new)
     for made in asked.values():
@@ -157,9 +163,9 @@ def count(bootstrap_servers: str, topic: str, end: int) -> Tally:
     duplicated = out_of_order = 0
     highest = -1
     times_ms: list[int] = []
-    for value, time_ms in _records(bootstrap_servers, topic, end):
-        order_id = decode(value).order_id
-        times_ms.append(time_ms)
+    for record in islice(records(bootstrap_servers, topic), end):
+        order_id = decode(record.value() or b'').order_id
+        times_ms.append(record.timestamp()[1])
         if order_id in seen:
             duplicated += 1
         elif order_id < highest:
@@ -167,23 +173,3 @@ def count(bootstrap_servers: str, topic: str, end: int) -> Tally:
         seen.add(order_id)
         highest = max(highest, order_id)
     return Tally(len(seen), duplicated, out_of_order, min(times_ms), max(times_ms))
-
-
-def _records(bootstrap_servers: str, topic: str, end: int) -> Iterator[tuple[bytes, int]]:
-    config = {
-        'bootstrap.servers': bootstrap_servers,
-        'group.id': topic,
-        'enable.auto.commit': False,
-    }
-    with contextlib.closing(Consumer(config)) as consumer:
-        consumer.assign([TopicPartition(topic, 0, 0)])
-        deadline_s = time.monotonic() + _READ_S
-        left = end
-        while left:
-            for record in consumer.consume(min(left, 1000), 0.1):
-                value = record.value()
-                if record.error() is None and value is not None:
-                    left -= 1
-                    yield value, record.timestamp()[1]
-            if time.monotonic() > deadline_s:
-                raise TimeoutError(f'{topic}: {left} of {end} records cannot be read')

@@ -8,15 +8,12 @@ rclpy, which is filled and asks every subscription for each wait, and then by th
 """
 
 import argparse
-import json
 import random
-import signal
 import statistics
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import rclpy
@@ -26,8 +23,8 @@ from rich.console import Console
 from rich.table import Table
 from std_msgs.msg import String
 
-from benchmarks.machine import machine, show_machine, versions
-from benchmarks.many_topics import KEEP_ALL
+from benchmarks.command import run
+from rig.peers.ends import qos, wait_for_readers
 from ros2_kafka_bridge.ros.arrivals import Arrivals
 from ros2_kafka_bridge.ros.take import take
 from ros2_kafka_bridge.threads.wakeup import Wakeup
@@ -51,14 +48,12 @@ class Result(NamedTuple):
 def measure(count: int) -> Result:
     """Let messages come on one of so many topics at a time."""
     with _topics(count) as (node, names):
-        publishers = [node.create_publisher(String, name, KEEP_ALL) for name in names]
+        publishers = [node.create_publisher(String, name, qos()) for name in names]
         subscriptions = {
-            name: node.create_subscription(String, name, lambda _: None, KEEP_ALL, raw=True)
+            name: node.create_subscription(String, name, lambda _: None, qos(), raw=True)
             for name in names
         }
-        while not all(publisher.get_subscription_count() for publisher in publishers):
-            time.sleep(0.05)
-        time.sleep(1.0)
+        wait_for_readers(publishers)
         by_wait_set = _spent_us(_by_wait_set(node.context, subscriptions), publishers)
         return Result(count, by_wait_set, _spent_us(_told(subscriptions), publishers))
 
@@ -113,17 +108,8 @@ def _spent_us(way: Take, publishers: Sequence[Any]) -> float:
     return statistics.median(spent_us)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and print; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog='python -m benchmarks.waiting', description='Waits for one of many topics.'
-    )
-    parser.add_argument('--topics', type=int, nargs='+', default=[1, 10, 100, 1000])
-    parser.add_argument('--json', type=Path, help='write all of it into this file, too')
-    options = parser.parse_args(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    console = Console(highlight=False)
-    results = [measure(count) for count in options.topics]
+def show(results: Sequence[Result], console: Console) -> None:
+    """Print the table."""
     table = Table('topics', 'wait set, us a message', 'told by DDS', 'ratio')
     for one in results:
         ratio = one.wait_set_us / one.told_us
@@ -131,15 +117,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f'{one.topics:,}', f'{one.wait_set_us:.0f}', f'{one.told_us:.0f}', f'{ratio:.1f}'
         )
     console.print(table)
-    report = {
-        'machine': machine()._asdict(),
-        'versions': versions(is_local_kafka=False),
-        'results': [one._asdict() for one in results],
-    }
-    show_machine(report, console)
-    if options.json:
-        options.json.write_text(json.dumps(report, indent=2) + '\n', encoding='utf-8')
-    return 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure and print; returns the exit status."""
+    parser = argparse.ArgumentParser(
+        prog='python -m benchmarks.waiting', description='Waits for one of many topics.'
+    )
+    parser.add_argument('--topics', type=int, nargs='+', default=[1, 10, 100, 1000])
+    return run(
+        parser,
+        arguments,
+        lambda options, _: [measure(count) for count in options.topics],
+        show,
+        lambda results, _: {'results': [one._asdict() for one in results]},
+        has_kafka=False,
+        says_versions=True,
+    )
 
 
 if __name__ == '__main__':

@@ -14,7 +14,6 @@ import os
 import statistics
 import sys
 import tempfile
-import time
 import uuid
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -24,18 +23,15 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.contestants import BRIDGE_FILE
+from benchmarks.drain import Pages, Watched, watch
 from benchmarks.machine import machine
-from benchmarks.processes import Usage, programs
+from benchmarks.processes import programs
 from benchmarks.topics import EndOffset, count, fill, topics
-from rig.processes import Process, direct
+from rig.processes import direct
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 from ros2_kafka_bridge.testing.orders import encode, orders
 
 DOMAIN: Final = 218
-START_S: Final = 60.0
-STABLE_S: Final = 3.0
-LOOK_S: Final = 0.1
-_TICK_S: Final = 1 / os.sysconf('SC_CLK_TCK')
 
 
 class Result(NamedTuple):
@@ -75,48 +71,16 @@ def drain(bootstrap_servers: str, workers: int, values: Sequence[bytes]) -> Resu
         file.write_text(f'workers: {workers}\n{text}', encoding='utf-8')
         at = programs(Path(place), DOMAIN, direct)
         with at.bridge(f'workers: {workers}', file) as process:
-            seen, last = _watch(process, str(file), end_offset)
+            side = Watched(process, [])
+            _, first, last = watch(end_offset, [side], Pages(()))
         tally = count(bootstrap_servers, sink, end_offset())
     return Result(
         workers,
         1000 * tally.delivered / max(tally.last_ms - tally.first_ms, 1),
         len(values) - tally.delivered,
         tally.duplicated,
-        1e6 * (seen[last].cpu_s - seen[0].cpu_s) / tally.delivered,
-        max(usage.anon_mib for usage in seen),
+        *side.side(first, last, tally.delivered),
     )
-
-
-def _watch(process: Process, file: str, end_offset: Callable[[], int]) -> tuple[list[Usage], int]:
-    """Look from the first record on until no more come; tells at which look the last had come."""
-    seen: list[Usage] = []
-    end = last = 0
-    changed_s = time.monotonic()
-    while time.monotonic() - changed_s < (STABLE_S if end else START_S):
-        process.check()
-        before, end = end, end_offset()
-        if end:
-            seen.append(_usage(file))
-        if end != before:
-            last, changed_s = len(seen) - 1, time.monotonic()
-        time.sleep(LOOK_S)
-    if not end:
-        raise TimeoutError(f'nothing has arrived within {START_S:.0f} s')
-    return seen, last
-
-
-def _usage(file: str) -> Usage:
-    """What all processes that run this configuration have used."""
-    cpu_s = anon_mib = 0.0
-    for place in Path('/proc').glob('[0-9]*'):
-        with contextlib.suppress(FileNotFoundError, ProcessLookupError):
-            if file.encode() not in (place / 'cmdline').read_bytes().split(b'\0'):
-                continue
-            fields = (place / 'stat').read_text().rpartition(')')[2].split()
-            rows = (place / 'status').read_text().splitlines()
-            cpu_s += (int(fields[11]) + int(fields[12])) * _TICK_S
-            anon_mib += int(dict(row.split(':', 1) for row in rows)['RssAnon'].split()[0]) / 1024
-    return Usage(cpu_s, anon_mib)
 
 
 def show(results: Sequence[Result], count: int, console: Console) -> None:

@@ -278,6 +278,10 @@ class Programs(NamedTuple):
         """A program by the arguments of this Python."""
         return self.command(name, sys.executable, *arguments, **environ)
 
+    def peer(self, name: str, end: str, *arguments: str, **environ: str) -> Process:
+        """One of `rig.peers`."""
+        return self.python(name, '-m', f'rig.peers.{end}', *arguments, **environ)
+
     def bridge(self, name: str, file: Path, *options: str, **environ: str) -> Process:
         """A bridge by the command line."""
         command = ('-m', 'ros2_kafka_bridge', 'run', str(file), *options)

@@ -9,12 +9,10 @@ nothing. Before anything is measured, each has to bring every message back as it
 """
 
 import argparse
-import json
 import statistics
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import Final, NamedTuple
 
 from rclpy.serialization import deserialize_message
@@ -22,9 +20,9 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.command import run
 from benchmarks.formats import rosbridge, usual
 from benchmarks.formats.samples import Sample, samples
-from benchmarks.machine import machine, versions
 from ros2_kafka_bridge.config.formats import SchemaSettings
 from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.scope import Scope
@@ -134,7 +132,7 @@ def _seconds(convert: Callable[[bytes], object], value: bytes, times: int) -> fl
 
 
 def show(results: Sequence[Result], console: Console) -> None:
-    """Print a table for each message."""
+    """Print a table for each message, and what json is beside the usual way."""
     for message in dict.fromkeys(result.message for result in results):
         own = [result for result in results if result.message == message]
         [base] = [result for result in own if result.contestant == 'usual']
@@ -147,6 +145,8 @@ def show(results: Sequence[Result], console: Console) -> None:
         for result in own:
             table.add_row(result.contestant, *_numbers(result, base), f'{result.record_bytes:,}')
         console.print(table)
+    found = ratio(results, REQUIRED_OF)
+    console.print(f'{REQUIRED_OF} as json: {found:.1f} times as fast as the usual way')
 
 
 def _numbers(result: Result, base: Result) -> Iterator[str]:
@@ -176,23 +176,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog='python -m benchmarks.formats', description='Measures the formats.'
     )
     parser.add_argument('--rounds', type=int, default=15, help='default: %(default)s')
-    parser.add_argument('--json', type=Path, help='write all of it into this file, too')
-    options = parser.parse_args(arguments)
-    console = Console(highlight=False)
-    results = [result for sample in samples() for result in measure(sample, options.rounds)]
-    show(results, console)
-    found = ratio(results, REQUIRED_OF)
-    console.print(f'{REQUIRED_OF} as json: {found:.1f} times as fast as the usual way')
-    here = machine()
-    console.print(f'{here.cores} cores of {here.cpu}, {here.memory_gib} GiB')
-    if options.json:
-        written = {
-            'machine': here._asdict(),
-            'versions': versions(is_local_kafka=False),
-            'results': [result._asdict() for result in results],
-        }
-        options.json.write_text(json.dumps(written, indent=2) + '\n', encoding='utf-8')
-    return 0 if found >= REQUIRED else 1
+    return run(
+        parser,
+        arguments,
+        lambda options, _: [it for one in samples() for it in measure(one, options.rounds)],
+        show,
+        lambda results, _: {'results': [result._asdict() for result in results]},
+        lambda results: ratio(results, REQUIRED_OF) >= REQUIRED,
+        has_kafka=False,
+    )
 
 
 if __name__ == '__main__':
