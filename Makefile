@@ -42,7 +42,7 @@ help: ## what there is to make
 
 setup: $(READY) ## .venv with the locked dependencies and this project
 
-demo: $(READY) ## orders through Kafka and ROS 2 and back, with Python alone (A='--compare')
+demo: $(READY) ## orders through Kafka and ROS 2 and back, with Python alone (A='--seconds 60')
 	@$(BIN)/ros2-kafka-bridge demo $(A)
 
 warehouse: $(READY) ## orders, robots and a live page: a whole warehouse (A='--robots 30', A=--help)

@@ -9,7 +9,7 @@ from pathlib import Path
 from harness import Process
 
 COUNTED = re.compile(
-    r'(?P<name>\w+): Producer (?P<produced>\S+), Kafka-ROS (?P<kafka_ros>\S+), '
+    r'bridge: Producer (?P<produced>\S+), Kafka-ROS (?P<kafka_ros>\S+), '
     r'ROS-Kafka (?P<ros_kafka>\S+), Consumer (?P<consumed>\S+), lost (?P<lost>\S+) \(.*%\)'
 )
 
@@ -38,15 +38,15 @@ def children_in(place: Path) -> list[int]:
     return found
 
 
-def counted(process: Process) -> dict[str, dict[str, str]]:
-    """The lines that sum up, by contestant."""
-    matches = map(COUNTED.match, process.output().splitlines())
-    return {match['name']: match.groupdict() for match in matches if match}
+def counted(process: Process) -> dict[str, str]:
+    """The line that sums up."""
+    [match] = filter(None, map(COUNTED.match, process.output().splitlines()))
+    return match.groupdict()
 
 
 def numbers(result: dict[str, str]) -> dict[str, int]:
     """The same as numbers."""
-    return {what: int(n.replace(',', '')) for what, n in result.items() if what != 'name'}
+    return {what: int(n.replace(',', '')) for what, n in result.items()}
 
 
 def all_equal(result: dict[str, str]) -> bool:

@@ -109,13 +109,12 @@ def _free_port() -> int:
 
 def paper(depth: int, *of_ros_kafka: str) -> Contestant:
     """The two published algorithms; more options are those of its ros-kafka node."""
-    module = 'ros2_kafka_bridge.demo.paper'
     options = ['--depth', str(depth)]
     return Contestant(
         f'the two published algorithms, depth {depth}',
         _both(
-            ['-m', f'{module}_kafka_ros', *options],
-            ['-m', f'{module}_ros_kafka', *options, *of_ros_kafka],
+            ['-m', f'{__name__}.paper_kafka_ros', *options],
+            ['-m', f'{__name__}.paper_ros_kafka', *options, *of_ros_kafka],
         ),
     )
 
@@ -125,7 +124,8 @@ def bare(*of_ros_kafka: str) -> Contestant:
     return Contestant(
         'loops that confirm nothing',
         _both(
-            [str(_HERE / 'bare_kafka_ros.py')], [str(_HERE / 'bare_ros_kafka.py'), *of_ros_kafka]
+            ['-m', f'{__name__}.bare_kafka_ros'],
+            ['-m', f'{__name__}.bare_ros_kafka', *of_ros_kafka],
         ),
     )
 

@@ -14,9 +14,8 @@ from confluent_kafka import Consumer
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from std_msgs.msg import String
 
+from benchmarks.contestants.node import Count, arguments
 from ros2_kafka_bridge.config.settings import QoS
-from ros2_kafka_bridge.demo.paper import arguments
-from ros2_kafka_bridge.demo.snapshots import Count
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import open_node
 from ros2_kafka_bridge.ros.qos import profile

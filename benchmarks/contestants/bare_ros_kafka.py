@@ -15,9 +15,8 @@ from confluent_kafka import Producer
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from std_msgs.msg import String
 
+from benchmarks.contestants.node import Count, NodeArguments, arguments
 from ros2_kafka_bridge.config.settings import QoS
-from ros2_kafka_bridge.demo.paper import PaperArguments, arguments
-from ros2_kafka_bridge.demo.snapshots import Count
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import open_node
 from ros2_kafka_bridge.ros.qos import profile
@@ -71,7 +70,7 @@ def taken(context: Any, subscription: Any) -> Iterator[list[tuple[bytes, Mapping
             waiter.wait(WAIT_NS)
 
 
-def move(batches: Iterator[Any], producer: Producer, given: PaperArguments, count: Count) -> None:
+def move(batches: Iterator[Any], producer: Producer, given: NodeArguments, count: Count) -> None:
     """Produce each message; while the producer's queue is full, wait for room."""
     produce, poll = producer.produce, producer.poll
     kafka_topic, ros_topic = given.kafka_topic, given.ros_topic

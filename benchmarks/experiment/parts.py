@@ -15,8 +15,7 @@ from benchmarks.experiment.traffic import Received, Sending, Sent, consume, prod
 from benchmarks.processes import usage
 from benchmarks.topics import reading
 from rig.processes import ProcessError, ros_here
-from ros2_kafka_bridge.demo.children import Child
-from ros2_kafka_bridge.demo.contestants import Program
+from ros2_kafka_bridge.demo.child import Child
 
 _START_S: Final = 60.0
 # For DDS to match what was started, and for the second that each contestant gives a subscriber.
@@ -67,10 +66,10 @@ class Run:
         self._ends = ends
         self._sending = sending
         self._ros_kafka = Child(
-            Program('ros-kafka', commands.ros_to_kafka), ends.place / 'ros-kafka.log', environ
+            'ros-kafka', commands.ros_to_kafka, ends.place / 'ros-kafka.log', environ
         )
         self._kafka_ros = Child(
-            Program('kafka-ros', commands.kafka_to_ros), ends.place / 'kafka-ros.log', environ
+            'kafka-ros', commands.kafka_to_ros, ends.place / 'kafka-ros.log', environ
         )
         self._subscribed = commands.subscribed
         self._children: Sequence[Child] = ()  # those that were started

@@ -5,15 +5,20 @@ import os
 import signal
 import sys
 import uuid
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
-from harness import Bench, Process, eventually
+from harness import Bench, Process, eventually, values
 
+from benchmarks.experiment import cell
 from benchmarks.experiment.__main__ import _parse, _setting
-from benchmarks.experiment.results import Counts, Experiment, Setting, read
+from benchmarks.experiment.parts import Place
+from benchmarks.experiment.results import Cell, Counts, Experiment, Load, Setting, read
+from benchmarks.experiment.traffic import PROBE
+from benchmarks.topics import topics
 from ros2_kafka_bridge.errors import ConfigError
+from ros2_kafka_bridge.testing.orders import decode
 
 ROOT = Path(__file__).parents[2]
 ORDERS = 160
@@ -38,6 +43,31 @@ def test_the_smallest_cells_are_measured_and_reported_and_are_not_measured_again
     again = _run([*options, '--contestants', 'paper,bridge'], tmp_path)
     assert '2 of 2 cells are kept' in again
     assert _written(tmp_path) == cells
+
+
+@pytest.mark.parametrize(('contestant', 'depth'), [('paper', 10), ('bridge', None)])
+def test_what_is_told_of_the_paper_and_of_the_bridge_is_what_their_topics_hold(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, contestant: str, depth: int | None
+) -> None:
+    """Read from the topics by another, at a load at which the paper's nodes begin to lose."""
+    held: list[list[int]] = []
+
+    @contextlib.contextmanager
+    def read_before_they_go(servers: str, names: Sequence[str]) -> Iterator[None]:
+        with topics(servers, names):
+            yield
+            held.extend(_order_ids(bench, name) for name in names)
+
+    monkeypatch.setattr(cell, 'topics', read_before_they_go)
+    monkeypatch.setenv('PYTHONPATH', os.pathsep.join(map(str, [ROOT, ROOT / 'src'])))
+    load = Load('1000', '1,000 orders/s', 1000.0)
+    place = Place(bench.bootstrap_servers, None, bench.domain, bench.place, bench.place)
+    counts = cell.measure(Cell(contestant, depth, load, 2.0), place, seed=1, most=2000).counts
+    produced, returned = held
+    assert sorted(produced) == list(range(counts.producer)) == list(range(2000))
+    assert len(set(returned)) == counts.consumer
+    assert len(set(produced) - set(returned)) == counts.lost
+    assert contestant == 'paper' or counts == Counts(2000, 2000, 2000, 2000, 0, 0)
 
 
 def test_ctrl_c_keeps_the_cells_that_were_measured(
@@ -84,6 +114,12 @@ def _assert_right(experiment: Experiment) -> None:
         latency = result.latency
         assert 0 < latency.fastest <= latency.median <= latency.p99 <= latency.slowest
         assert result.kafka_ros.peak_mib >= result.kafka_ros.before_mib > 0
+
+
+def _order_ids(bench: Bench, topic: str) -> list[int]:
+    """The orders that a topic holds, without the one that does not count."""
+    found = values(bench.records(topic, bench.end_offset(topic, 0)))
+    return [order_id for value in found if (order_id := decode(value).order_id) != PROBE]
 
 
 def _options(bench: Bench, ros_domain: int, out: Path) -> list[str]:

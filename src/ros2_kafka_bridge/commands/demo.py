@@ -7,17 +7,11 @@ import typer
 
 def demo(
     *,
-    rate: Annotated[
-        float | None,
-        typer.Option(help='Orders per second.  [default: 300; with --compare 1000]'),
-    ] = None,
+    rate: Annotated[float, typer.Option(help='Orders per second.')] = 300.0,
     seconds: Annotated[float, typer.Option(help='How long orders are sent.')] = 20.0,
     bootstrap_servers: Annotated[
         str | None, typer.Option(help='A real broker.  [default: one embedded in the demo]')
     ] = None,
-    compare: Annotated[
-        bool, typer.Option('--compare', help="Let the paper's nodes carry the same orders first.")
-    ] = False,
     domain: Annotated[
         int | None, typer.Option(help='ROS domain.  [default: ROS_DOMAIN_ID, or 0]')
     ] = None,
@@ -29,5 +23,5 @@ def demo(
     """
     from ros2_kafka_bridge.demo import run as demonstration  # noqa: PLC0415 (heavy)
 
-    options = demonstration.DemoOptions(rate, seconds, bootstrap_servers, compare, domain)
+    options = demonstration.DemoOptions(rate, seconds, bootstrap_servers, domain)
     raise typer.Exit(demonstration.run(options))

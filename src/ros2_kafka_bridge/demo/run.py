@@ -11,18 +11,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from ros2_kafka_bridge.demo.contestants import BRIDGE, PAPER, Contestant, Ends
+from ros2_kafka_bridge.demo.child import Child
+from ros2_kafka_bridge.demo.ends import DemoEnds
 from ros2_kafka_bridge.demo.table import Look, say, summary, view
 from ros2_kafka_bridge.demo.topics import Topics
 from ros2_kafka_bridge.demo.trip import SendPlan, Trip
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.kafka.addresses import servers_problem
 from ros2_kafka_bridge.outside.extras import missing_ros
-from ros2_kafka_bridge.testing.embedded_broker import QUICK_FETCH, EmbeddedBroker
+from ros2_kafka_bridge.testing.embedded_broker import EmbeddedBroker
 from ros2_kafka_bridge.threads.stop import Stop, signals_to_handle
 
-RATE: Final = 300.0
-COMPARED_RATE: Final = 1000.0  # where the paper's nodes lose on an ordinary machine
 HIGHEST_RATE: Final = 10_000.0  # what the demonstration itself can send and read beside the bridge
 # The embedded broker keeps 5 MiB of a partition, about 9,000 orders: a bridge that is held up for
 # some seconds must still find what it has not read.
@@ -37,31 +36,16 @@ class DemoOptions(NamedTuple):
     """What the user asks for.
 
     Args:
-        rate: Orders per second; None for the one that fits.
+        rate: Orders per second.
         seconds: How long orders are sent.
         bootstrap_servers: Of a real broker; None for the embedded one.
-        compare: Whether the paper's nodes carry the same orders, too.
         domain: ROS domain; None for that of the environment.
     """
 
-    rate: float | None = None
+    rate: float = 300.0
     seconds: float = 20.0
     bootstrap_servers: str | None = None
-    compare: bool = False
     domain: int | None = None
-
-
-class _Kafka(NamedTuple):
-    """Where the orders go.
-
-    Args:
-        properties: For consumers, by librdkafka's names.
-    """
-
-    words: str
-    bootstrap_servers: str
-    properties: Mapping[str, str]
-    is_shared: bool
 
 
 def run(options: DemoOptions) -> int:
@@ -76,17 +60,18 @@ def run(options: DemoOptions) -> int:
     """
     plan = _plan(options)
     place = _place()
-    outcome = None
+    keeps_logs = False
     try:
-        with _signals() as stop, _kafka(options.bootstrap_servers) as kafka:
-            outcome = _sum_up(_carry(options, plan, kafka, stop, place), plan, place)
+        with _signals() as stop:
+            status = _carry(options, plan, stop, place)
+        keeps_logs = status != 0
     except KeyboardInterrupt:
         say('ended at once', is_error=True)
-        outcome = _Outcome(STOPPED_AT_ONCE, keep_logs=False)
+        return STOPPED_AT_ONCE
     finally:
-        if outcome is None or not outcome.keep_logs:
+        if not keeps_logs:
             shutil.rmtree(place)
-    return outcome.status
+    return status
 
 
 def _place() -> Path:
@@ -99,11 +84,9 @@ def _place() -> Path:
 
 
 def _plan(options: DemoOptions) -> SendPlan:
-    rate = options.rate
-    if rate is None:
-        rate = COMPARED_RATE if options.compare else RATE
+    rate, servers = options.rate, options.bootstrap_servers
     problems = []
-    embedded = options.bootstrap_servers is None
+    embedded = servers is None
     highest = HIGHEST_EMBEDDED_RATE if embedded else HIGHEST_RATE
     if not 0 < rate <= highest:
         more = ' with the embedded broker (--bootstrap-servers takes more)' if embedded else ''
@@ -114,19 +97,15 @@ def _plan(options: DemoOptions) -> SendPlan:
         problems.append(
             f'--seconds {options.seconds:g}: expected a number of seconds, more than 0'
         )
-    servers = options.bootstrap_servers
     if servers is not None and (problem := servers_problem(servers)):
         problems.append(f'--bootstrap-servers: {problem}; leave it out for an embedded broker')
     if options.domain is not None and not 0 <= options.domain <= HIGHEST_DOMAIN:
         problems.append(f'--domain {options.domain}: expected 0 to {HIGHEST_DOMAIN}')
-    if missing := missing_ros():  # the paper's nodes would end with a traceback
+    if missing := missing_ros():
         problems.append(missing)
     if problems:
         raise ConfigError(problems)
     return SendPlan(rate, max(1, round(rate * options.seconds)))
-
-
-# Before
 
 
 @contextmanager
@@ -148,26 +127,45 @@ def _signals() -> Iterator[Stop]:
             signal.signal(number, handler)
 
 
+# The orders
+
+
+def _carry(options: DemoOptions, plan: SendPlan, stop: Stop, place: Path) -> int:
+    left: list[str] = []
+    environ = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    if options.domain is not None:
+        environ['ROS_DOMAIN_ID'] = str(options.domain)
+    with _ends(options.bootstrap_servers) as ends, _topics(ends, stop, left):
+        where = f'Kafka at {ends.bootstrap_servers}'
+        if ends.is_embedded:
+            where = "embedded broker (librdkafka's mock cluster)"
+        title = f'{plan.total:,} orders, {plan.rate:,g} a second, {where}'
+        with view(title, is_terminal=sys.stdout.isatty()) as show:
+            trip = Trip(ends, _bridge(ends, place, environ), plan, stop, show)
+            look = trip.run()
+    return _sum_up(look, plan, [*trip.problems, *left, *losses(look)], place)
+
+
 @contextmanager
-def _kafka(bootstrap_servers: str | None) -> Iterator[_Kafka]:
+def _ends(bootstrap_servers: str | None) -> Iterator[DemoEnds]:
+    name = f'demo-{uuid.uuid4().hex[:8]}'
     if bootstrap_servers is None:
         with EmbeddedBroker() as broker:
-            words = "embedded broker (librdkafka's mock cluster)"
-            yield _Kafka(words, broker.bootstrap_servers, QUICK_FETCH, is_shared=False)
+            yield DemoEnds(name, broker.bootstrap_servers, is_embedded=True)
     else:
-        Topics({'bootstrap.servers': bootstrap_servers}).greet()
-        yield _Kafka(f'Kafka at {bootstrap_servers}', bootstrap_servers, {}, is_shared=True)
+        yield DemoEnds(name, bootstrap_servers, is_embedded=False)
 
 
 @contextmanager
-def _topics(kafka: _Kafka, ends: Ends, stop: Stop, problems: list[str]) -> Iterator[None]:
+def _topics(ends: DemoEnds, stop: Stop, problems: list[str]) -> Iterator[None]:
     """Make the two topics; on a shared broker delete all that was made there, afterwards."""
-    topics = Topics({'bootstrap.servers': kafka.bootstrap_servers})
+    topics = Topics(ends.bootstrap_servers)
     names = [ends.source, ends.sink]
-    if not kafka.is_shared:
+    if ends.is_embedded:
         topics.look_up(names)
         yield
         return
+    topics.greet()
     try:
         topics.create(names)
         yield
@@ -177,69 +175,34 @@ def _topics(kafka: _Kafka, ends: Ends, stop: Stop, problems: list[str]) -> Itera
             problems.append(problem)
 
 
-# The orders
-
-
-def _carry(
-    options: DemoOptions, plan: SendPlan, kafka: _Kafka, stop: Stop, place: Path
-) -> Sequence[Trip]:
-    """Let the contestants carry the orders, in turn: none of them shares the processor."""
-    environ = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-    if options.domain is not None:
-        environ['ROS_DOMAIN_ID'] = str(options.domain)
-    title = f'{plan.total:,} orders, {plan.rate:,g} a second, {kafka.words}'
-    trips: list[Trip] = []
-    with view(title, is_terminal=sys.stdout.isatty()) as show:
-        for contestant in (PAPER, BRIDGE) if options.compare else (BRIDGE,):
-            if stop.asked:
-                break
-            ends = _ends(contestant, kafka, place)
-            trip = Trip(contestant, ends, plan, stop, lambda: show([t.look() for t in trips]))
-            trips.append(trip)
-            with _topics(kafka, ends, stop, trip.problems):
-                trip.run(environ)
-    return trips
-
-
-def _ends(contestant: Contestant, kafka: _Kafka, place: Path) -> Ends:
-    name = f'demo-{uuid.uuid4().hex[:8]}-{contestant.name}'
-    own_place = place / contestant.name
-    own_place.mkdir()
-    return Ends(name, kafka.bootstrap_servers, kafka.properties, own_place)
+def _bridge(ends: DemoEnds, place: Path, environ: Mapping[str, str]) -> Child:
+    file = place / 'bridge.yaml'
+    file.write_text(ends.config, encoding='utf-8')
+    command = [sys.executable, '-m', 'ros2_kafka_bridge.process.start', str(file)]
+    return Child('the bridge', command, place / 'bridge.log', environ)
 
 
 # Afterwards
 
 
-class _Outcome(NamedTuple):
-    status: int
-    keep_logs: bool
-
-
-def _sum_up(trips: Sequence[Trip], plan: SendPlan, place: Path) -> _Outcome:
-    problems = [problem for trip in trips for problem in trip.problems]
-    problems += [problem for trip in trips for problem in losses(trip.look())]
-    sent = [trip for trip in trips if trip.started]
-    if not sent and not problems:
+def _sum_up(look: Look, plan: SendPlan, problems: Sequence[str], place: Path) -> int:
+    """Say what has come out; returns the exit status."""
+    if not look.seconds and not problems:
         say('stopped before the first order')
     for problem in problems:
         say(problem, is_error=True)
     if problems:
         say(f'the logs are kept in {place}', is_error=True)
-    for look in (trip.look() for trip in sent):
-        if look.rate < _SLOW * plan.rate:
-            say(f'note: only {look.rate:,.0f} orders a second could be sent to {look.title}')
-    for trip in sent:
-        say(summary(trip.look()))
-    if problems:
-        return _Outcome(1 if sent else 2, keep_logs=True)
-    return _Outcome(0, keep_logs=False)
+    if not look.seconds:
+        return 2 if problems else 0
+    if look.rate < _SLOW * plan.rate:
+        say(f'note: only {look.rate:,.0f} orders a second could be sent to this bridge')
+    say(summary(look))
+    return 1 if problems else 0
 
 
 def losses(look: Look) -> Sequence[str]:
     """Say what was lost through the bridge, and what before the bridge could read it."""
-    if look.name != BRIDGE.name:
-        return []
     found = []
     # Some that were given back and deleted then had come through before.
     if deleted := min(look.deleted, look.lost):

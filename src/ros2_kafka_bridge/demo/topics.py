@@ -20,15 +20,13 @@ _GONE: Final = frozenset({KafkaError.UNKNOWN_TOPIC_OR_PART, KafkaError.GROUP_ID_
 
 
 class Topics:
-    """Topics on a broker that somebody else uses, too.
+    """Topics on a broker that somebody else uses, too."""
 
-    Args:
-        properties: Of the Kafka client.
-    """
-
-    def __init__(self, properties: Mapping[str, str]) -> None:
-        self._servers = properties['bootstrap.servers']
-        self._admin = AdminClient(dict(properties), logger=client_log(__name__))
+    def __init__(self, bootstrap_servers: str) -> None:
+        self._servers = bootstrap_servers
+        self._admin = AdminClient(
+            {'bootstrap.servers': bootstrap_servers}, logger=client_log(__name__)
+        )
 
     def greet(self) -> None:
         """See that a broker is there.
@@ -58,12 +56,9 @@ class Topics:
         """
         new = [NewTopic(name, num_partitions=1) for name in names]
         for name, answer in self._admin.create_topics(new, request_timeout=_REQUEST_S).items():
-            try:
-                answer.result()
-            except KafkaException as error:
-                raise TransportError(
-                    f'topic {name} cannot be created: {error.args[0].str()}'
-                ) from error
+            if error := answer.exception():
+                why = error.args[0].str()
+                raise TransportError(f'topic {name} cannot be created: {why}') from error
 
     def delete(self, names: Sequence[str], groups: Sequence[str], patience_s: float) -> str:
         """Delete topics and groups that may be there; returns what has failed, or nothing.
@@ -85,12 +80,6 @@ class Topics:
 
 
 def _failed(answers: Mapping[str, Future[Any]]) -> dict[str, str]:
-    return {name: why for name, answer in answers.items() if (why := _why(answer))}
-
-
-def _why(answer: Future[Any]) -> str:
-    try:
-        answer.result()
-    except KafkaException as error:
-        return '' if error.args[0].code() in _GONE else str(error.args[0].str())
-    return ''
+    raised = ((name, answer.exception()) for name, answer in answers.items())
+    errors = {name: error.args[0] for name, error in raised if error}
+    return {name: error.str() for name, error in errors.items() if error.code() not in _GONE}

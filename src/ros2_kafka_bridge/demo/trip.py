@@ -1,22 +1,20 @@
-"""The orders' whole way through one contestant: start, send, wait, end, count."""
+"""The orders' whole way through the bridge: start, send, wait, end, count."""
 
 import math
 import time
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
-from ros2_kafka_bridge.demo.children import Child
-from ros2_kafka_bridge.demo.contestants import Contestant, Ends
+from ros2_kafka_bridge.demo.child import Child
+from ros2_kafka_bridge.demo.ends import DemoEnds
 from ros2_kafka_bridge.demo.table import Look
 from ros2_kafka_bridge.demo.tally import Tally
 from ros2_kafka_bridge.demo.traffic import Receiver, Sender
-from ros2_kafka_bridge.route.counters import Snapshot
 from ros2_kafka_bridge.threads.stop import Stop
 
 START_S: Final = 60.0
-# How long nothing may arrive until what is missing counts as lost: for a contestant that knows
-# of nothing any more, and for one that still holds messages, or has not read all.
+# How long nothing may arrive until what is missing counts as lost: for a bridge that knows of
+# nothing any more, and for one that still holds messages, or has not read all.
 _QUIET_S: Final = 3.0
 _QUIET_HOLDING_S: Final = 30.0
 _END_S: Final = 20.0
@@ -33,80 +31,59 @@ class SendPlan(NamedTuple):
 
 
 class Trip:
-    """One contestant, its orders, and what became of them.
+    """The bridge, the orders, and what became of them.
 
     Args:
-        contestant: Who carries them.
-        ends: Between what.
-        plan: How many, how fast.
+        ends: What the bridge joins.
+        bridge: Its process, not started yet.
+        plan: How many orders, how fast.
         stop: Asks for an early end.
         show: Called again and again while the orders move.
     """
 
     def __init__(
         self,
-        contestant: Contestant,
-        ends: Ends,
+        ends: DemoEnds,
+        bridge: Child,
         plan: SendPlan,
         stop: Stop,
-        show: Callable[[], None],
+        show: Callable[[Look], None],
     ) -> None:
         self.problems: list[str] = []
-        self.started = False  # whether an order was sent that counts
-        self.name = contestant.name
-        self._title = contestant.title
-        self._programs = contestant.programs(ends)
         self._ends = ends
+        self._bridge = bridge
         self._stop = stop
         self._show = show
         self._phase = 'starting'
-        self._last: Look | None = None
         self._tally = Tally()
-        kafka = {'bootstrap.servers': ends.bootstrap_servers}
-        self._sender = Sender(kafka, ends.source, *plan)
-        self._receiver = Receiver({**kafka, **ends.properties}, ends.sink)
-        self._children: list[Child] = []
+        self._sender = Sender({'bootstrap.servers': ends.bootstrap_servers}, ends.source, *plan)
+        self._receiver = Receiver(ends.consumer, ends.sink)
 
-    def look(self) -> Look:
-        """Everything that is known now."""
-        return self._last or self._look(final=False)
-
-    def run(self, environ: Mapping[str, str]) -> None:
-        """Carry the orders.
-
-        Args:
-            environ: For the contestant's processes, added to this one's.
-        """
-        with ExitStack() as stack:
-            stack.enter_context(self._sender)
-            self._children = [
-                stack.enter_context(Child(program, self._ends.place / f'{number}.log', environ))
-                for number, program in enumerate(self._programs)
-            ]
-            stack.enter_context(self._receiver)
+    def run(self) -> Look:
+        """Carry the orders; returns what is known at the end."""
+        with self._sender, self._bridge, self._receiver:
             if self._ready():
                 self._send()
                 self._settle()
             self._end()
             self._count_rest()
         self._phase = 'done'
-        self._last = self._look(final=True)
-        self._show()
+        final = self._look(final=True)
+        self._show(final)
+        return final
 
     def _ready(self) -> bool:
         """Wait until an order that does not count has come through."""
         self._sender.probe()
         come = self._receiver.probed.is_set
-        self._until(lambda: come() or self._stop.asked or self._broken(), START_S)
-        if not (come() or self._stop.asked or self._broken()):
-            self.problems.append(f'{self.name}: not one order came through in {START_S:.0f} s')
+        if not self._until(lambda: come() or self._stop.asked or self._broken(), START_S):
+            self.problems.append(f'bridge: not one order came through in {START_S:.0f} s')
         return come() and not self._stop.asked
 
     def _send(self) -> None:
         self._phase = 'sending'
         self._sender.start()
         self._receiver.started_s = self._sender.started_s
-        self.started = True
         self._until(lambda: self._stop.asked or self._broken() or not self._sender.sends)
         self._sender.stop()
         self._phase = 'waiting for the rest'
@@ -126,13 +103,13 @@ class Trip:
                 return
 
     def _end(self) -> None:
-        """End the contestant, which takes what it holds to its end."""
+        """End the bridge, which takes what it holds to its end."""
         self._phase = 'ending'
-        self.problems += [child.story() for child in self._children if not child.runs]
-        for child in self._children:
-            child.ask_to_end()
-        if not self._until(lambda: not any(child.runs for child in self._children), _END_S):
-            self.problems.append(f'{self.name}: still running {_END_S:.0f} s after SIGTERM')
+        if not self._bridge.runs:
+            self.problems.append(self._bridge.story())
+        self._bridge.ask_to_end()
+        if not self._until(lambda: not self._bridge.runs, _END_S):
+            self.problems.append(f'bridge: still running {_END_S:.0f} s after SIGTERM')
 
     def _count_rest(self) -> None:
         """Count what is in the topic: nobody writes to it any more."""
@@ -144,15 +121,14 @@ class Trip:
 
     # What is known
 
-    def _look(self, *, final: bool) -> Look:
-        now_s = time.monotonic() - self._sender.started_s
+    def _look(self, *, final: bool = False) -> Look:
+        since_s = self._sender.started_s
+        now_s = time.monotonic() - since_s
         produced = self._sender.produced
         return Look(
-            name=self.name,
-            title=self._title,
             phase=self._phase,
-            rate=self._sender.rate if self.started else 0.0,
-            seconds=max(0.0, now_s) if self.started else 0.0,
+            rate=self._sender.rate if since_s else 0.0,
+            seconds=now_s if since_s else 0.0,
             produced=produced,
             kafka_to_ros=self._confirmed('kafka_to_ros'),
             ros_to_kafka=self._confirmed('ros_to_kafka'),
@@ -169,7 +145,7 @@ class Trip:
         return self._tally.consumed >= self._sender.produced
 
     def _broken(self) -> bool:
-        return not all(child.runs for child in self._children) or not self._receiver.reads
+        return not (self._bridge.runs and self._receiver.reads)
 
     def _moved(self) -> tuple[int | None, ...]:
         return (
@@ -179,29 +155,24 @@ class Trip:
         )
 
     def _holds(self) -> bool:
-        """Whether a process says that it holds messages, or has not read all that there is."""
-        snapshots = [one for child in self._children for one in child.snapshots.values()]
-        return any(one.in_flight or one.lag for one in snapshots)
+        """Whether the bridge says that it holds messages, or has not read all that there is."""
+        return any(told.in_flight or told.lag for told in self._bridge.snapshots.values())
 
     def _confirmed(self, route: str) -> int | None:
-        snapshot = self._snapshot(route)
-        return None if snapshot is None else max(0, snapshot.carried - 1)  # but for the probe
+        told = self._bridge.snapshots.get(route)
+        return None if told is None else max(0, told.carried - 1)  # but for the probe
 
     def _deleted(self) -> int:
-        """Orders that the broker had deleted before a contestant or the receiver read them."""
-        snapshot = self._snapshot('kafka_to_ros')
-        return self._receiver.deleted + (snapshot.lost_upstream if snapshot else 0)
-
-    def _snapshot(self, route: str) -> Snapshot | None:
-        found = (c.snapshots[route] for c in self._children if route in c.snapshots)
-        return next(found, None)
+        """Orders that the broker had deleted before the bridge or the receiver read them."""
+        told = self._bridge.snapshots.get('kafka_to_ros')
+        return self._receiver.deleted + (told.lost_upstream if told else 0)
 
     def _until(self, done: Callable[[], bool], limit_s: float = math.inf) -> bool:
         """Wait until something is so, and show the orders meanwhile; tells whether it is."""
         deadline_s = time.monotonic() + limit_s
         while not (is_done := done()) and time.monotonic() < deadline_s:
             self._take()
-            self._show()
+            self._show(self._look())
             time.sleep(_STEP_S)
         self._take()
         return is_done

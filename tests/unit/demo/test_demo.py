@@ -2,6 +2,7 @@
 
 import io
 import tempfile
+from collections.abc import Sequence
 
 import pytest
 from rich.console import Console
@@ -12,8 +13,6 @@ from ros2_kafka_bridge.demo.tally import Arrival, Latency, Tally, percentile
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 
 LOOK = Look(
-    name='paper',
-    title='the paper, depth 10',
     phase='done',
     rate=160.4,
     seconds=600.0,
@@ -120,7 +119,7 @@ def test_a_long_run_is_drawn_in_the_width_there_is() -> None:
 
 def test_the_last_line_has_the_columns_of_the_paper() -> None:
     assert summary(LOOK) == (
-        'paper: Producer 95,664, Kafka-ROS 95,664, ROS-Kafka 92,195, Consumer 92,195, '
+        'bridge: Producer 95,664, Kafka-ROS 95,664, ROS-Kafka 92,195, Consumer 92,195, '
         'lost 3,469 (3.63 %), fastest 0.006247 s, slowest 1.107546 s'
     )
 
@@ -128,24 +127,25 @@ def test_the_last_line_has_the_columns_of_the_paper() -> None:
 def test_the_last_line_does_not_invent_what_is_not_known() -> None:
     nothing = LOOK._replace(produced=3, kafka_to_ros=None, consumed=0, lost=3, latency=None)
     assert summary(nothing) == (
-        'paper: Producer 3, Kafka-ROS -, ROS-Kafka 92,195, Consumer 0, lost 3 (100.00 %)'
+        'bridge: Producer 3, Kafka-ROS -, ROS-Kafka 92,195, Consumer 0, lost 3 (100.00 %)'
     )
 
 
-def test_two_contestants_fit_into_eighty_columns() -> None:
+@pytest.mark.parametrize(('rates', 'drawn'), [((160, 80, 0), '█▅▁'), ((1,) * 1000, '█' * 24)])
+def test_the_table_fits_into_eighty_columns(rates: Sequence[int], drawn: str) -> None:
     out = io.StringIO()
-    beside = LOOK._replace(title='this bridge', final=False, rates=(1,) * 1000)
-    Console(file=out, width=80).print(page('1,000 orders', [LOOK, beside]))
+    look = LOOK._replace(final=False, rates=rates)
+    Console(file=out, width=80).print(page('1,000 orders', look))
     shown = out.getvalue()
     assert max(map(len, shown.splitlines())) <= 80
     assert '…' not in shown
-    for cell in ('3,469 (3.63 %)', '6.2 ms', '12.5 ms', '250.0 ms', '1,107.5 ms', '█▅▁', '160'):
+    for cell in ('3,469 (3.63 %)', '6.2 ms', '12.5 ms', '250.0 ms', '1,107.5 ms', drawn, '160'):
         assert cell in shown
 
 
 def test_a_plain_line_tells_the_same_without_control_characters() -> None:
     assert line(LOOK) == (
-        'the paper, depth 10: done, 600 s, 160 sent a second, produced 95,664, '
+        'this bridge: done, 600 s, 160 sent a second, produced 95,664, '
         'Kafka -> ROS 95,664, ROS -> Kafka 92,195, consumed 92,195, lost 3,469 (3.63 %), '
         'duplicated 0, latency 6.2 / 12.5 / 250.0 / 1107.5 ms'
     )
@@ -155,7 +155,7 @@ def test_a_plain_line_tells_what_was_sent_also_where_nothing_has_come_back() -> 
     stuck = line(LOOK._replace(phase='sending', seconds=7.0, latency=None, consumed=0))
     assert 'sending, 7 s, 160 sent a second, produced 95,664, Kafka -> ROS 95,664' in stuck
     assert 'latency' not in stuck
-    assert line(LOOK._replace(phase='starting', seconds=0.0)) == 'the paper, depth 10: starting'
+    assert line(LOOK._replace(phase='starting', seconds=0.0)) == 'this bridge: starting'
 
 
 # What is blamed on whom
@@ -173,7 +173,7 @@ def test_a_plain_line_tells_what_was_sent_also_where_nothing_has_come_back() -> 
 def test_what_the_broker_deleted_is_not_blamed_on_the_bridge(
     deleted: int, expected: list[str]
 ) -> None:
-    found = losses(LOOK._replace(name='bridge', deleted=deleted))
+    found = losses(LOOK._replace(deleted=deleted))
     assert [text.partition(' before')[0] for text in found] == expected
 
 
@@ -211,14 +211,12 @@ def test_without_a_folder_for_temporary_files_the_cure_is_named(
         run(DemoOptions(rate=1, seconds=1))
 
 
-@pytest.mark.parametrize('compare', [False, True])
 def test_without_ros_nothing_begins_and_one_sentence_says_how_to_get_it(
-    compare: bool,  # noqa: FBT001 (a parameter of the test)
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.outside.extras.find_spec', lambda _: None)
     with pytest.raises(ConfigError) as caught:
-        run(DemoOptions(seconds=0.1, compare=compare))
+        run(DemoOptions(seconds=0.1))
     [problem] = caught.value.problems
     assert problem.startswith("ROS 2 is not here (No module named 'rclpy'): ")
     assert '[ros]' in problem or 'ros-rclpy' in problem

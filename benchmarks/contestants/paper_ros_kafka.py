@@ -1,6 +1,6 @@
 """The published ROS-Kafka algorithm: a subscription's callback produces each message.
 
-    python -m ros2_kafka_bridge.demo.paper_ros_kafka localhost:9092 orders.returned /orders
+    python -m benchmarks.contestants.paper_ros_kafka localhost:9092 orders.returned /orders
 
 Default client, default QoS (KEEP_LAST) with the depth that is given. One line is added to what
 was published: the callback serves the producer (`poll`). Without it the producer's queue is full
@@ -15,8 +15,7 @@ from confluent_kafka import Producer
 from rclpy.executors import ExternalShutdownException
 from std_msgs.msg import String
 
-from ros2_kafka_bridge.demo.paper import arguments
-from ros2_kafka_bridge.demo.snapshots import Count
+from benchmarks.contestants.node import Count, arguments
 from ros2_kafka_bridge.depth import ServiceTimes
 
 
@@ -39,7 +38,7 @@ def main() -> None:
             callback = stack.enter_context(ServiceTimes(given.record)).timed(produce)
         node.create_subscription(String, given.ros_topic, callback, given.depth)
         count.start()
-        print('subscribed', flush=True)  # noqa: T201 (for who starts it)
+        print('subscribed', flush=True)
         with contextlib.suppress(ExternalShutdownException):
             rclpy.spin(node)
     producer.flush(10)

@@ -1,6 +1,6 @@
 """The published Kafka-ROS algorithm: a timer publishes every record that waits.
 
-    python -m ros2_kafka_bridge.demo.paper_kafka_ros localhost:9092 orders /orders --depth 10
+    python -m benchmarks.contestants.paper_kafka_ros localhost:9092 orders /orders --depth 10
 
 Default clients, default QoS (KEEP_LAST) with the depth that is given. It waits for the subscriber
 before it spins, which was not published: else a start before the match would lose whatever it
@@ -17,8 +17,7 @@ from confluent_kafka import Consumer
 from rclpy.executors import ExternalShutdownException
 from std_msgs.msg import String
 
-from ros2_kafka_bridge.demo.paper import arguments
-from ros2_kafka_bridge.demo.snapshots import Count
+from benchmarks.contestants.node import Count, arguments
 
 PERIOD_S = 0.01
 SETTLE_S = 1.0

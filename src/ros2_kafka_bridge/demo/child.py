@@ -1,18 +1,15 @@
-"""Processes that tell their counters through a pipe, and what they print in a file."""
+"""A process that tells its counters through a pipe, and what it prints in a file."""
 
 import os
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final, Self
 
-from ros2_kafka_bridge.demo.contestants import Program
-from ros2_kafka_bridge.demo.snapshots import listen
-from ros2_kafka_bridge.route.counters import Snapshot
+from ros2_kafka_bridge.route.counters import Snapshot, from_line
 
 _KILLED_S: Final = 5.0
 _TAIL_LINES: Final = 8
@@ -30,24 +27,29 @@ class Child:
     """A process that ends with its `with`, at the latest.
 
     Args:
-        program: What to start.
+        name: What a person calls it.
+        command: What to start; `--snapshots FD` is added.
         log: Where its output goes.
         environ: Added to this process's own environment.
     """
 
-    def __init__(self, program: Program, log: Path, environ: Mapping[str, str]) -> None:
+    def __init__(
+        self, name: str, command: Sequence[str], log: Path, environ: Mapping[str, str]
+    ) -> None:
         self.snapshots: dict[str, Snapshot] = {}  # the last one of each route
         self.log = log
-        self._program = program
+        self._name = name
+        self._command = command
         self._environ = environ
         self._popen: subprocess.Popen[bytes] | None = None
         self._listener: threading.Thread | None = None
 
     def __enter__(self) -> Self:
         read, write = os.pipe()
+        owned = [sys.executable, '-I', '-S', '-c', _END_WITH_OWNER, str(os.getpid())]
         with self.log.open('ab') as output:
             self._popen = subprocess.Popen(  # noqa: S603 (our own program)
-                [*_owned(), *self._program.command, '--snapshots', str(write)],
+                [*owned, *self._command, '--snapshots', str(write)],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=output,
@@ -57,49 +59,48 @@ class Child:
             )
         os.close(write)
         self._listener = threading.Thread(
-            target=listen, args=(read, self._note), name='listener', daemon=True
+            target=self._listen, args=(read,), name='listener', daemon=True
         )
         self._listener.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        assert self._popen is not None
         assert self._listener is not None
-        if self._popen.poll() is None:
-            self._popen.kill()
-        self._popen.wait()
+        self._process.kill()  # one that has ended gets nothing
+        self._process.wait()
         self._listener.join(_KILLED_S)
 
     @property
     def pid(self) -> int:
         """Its process id."""
-        assert self._popen is not None
-        return self._popen.pid
+        return self._process.pid
 
     @property
     def runs(self) -> bool:
         """Whether it has not ended."""
-        return self._popen is not None and self._popen.poll() is None
+        return self._process.poll() is None
 
     def ask_to_end(self) -> None:
-        """Send SIGTERM."""
-        with suppress(ProcessLookupError):
-            assert self._popen is not None
-            self._popen.terminate()
+        """Send SIGTERM, if it runs."""
+        self._process.terminate()
 
     def story(self) -> str:
         """Say how it ended, with the last lines of its log."""
-        assert self._popen is not None
-        status = self._popen.wait()
+        status = self._process.wait()
         how = f'with exit status {status}'
         if status < 0:
             how = f'by {signal.Signals(-status).name}: its counters are those that it told last'
         lines = self.log.read_text(encoding='utf-8', errors='replace').splitlines()
-        return '\n    '.join([f'{self._program.name} ended {how}', *lines[-_TAIL_LINES:]])
+        return '\n    '.join([f'{self._name} ended {how}', *lines[-_TAIL_LINES:]])
 
-    def _note(self, snapshot: Snapshot) -> None:
-        self.snapshots[snapshot.route] = snapshot
+    @property
+    def _process(self) -> subprocess.Popen[bytes]:
+        assert self._popen is not None, 'it was started'
+        return self._popen
 
-
-def _owned() -> list[str]:
-    return [sys.executable, '-I', '-S', '-c', _END_WITH_OWNER, str(os.getpid())]
+    def _listen(self, descriptor: int) -> None:
+        """Note every snapshot that comes, until all who could write one have closed the pipe."""
+        with open(descriptor, 'rb') as lines:
+            for line in lines:
+                # Another dictionary: this one may be walked through meanwhile.
+                self.snapshots = self.snapshots | {told.route: told for told in from_line(line)}
