@@ -19,6 +19,9 @@ _ADDRESS = re.compile(r'(^|\.)(url|proxy|endpoint)$')
 _QUERY = re.compile(r'\.query$')
 _Class = TypeVar('_Class')
 
+Values = Mapping[str, Any]
+"""Plain values by their names, checked or not."""
+
 
 class Before(NamedTuple):
     """Annotates a type with a check of a value before anything else looks at it.
@@ -54,9 +57,9 @@ class After(NamedTuple):
 
 
 def setting(
+    description: str,
     *,
     default: Any = MISSING,
-    description: str,
     default_factory: Callable[[], Any] | None = None,
     spelled: str = '',
     secret: bool = False,
@@ -64,8 +67,8 @@ def setting(
     """Describe a field of settings.
 
     Args:
-        default: Its value where a file does not say it; without one it must.
         description: What it means, in sentences: for the docs, editors, and who has left it out.
+        default: Its value where a file does not say it; without one it must.
         default_factory: Makes the default, if that is no constant.
         spelled: Its name in a file, if that is not the one in Python.
         secret: Whether an editor is to hide it.
@@ -105,9 +108,7 @@ class Settings:
         return data
 
     @classmethod
-    def mistakes(
-        cls, given: Mapping[str, Any], context: Mapping[str, Any], /
-    ) -> Iterator[Mistake]:
+    def mistakes(cls, given: Values, context: Values, /) -> Iterator[Mistake]:
         """The mistakes that no single field shows.
 
         Args:

@@ -1,12 +1,12 @@
 """The settings of both ends of a route."""
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from annotated_types import MinLen
 
 from ros2_kafka_bridge.config import checks
-from ros2_kafka_bridge.config.base import Settings, setting, settings
+from ros2_kafka_bridge.config.base import Settings, Values, setting, settings
 from ros2_kafka_bridge.config.mistakes import Mistake
 from ros2_kafka_bridge.config.values import (
     Directory,
@@ -28,34 +28,29 @@ class QoS(Settings):
     """Quality of service of the bridge's own ROS endpoint; the bridge chooses what is left out."""
 
     reliability: Literal['reliable', 'best_effort'] | None = setting(
-        default=None,
-        description='Whether a lost message is sent again. The bridge chooses reliable.',
+        'Whether a lost message is sent again. The bridge chooses reliable.', default=None
     )
     durability: Literal['volatile', 'transient_local'] | None = setting(
-        default=None, description='Whether a late reader gets what was published before.'
+        'Whether a late reader gets what was published before.', default=None
     )
     history: Literal['keep_all', 'keep_last'] | None = setting(
-        default=None,
-        description='Whether a full history waits (keep_all) or overwrites (keep_last). The '
+        'Whether a full history waits (keep_all) or overwrites (keep_last). The '
         'bridge chooses keep_all.',
+        default=None,
     )
-    depth: PositiveCount | None = setting(
-        default=None, description='How many messages keep_last keeps.'
-    )
+    depth: PositiveCount | None = setting('How many messages keep_last keeps.', default=None)
     deadline_s: Positive | None = setting(
-        default=None, description='Longest time between two messages, in seconds.'
+        'Longest time between two messages, in seconds.', default=None
     )
     lifespan_s: Positive | None = setting(
-        default=None, description='Age at which a message is no longer delivered, in seconds.'
+        'Age at which a message is no longer delivered, in seconds.', default=None
     )
     liveliness: Literal['automatic', 'manual_by_topic'] | None = setting(
-        default=None, description='How a writer shows that it is alive.'
+        'How a writer shows that it is alive.', default=None
     )
 
     @classmethod
-    def mistakes(
-        cls, given: Mapping[str, Any], _context: Mapping[str, Any], /
-    ) -> Iterator[Mistake]:
+    def mistakes(cls, given: Values, _context: Values, /) -> Iterator[Mistake]:
         """A depth belongs to keep_last, and only to it."""
         keeps_last, depth = given.get('history') == 'keep_last', given.get('depth')
         if keeps_last and depth is None:
@@ -72,34 +67,34 @@ class RosSettings(Settings):
     """How the bridge joins the ROS graph."""
 
     domain_id: Domain | None = setting(
-        default=None, description='ROS domain, 0 to 232. Without it, ROS_DOMAIN_ID counts.'
+        'ROS domain, 0 to 232. Without it, ROS_DOMAIN_ID counts.', default=None
     )
     lease_s: Positive | None = setting(
-        default=None,
-        description='Time after which others take this bridge for gone if they hear nothing of '
+        'Time after which others take this bridge for gone if they hear nothing of '
         "it, in seconds. Without it, the middleware's own.",
+        default=None,
     )
     confirmation: Literal['acknowledged', 'none'] = setting(
-        default='acknowledged',
-        description='When a message to ROS counts as arrived. acknowledged: once its readers '
+        'When a message to ROS counts as arrived. acknowledged: once its readers '
         'have acknowledged it; if the middleware does not tell, routes to ROS fail. none: nobody '
         'asks, and offsets follow the publication. What is lost from there on stays lost. '
         'Messages count as published, not as confirmed.',
+        default='acknowledged',
     )
     packages: Packages = setting(
-        default='as_needed',
-        description='What is done with the Python packages of message types. as_needed: where '
+        'What is done with the Python packages of message types. as_needed: where '
         'the middleware takes a type by its description, none is imported. import: each is.',
+        default='as_needed',
     )
     message_path: list[MessageFolder] = setting(
-        default_factory=list,
-        description='Folders of .msg files, relative to this file, for message types that are '
+        'Folders of .msg files, relative to this file, for message types that are '
         'not installed here, or in another version. They come before what is installed. Where '
         'packages are imported, a route that runs needs the installed one.',
+        default_factory=list,
     )
 
 
-def _dead_letter_mistakes(given: Mapping[str, Any]) -> Iterator[Mistake]:
+def _dead_letter_mistakes(given: Values) -> Iterator[Mistake]:
     topic, dead_letter = given.get('kafka'), given.get('dead_letter')
     if dead_letter is not None and dead_letter == topic:
         yield Mistake(('dead_letter',), 'is the topic of the route itself: give it another one')
@@ -113,24 +108,20 @@ def _dead_letter_mistakes(given: Mapping[str, Any]) -> Iterator[Mistake]:
 class FromKafka(Settings):
     """A Kafka topic that a route reads."""
 
-    kafka: KafkaTopicName = setting(description='Kafka topic.')
+    kafka: KafkaTopicName = setting('Kafka topic.')
     start: Literal['latest', 'earliest'] = setting(
-        default='latest', description='Where to begin in a partition without a committed offset.'
+        'Where to begin in a partition without a committed offset.', default='latest'
     )
     group: Annotated[str, MinLen(1)] | None = setting(
-        default=None,
-        description='Consumer group. Without it, `<name of the bridge>.<name of the route>`.',
+        'Consumer group. Without it, `<name of the bridge>.<name of the route>`.', default=None
     )
     dead_letter: KafkaTopicName | None = setting(
+        'Kafka topic for records that can never be delivered. Without it, `<topic>.dead-letters`.',
         default=None,
-        description='Kafka topic for records that can never be delivered. Without it, '
-        '`<topic>.dead-letters`.',
     )
 
     @classmethod
-    def mistakes(
-        cls, given: Mapping[str, Any], _context: Mapping[str, Any], /
-    ) -> Iterator[Mistake]:
+    def mistakes(cls, given: Values, _context: Values, /) -> Iterator[Mistake]:
         """A topic is not its own dead-letter topic."""
         yield from _dead_letter_mistakes(given)
 
@@ -139,27 +130,24 @@ class FromKafka(Settings):
 class ToKafka(Settings):
     """A Kafka topic that a route writes."""
 
-    kafka: KafkaTopicName = setting(description='Kafka topic.')
+    kafka: KafkaTopicName = setting('Kafka topic.')
     key: KeyTemplate | None = setting(
-        default=None,
-        description='Key of each record: text with `{ros.topic}`, `{ros.gid}` or '
+        'Key of each record: text with `{ros.topic}`, `{ros.gid}` or '
         '`{message.a.b}`. Without it, the key is the ROS topic, so that one topic stays in order '
         'in one partition.',
+        default=None,
     )
     properties: Properties = setting(
-        default_factory=dict,
-        description='librdkafka properties for this route only, by their own names.',
+        'librdkafka properties for this route only, by their own names.', default_factory=dict
     )
     dead_letter: KafkaTopicName | None = setting(
-        default=None,
-        description='Kafka topic for messages that can never be delivered. Without it, '
+        'Kafka topic for messages that can never be delivered. Without it, '
         '`<topic>.dead-letters`.',
+        default=None,
     )
 
     @classmethod
-    def mistakes(
-        cls, given: Mapping[str, Any], _context: Mapping[str, Any], /
-    ) -> Iterator[Mistake]:
+    def mistakes(cls, given: Values, _context: Values, /) -> Iterator[Mistake]:
         """A sink has no use for a consumer's property, and is not its own dead-letter topic."""
         yield from _dead_letter_mistakes(given)
         properties = given.get('properties')
@@ -173,27 +161,27 @@ class SpoolSettings(Settings):
     """Where messages wait on disk while Kafka does not take them."""
 
     path: Directory = setting(
-        description='Directory, by its absolute path. It is created if it is missing. Each route '
+        'Directory, by its absolute path. It is created if it is missing. Each route '
         'has its own file there.'
     )
     mode: Literal['when_away', 'always'] = setting(
-        default='when_away',
-        description='when_away: the disk is used while Kafka is away or does not keep up. '
+        'when_away: the disk is used while Kafka is away or does not keep up. '
         'always: every message is on disk before it goes on, and leaves the disk once it is '
         'confirmed.',
+        default='when_away',
     )
     max_bytes: PositiveCount = setting(
-        default=1024 * 1024 * 1024,
-        description='Bytes of messages at which the file is full; when_full says what happens '
+        'Bytes of messages at which the file is full; when_full says what happens '
         'then. What was taken by then (a batch of 500, the window) is still written.',
+        default=1024 * 1024 * 1024,
     )
     max_age_s: Positive | None = setting(
-        default=None, description='Age at which a message on disk is dropped, in seconds.'
+        'Age at which a message on disk is dropped, in seconds.', default=None
     )
     sync: Literal['batch', 'never'] = setting(
-        default='batch',
-        description='batch: each write waits until the disk confirms it. never: what is written '
+        'batch: each write waits until the disk confirms it. never: what is written '
         'survives SIGKILL, but the system decides when it reaches the disk.',
+        default='batch',
     )
 
 
@@ -201,18 +189,16 @@ class SpoolSettings(Settings):
 class FromRos(Settings):
     """A ROS topic that a route takes from."""
 
-    ros: RosTopic = setting(description='ROS topic, by its absolute name such as /orders.')
+    ros: RosTopic = setting('ROS topic, by its absolute name such as /orders.')
     type: MessageTypeName | None = setting(
-        default=None, description='Message type. Without it, the type that the graph shows.'
+        'Message type. Without it, the type that the graph shows.', default=None
     )
-    qos: QoS = setting(
-        default_factory=QoS, description="Quality of service of the bridge's reader."
-    )
+    qos: QoS = setting("Quality of service of the bridge's reader.", default_factory=QoS)
     max_samples: PositiveCount = setting(
-        default=2000,
-        description='Maximum number of messages that DDS keeps for the bridge while it does not '
+        'Maximum number of messages that DDS keeps for the bridge while it does not '
         'take them, for each QoS that publishers offer. Choose fewer for large messages: while '
         'Kafka is away, this many are held in memory.',
+        default=2000,
     )
 
 
@@ -220,8 +206,6 @@ class FromRos(Settings):
 class ToRos(Settings):
     """A ROS topic that a route publishes to."""
 
-    ros: RosTopic = setting(description='ROS topic, by its absolute name such as /orders.')
-    type: MessageTypeName = setting(description='Message type, such as std_msgs/msg/String.')
-    qos: QoS = setting(
-        default_factory=QoS, description="Quality of service of the bridge's writer."
-    )
+    ros: RosTopic = setting('ROS topic, by its absolute name such as /orders.')
+    type: MessageTypeName = setting('Message type, such as std_msgs/msg/String.')
+    qos: QoS = setting("Quality of service of the bridge's writer.", default_factory=QoS)

@@ -2,11 +2,11 @@
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 
 from annotated_types import Ge, Le
 
-from ros2_kafka_bridge.config.base import After, Before, Settings, setting, settings
+from ros2_kafka_bridge.config.base import After, Before, Settings, Values, setting, settings
 from ros2_kafka_bridge.config.mistakes import Mistake
 from ros2_kafka_bridge.config.values import is_web_address, no_bool
 
@@ -75,29 +75,29 @@ class MonitoringSettings(Settings):
     """What a bridge shows of itself, in a process beside those that move messages."""
 
     listen: ListenAddress = setting(
+        'Address of metrics, health and the live page. off: none of them.',
         default='127.0.0.1:9464',
-        description='Address of metrics, health and the live page. off: none of them.',
     )
     token: AccessToken | None = setting(
-        default=None,
-        description='Whoever has the token may pause, resume and replay from the page, and '
+        'Whoever has the token may pause, resume and replay from the page, and '
         'reload. Without a token the page is read-only.',
+        default=None,
         secret=True,
     )
     allowed_hosts: list[str] = setting(
-        default_factory=list,
-        description='Further host names under which browsers may open the page, such as the name '
+        'Further host names under which browsers may open the page, such as the name '
         'of a reverse proxy.',
+        default_factory=list,
     )
     node: bool = setting(
-        default=True,
-        description='Whether a ROS node publishes /diagnostics and has the parameters, services '
+        'Whether a ROS node publishes /diagnostics and has the parameters, services '
         'and lifecycle of the bridge.',
+        default=True,
     )
     start: Literal['active', 'unconfigured'] = setting(
-        default='active',
-        description='active: the routes run at once. unconfigured: they wait for a lifecycle '
+        'active: the routes run at once. unconfigured: they wait for a lifecycle '
         'manager that configures and activates the node.',
+        default='active',
     )
 
     @property
@@ -111,19 +111,19 @@ class TracingSettings(Settings):
     """W3C trace context in the headers of records, and spans by OpenTelemetry."""
 
     sample: Ratio = setting(
-        default=0.01,
-        description='Share of the messages from ROS whose trace is sampled. For a record from '
+        'Share of the messages from ROS whose trace is sampled. For a record from '
         'Kafka, its traceparent header decides. A record without that header counts like a '
         'message from ROS.',
+        default=0.01,
     )
     endpoint: Endpoint | None = setting(
-        default=None,
-        description='Where spans are sent: OTLP over HTTP, such as '
+        'Where spans are sent: OTLP over HTTP, such as '
         'http://localhost:4318/v1/traces. Without it, OTEL_EXPORTER_OTLP_* in the environment '
         'decide. Without both, no span is made and only the headers are written.',
+        default=None,
     )
     service: str | None = setting(
-        default=None, description='service.name of the spans. Without it, the name of the bridge.'
+        'service.name of the spans. Without it, the name of the bridge.', default=None
     )
 
     def exports(self, environ: Mapping[str, str]) -> bool:
@@ -131,9 +131,7 @@ class TracingSettings(Settings):
         return _exports(self.endpoint, environ)
 
     @classmethod
-    def mistakes(
-        cls, given: Mapping[str, Any], context: Mapping[str, Any], /
-    ) -> Iterator[Mistake]:
+    def mistakes(cls, given: Values, context: Values, /) -> Iterator[Mistake]:
         """Spans without what sends them."""
         check, endpoint = context.get('check_format'), given.get('endpoint')
         if check is None or not _exports(endpoint, context.get('environ', {})):

@@ -1,11 +1,11 @@
 """The settings of the Schema Registry's client, by the names that confluent-kafka gives them."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 from urllib.parse import urlsplit
 
-from ros2_kafka_bridge.config.base import After, Before, Settings, setting, settings
+from ros2_kafka_bridge.config.base import After, Before, Settings, Values, setting, settings
 from ros2_kafka_bridge.config.mistakes import Mistake, field_names, kind_of
 from ros2_kafka_bridge.config.values import (
     CountOrNone,
@@ -95,100 +95,88 @@ class SchemaRegistrySettings(Settings):
     }
 
     url: Urls = setting(
-        description='Address, or several with commas between them, which are tried in this order.'
+        'Address, or several with commas between them, which are tried in this order.'
     )
     basic_auth: UserInfo | None = setting(
+        'User and password, as `<user>:<password>`.',
         default=None,
         spelled='basic.auth.user.info',
-        description='User and password, as `<user>:<password>`.',
         secret=True,
     )
     ssl_ca: Authorities | None = setting(
+        "File or directory of the authorities that sign the registry's certificate. "
+        "Without it, certifi's. false: nothing is checked.",
         default=None,
         spelled='ssl.ca.location',
-        description="File or directory of the authorities that sign the registry's certificate. "
-        "Without it, certifi's. false: nothing is checked.",
     )
     ssl_certificate: str | None = setting(
-        default=None,
-        spelled='ssl.certificate.location',
-        description="File of the bridge's certificate.",
+        "File of the bridge's certificate.", default=None, spelled='ssl.certificate.location'
     )
     ssl_key: str | None = setting(
-        default=None,
-        spelled='ssl.key.location',
-        description='File of the key of that certificate.',
+        'File of the key of that certificate.', default=None, spelled='ssl.key.location'
     )
     ssl_key_password: str | None = setting(
-        default=None,
-        spelled='ssl.key.password',
-        description='Password of that key.',
-        secret=True,
+        'Password of that key.', default=None, spelled='ssl.key.password', secret=True
     )
     bearer_source: Literal['OAUTHBEARER', 'OAUTHBEARER_AZURE_IMDS', 'STATIC_TOKEN'] | None = (
-        setting(default=None, spelled=_SOURCE, description='Where bearer tokens come from.')
+        setting('Where bearer tokens come from.', default=None, spelled=_SOURCE)
     )
     bearer_token: str | None = setting(
-        default=None,
-        spelled='bearer.auth.token',
-        description='The token of STATIC_TOKEN.',
-        secret=True,
+        'The token of STATIC_TOKEN.', default=None, spelled='bearer.auth.token', secret=True
     )
     bearer_client: str | None = setting(
-        default=None, spelled='bearer.auth.client.id', description='Who asks for a token.'
+        'Who asks for a token.', default=None, spelled='bearer.auth.client.id'
     )
     bearer_secret: str | None = setting(
+        'The secret of that client.',
         default=None,
         spelled='bearer.auth.client.secret',
-        description='The secret of that client.',
         secret=True,
     )
     bearer_scope: str | None = setting(
-        default=None, spelled='bearer.auth.scope', description='The scope of a token.'
+        'The scope of a token.', default=None, spelled='bearer.auth.scope'
     )
     bearer_endpoint: Issuer | None = setting(
-        default=None, spelled='bearer.auth.issuer.endpoint.url', description='Who issues tokens.'
+        'Who issues tokens.', default=None, spelled='bearer.auth.issuer.endpoint.url'
     )
     bearer_query: str | None = setting(
+        'The query of OAUTHBEARER_AZURE_IMDS.',
         default=None,
         spelled='bearer.auth.issuer.endpoint.query',
-        description='The query of OAUTHBEARER_AZURE_IMDS.',
     )
     bearer_cluster: str | None = setting(
+        'The logical cluster that a token is for.',
         default=None,
         spelled='bearer.auth.logical.cluster',
-        description='The logical cluster that a token is for.',
     )
     bearer_pool: str | None = setting(
+        'Identity pools, with commas between them.',
         default=None,
         spelled='bearer.auth.identity.pool.id',
-        description='Identity pools, with commas between them.',
     )
-    proxy: Proxy | None = setting(default=None, description='Address of a proxy.')
+    proxy: Proxy | None = setting('Address of a proxy.', default=None)
     timeout: Positive | None = setting(
-        default=None, description='Longest time for an answer, in seconds. The bridge chooses 5.'
+        'Longest time for an answer, in seconds. The bridge chooses 5.', default=None
     )
     max_retries: CountOrNone | None = setting(
+        'How often a request is sent again before the whole route is tried again. '
+        'The bridge chooses 1.',
         default=None,
         spelled='max.retries',
-        description='How often a request is sent again before the whole route is tried again. '
-        'The bridge chooses 1.',
     )
     retries_wait: NotNegative | None = setting(
+        'First wait before a request is sent again, in milliseconds.',
         default=None,
         spelled='retries.wait.ms',
-        description='First wait before a request is sent again, in milliseconds.',
     )
     retries_max_wait: NotNegative | None = setting(
+        'Longest wait before a request is sent again, in milliseconds.',
         default=None,
         spelled='retries.max.wait.ms',
-        description='Longest wait before a request is sent again, in milliseconds.',
     )
 
     @classmethod
-    def mistakes(
-        cls, given: Mapping[str, Any], context: Mapping[str, Any], /
-    ) -> Iterator[Mistake]:
+    def mistakes(cls, given: Values, context: Values, /) -> Iterator[Mistake]:
         """What belongs together, and files that are not there."""
         for name in ('ssl.key.location', 'ssl.key.password'):
             if given.get(name) is not None and given.get('ssl.certificate.location') is None:
@@ -205,7 +193,7 @@ class SchemaRegistrySettings(Settings):
         return {spelled: value for spelled, value in values.items() if value is not None}
 
 
-def _file_mistakes(given: Mapping[str, Any]) -> Iterator[Mistake]:
+def _file_mistakes(given: Values) -> Iterator[Mistake]:
     """Files that cannot be opened; else what is wrong inside them."""
     found: dict[str, str] = {}
     for name in _FILES:
@@ -216,7 +204,7 @@ def _file_mistakes(given: Mapping[str, Any]) -> Iterator[Mistake]:
         yield Mistake((name,), why)
 
 
-def _bearer_mistakes(given: Mapping[str, Any]) -> Iterator[Mistake]:
+def _bearer_mistakes(given: Values) -> Iterator[Mistake]:
     source = given.get(_SOURCE)
     said = [name for name, value in given.items() if value is not None]
     parts = [name for name in said if name.startswith('bearer.auth.') and name != _SOURCE]

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from ros2_kafka_bridge.config import checks
-from ros2_kafka_bridge.config.base import Before, Settings, look, setting, settings
+from ros2_kafka_bridge.config.base import Before, Settings, Values, look, setting, settings
 from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.endpoints import (
     FromKafka,
@@ -45,45 +45,39 @@ class Route(Settings, ABC):
 
     direction: ClassVar[Direction]
 
-    name: Name = setting(description='Name of the route, unique in the file.')
+    name: Name = setting('Name of the route, unique in the file.')
     format: Literal['text', 'cdr', 'json', 'avro', 'protobuf'] = setting(
-        description=f"How a record's value encodes a message: text ({TEXT_TYPE} only), or for "
+        f"How a record's value encodes a message: text ({TEXT_TYPE} only), or for "
         'any type cdr (as ROS sends it), json, avro or protobuf.'
     )
     json_settings: JsonSettings | None = setting(
-        default=None, spelled='json', description='How JSON is written and read (format: json).'
+        'How JSON is written and read (format: json).', default=None, spelled='json'
     )
     schema_settings: SchemaSettings | None = setting(
+        'Where the schema comes from (format: avro and format: protobuf).',
         default=None,
         spelled='schema',
-        description='Where the schema comes from (format: avro and format: protobuf).',
     )
     when_full: Literal['wait', 'drop_oldest'] = setting(
-        default='wait',
-        description='What happens when the sink takes no more. With wait, nothing is dropped.',
+        'What happens when the sink takes no more. With wait, nothing is dropped.', default='wait'
     )
     on_error: Literal['dead_letter', 'stop', 'drop'] = setting(
-        default='dead_letter',
-        description='What happens to a record or message that can never be delivered.',
+        'What happens to a record or message that can never be delivered.', default='dead_letter'
     )
     max_in_flight: PositiveCount = setting(
-        default=1, description='Messages handed to the sink and not yet acknowledged, at most.'
+        'Messages handed to the sink and not yet acknowledged, at most.', default=1
     )
     max_in_flight_bytes: PositiveCount = setting(
+        'Bytes in flight (taken and not ended) at which nothing more is taken.',
         default=16 * 1024 * 1024,
-        description='Bytes in flight (taken and not ended) at which nothing more is taken.',
     )
     max_message_bytes: PositiveCount = setting(
-        default=1_000_000, description='Largest message, or value of a record, in bytes.'
+        'Largest message, or value of a record, in bytes.', default=1_000_000
     )
-    drain_s: NotNegative = setting(
-        default=8, description='Longest time for the drain at a stop, in seconds.'
-    )
+    drain_s: NotNegative = setting('Longest time for the drain at a stop, in seconds.', default=8)
 
     @classmethod
-    def mistakes(
-        cls, given: Mapping[str, Any], context: Mapping[str, Any], /
-    ) -> Iterator[Mistake]:
+    def mistakes(cls, given: Values, context: Values, /) -> Iterator[Mistake]:
         """The text format carries one type only, and a format has no use for another's block."""
         name = given.get('format')
         for side in ('from', 'to'):
@@ -140,42 +134,42 @@ class KafkaToRosRoute(Route):
     spool: ClassVar[None] = None
     exclusive: ClassVar[Literal[False]] = False
 
-    source: FromKafka = setting(spelled='from', description='Kafka topic to read.')
-    sink: ToRos = setting(spelled='to', description='ROS topic to publish to.')
+    source: FromKafka = setting('Kafka topic to read.', spelled='from')
+    sink: ToRos = setting('ROS topic to publish to.', spelled='to')
     max_in_flight: PositiveCount = setting(
-        default=500,
-        description='Maximum number of messages published and not yet acknowledged. Messages '
+        'Maximum number of messages published and not yet acknowledged. Messages '
         'that were read ahead, or acknowledged less than 0.1 s ago, are in flight, too.',
+        default=500,
     )
     min_subscribers: CountOrNone = setting(
-        default=1,
-        description='Subscribers to wait for before publishing. With 0, the route publishes even '
+        'Subscribers to wait for before publishing. With 0, the route publishes even '
         'if nobody is there.',
+        default=1,
     )
     max_age_s: Positive | None = setting(
-        default=None,
-        description='Age at which a record is dropped instead of published, in seconds. It '
+        'Age at which a record is dropped instead of published, in seconds. It '
         'counts from the timestamp of the record. If that cannot be right, the record is a dead '
         'letter.',
+        default=None,
     )
     max_rate: Positive | None = setting(
-        default=None, description='Maximum messages per second, for readers with keep_last.'
+        'Maximum messages per second, for readers with keep_last.', default=None
     )
     check_type_hash: bool = setting(
-        default=True,
-        description='Whether a record is a dead letter if its header ros.type_hash is not the '
+        'Whether a record is a dead letter if its header ros.type_hash is not the '
         'hash of the type here. If false, the format alone decides.',
+        default=True,
     )
     skip_own: bool = setting(
-        default=False,
-        description='Whether to skip a record that this bridge has made of a message of the same '
+        'Whether to skip a record that this bridge has made of a message of the same '
         'ROS topic. If false, the record is a dead letter, because it would go round in a '
         'circle.',
+        default=False,
     )
     when_misread: Literal['wait', 'publish'] = setting(
-        default='wait',
-        description='What happens while a subscriber with another definition of the type would '
+        'What happens while a subscriber with another definition of the type would '
         'misread the messages. With wait, nothing is published.',
+        default='wait',
     )
 
     def group(self, bridge: str) -> str:
@@ -209,27 +203,25 @@ class RosToKafkaRoute(Route):
     direction: ClassVar[Literal[Direction.ROS_TO_KAFKA]] = Direction.ROS_TO_KAFKA
     max_age_s: ClassVar[None] = None
 
-    source: FromRos = setting(spelled='from', description='ROS topic to take from.')
-    sink: ToKafka = setting(spelled='to', description='Kafka topic to write.')
+    source: FromRos = setting('ROS topic to take from.', spelled='from')
+    sink: ToKafka = setting('Kafka topic to write.', spelled='to')
     max_in_flight: PositiveCount = setting(
-        default=2000,
-        description='Maximum number of messages in flight (taken and not ended). With when_full: '
+        'Maximum number of messages in flight (taken and not ended). With when_full: '
         'drop_oldest, this many may be with the producer, and this many more may wait for it.',
+        default=2000,
     )
     spool: SpoolSettings | None = setting(
-        default=None, description='Where messages wait on disk while Kafka does not take them.'
+        'Where messages wait on disk while Kafka does not take them.', default=None
     )
 
     exclusive: bool = setting(
-        default=False,
-        description='Whether several bridges run this file, and only one at a time runs this '
+        'Whether several bridges run this file, and only one at a time runs this '
         'route. Another takes over when that one dies.',
+        default=False,
     )
 
     @classmethod
-    def mistakes(
-        cls, given: Mapping[str, Any], context: Mapping[str, Any], /
-    ) -> Iterator[Mistake]:
+    def mistakes(cls, given: Values, context: Values, /) -> Iterator[Mistake]:
         """The key names fields that the type has, where the file says the type."""
         yield from super().mistakes(given, context)
         check: CheckField | None = context.get('check_field')
@@ -276,14 +268,14 @@ _EXAMPLES = {'kafka': '{kafka: orders}', 'ros': '{ros: /orders}'}
 _OTHER = {'kafka': 'ros', 'ros': 'kafka', 'from': 'to', 'to': 'from'}
 
 
-def _kind(route: Mapping[str, Any], side: str) -> str | None:
+def _kind(route: Values, side: str) -> str | None:
     """The kind of topic on one side of an unchecked route, None where that is not clear."""
     end = route.get(side)
     kinds = [kind for kind in _WORDS if kind in end] if isinstance(end, Mapping) else []
     return kinds[0] if len(kinds) == 1 else None
 
 
-def model_of(route: Mapping[str, Any]) -> type[KafkaToRosRoute | RosToKafkaRoute]:
+def model_of(route: Values) -> type[KafkaToRosRoute | RosToKafkaRoute]:
     """The settings class of an unchecked route, by its direction."""
     source = _kind(route, 'from') or _OTHER.get(_kind(route, 'to') or '', 'kafka')
     return KafkaToRosRoute if source == 'kafka' else RosToKafkaRoute
@@ -306,7 +298,7 @@ def _by_direction(value: Any, info: 'ValidationInfo') -> Any:
     return made
 
 
-def _side_mistakes(route: Mapping[str, Any]) -> Iterator[Mistake]:
+def _side_mistakes(route: Values) -> Iterator[Mistake]:
     """What keeps a route from having one topic in Kafka and one in ROS."""
     for side in ('from', 'to'):
         end, other = route.get(side), _kind(route, _OTHER[side])
@@ -330,7 +322,7 @@ _PYTHONS = {
 }  # fmt: skip
 
 
-def _misplaced(model: type[Settings], route: Mapping[str, Any]) -> Iterator[Mistake]:
+def _misplaced(model: type[Settings], route: Values) -> Iterator[Mistake]:
     """Fields that exist, but not for this direction or side, and Python's names in a file."""
     for name, right in _PYTHONS.items():
         if name in route:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypeVar, cast, get_args, get_type_hints
 from annotated_types import MinLen
 
 from ros2_kafka_bridge.config import checks
-from ros2_kafka_bridge.config.base import Settings, look, masked_values, setting, settings
+from ros2_kafka_bridge.config.base import Settings, Values, look, masked_values, setting, settings
 from ros2_kafka_bridge.config.endpoints import (
     FromKafka,
     FromRos,
@@ -85,39 +85,36 @@ class Config(Settings):
     """One bridge: a Kafka cluster, a ROS domain, and the routes between them."""
 
     name: BridgeName = setting(
-        description='Name of this bridge, without a dot. It is part of consumer groups, the '
+        'Name of this bridge, without a dot. It is part of consumer groups, the '
         'origin header and the node name.'
     )
     kafka: Properties = setting(
-        description='librdkafka properties, by their own names. bootstrap.servers is required.'
+        'librdkafka properties, by their own names. bootstrap.servers is required.'
     )
     membership: Membership = setting(
-        default='static',
-        description='static: the members of consumer groups have names, by which they get their '
+        'static: the members of consumer groups have names, by which they get their '
         'places back at once after an outage of Kafka. dynamic: they have no names.',
+        default='static',
     )
-    ros: RosSettings = setting(default_factory=RosSettings, description='The ROS side.')
+    ros: RosSettings = setting('The ROS side.', default_factory=RosSettings)
     schema_registry: SchemaRegistrySettings | None = setting(
-        default=None, description='The Schema Registry of the formats avro and protobuf.'
+        'The Schema Registry of the formats avro and protobuf.', default=None
     )
     monitoring: MonitoringSettings | None = setting(
-        default=None,
-        description='What the bridge shows of itself: metrics, health, a page, a ROS node.',
+        'What the bridge shows of itself: metrics, health, a page, a ROS node.', default=None
     )
     tracing: TracingSettings | None = setting(
-        default=None,
-        description='Traces through the bridge, by W3C trace context and OpenTelemetry.',
+        'Traces through the bridge, by W3C trace context and OpenTelemetry.', default=None
     )
     workers: PositiveCount = setting(
-        default=1, description='Processes that share the routes, at most one for each route.'
+        'Processes that share the routes, at most one for each route.', default=1
     )
     defaults: dict[str, Any] = setting(
+        'Fields for all routes that can have them: any field of a route except name, from and to.',
         default_factory=dict,
-        description='Fields for all routes that can have them: any field of a route except name, '
-        'from and to.',
     )
     routes: Annotated[list[AnyRoute], MinLen(1)] = setting(
-        description='At least one route, each with from and to.'
+        'At least one route, each with from and to.'
     )
 
     @property
@@ -141,9 +138,7 @@ class Config(Settings):
         return {**data, 'routes': [_with(right, route) for route in data['routes']]}
 
     @classmethod
-    def mistakes(
-        cls, given: Mapping[str, Any], context: Mapping[str, Any], /
-    ) -> Iterator[Mistake]:
+    def mistakes(cls, given: Values, context: Values, /) -> Iterator[Mistake]:
         """Mistakes in the defaults, between the routes, and in librdkafka's eyes."""
         kafka, defaults, routes = given.get('kafka'), given.get('defaults'), given.get('routes')
         routes = routes if isinstance(routes, list) else []
@@ -174,7 +169,7 @@ def _server_mistakes(kafka: Mapping[Any, Any]) -> Iterator[Mistake]:
             yield Mistake(('kafka', name), problem)
 
 
-def _extra_mistakes(given: Mapping[str, Any], context: Mapping[str, Any]) -> Iterator[Mistake]:
+def _extra_mistakes(given: Values, context: Values) -> Iterator[Mistake]:
     """What is asked for and lacks its libraries here."""
     check: CheckFormat | None = context.get('check_format')
     listens = given.get('monitoring') is not None and look(given, 'monitoring', 'listen') != 'off'
@@ -182,7 +177,7 @@ def _extra_mistakes(given: Mapping[str, Any], context: Mapping[str, Any]) -> Ite
         yield Mistake(('monitoring',), f'unless it says listen: off, {problem}')
 
 
-def _with(defaults: Mapping[str, Any], route: Any) -> Any:
+def _with(defaults: Values, route: Any) -> Any:
     if not isinstance(route, Mapping):
         return route
     name = route.get('format', defaults.get('format'))
@@ -191,7 +186,7 @@ def _with(defaults: Mapping[str, Any], route: Any) -> Any:
     return {name: value for name, value in defaults.items() if name in fields} | dict(route)
 
 
-def _default_mistakes(defaults: Mapping[str, Any]) -> Iterator[Mistake]:
+def _default_mistakes(defaults: Values) -> Iterator[Mistake]:
     """Each wrong default once, wherever it would be used."""
     for number, (name, value) in enumerate(defaults.items()):
         models = [model for model in _SAMPLES if name in field_names(model)]
@@ -204,7 +199,7 @@ def _default_mistakes(defaults: Mapping[str, Any]) -> Iterator[Mistake]:
             yield Mistake(('defaults', name), f"unknown field '{name}'{hint}")
 
 
-def _known_defaults(data: Mapping[str, Any]) -> dict[str, Any]:
+def _known_defaults(data: Values) -> dict[str, Any]:
     """Those of a file's defaults that some route can have."""
     given, names = data.get('defaults'), _default_names()
     return {n: v for n, v in given.items() if n in names} if isinstance(given, Mapping) else {}
@@ -250,9 +245,7 @@ def _registry_mistakes(routes: list[Any]) -> Iterator[Mistake]:
             yield Mistake(('routes', number, 'format'), text)
 
 
-def _kafka_mistakes(
-    check: CheckKafka, kafka: Mapping[str, Any], routes: list[Any]
-) -> Iterator[Mistake]:
+def _kafka_mistakes(check: CheckKafka, kafka: Values, routes: list[Any]) -> Iterator[Mistake]:
     """What librdkafka refuses: in the properties of all, then with those of each sink."""
     problems, secrets = check(_scalars(kafka), None), _secrets(kafka)
     for name, text in problems.items():
@@ -262,7 +255,7 @@ def _kafka_mistakes(
 
 
 def _sink_mistakes(
-    check: CheckKafka, right: Mapping[str, Any], routes: list[Any], secrets: list[str]
+    check: CheckKafka, right: Values, routes: list[Any], secrets: list[str]
 ) -> Iterator[Mistake]:
     """What it refuses in the properties of a sink beside the right ones of all."""
     known: dict[str, Mapping[str, str]] = {}
@@ -288,11 +281,11 @@ def _sink_mistakes(
             )
 
 
-def _scalars(properties: Mapping[str, Any]) -> dict[str, object]:
+def _scalars(properties: Values) -> dict[str, object]:
     return {n: v for n, v in properties.items() if isinstance(v, str | int | float)}
 
 
-def _secrets(properties: Mapping[str, Any]) -> list[str]:
+def _secrets(properties: Values) -> list[str]:
     return [str(v) for n, v in properties.items() if is_secret(str(n)) and len(str(v)) > 2]
 
 
@@ -302,7 +295,7 @@ def _hidden(text: str, secrets: list[str]) -> str:
     return text
 
 
-def restored(values: Mapping[str, Any]) -> Config:
+def restored(values: Values) -> Config:
     """A configuration that was checked before.
 
     Args:
@@ -312,7 +305,7 @@ def restored(values: Mapping[str, Any]) -> Config:
     return _restored(Config, {**values, 'routes': routes})
 
 
-def _restored(model: type[_Model], values: Mapping[str, Any]) -> _Model:
+def _restored(model: type[_Model], values: Values) -> _Model:
     kinds = get_type_hints(model)
     return model(
         **{
