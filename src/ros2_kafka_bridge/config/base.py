@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import MISSING, dataclass, field
+from dataclasses import MISSING, Field, dataclass, field
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
 from ros2_kafka_bridge.config.mistakes import Mistake, field_names
@@ -87,6 +88,15 @@ def setting(
 def settings(model: type[_Class]) -> type[_Class]:
     """Make a class of settings, a subclass of `Settings`, of fields that are each a `setting`."""
     return dataclass(frozen=True, kw_only=True, repr=False)(model)
+
+
+def dotted(model: type[_Class]) -> type[_Class]:
+    """Spell the fields of a class in a file with dots: `a.b` is `a_b` in Python."""
+    for name, value in vars(model).items():
+        if isinstance(value, Field):
+            spelled = {'alias': name.replace('_', '.')}
+            value.metadata = MappingProxyType({**value.metadata, **spelled})
+    return model
 
 
 @settings

@@ -5,7 +5,15 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 from urllib.parse import urlsplit
 
-from ros2_kafka_bridge.config.base import After, Before, Settings, Values, setting, settings
+from ros2_kafka_bridge.config.base import (
+    After,
+    Before,
+    Settings,
+    Values,
+    dotted,
+    setting,
+    settings,
+)
 from ros2_kafka_bridge.config.mistakes import Mistake, field_names, kind_of
 from ros2_kafka_bridge.config.values import (
     CountOrNone,
@@ -83,6 +91,7 @@ Authorities = Annotated[str | Literal[False], Before(_authorities)]
 
 
 @settings
+@dotted
 class SchemaRegistrySettings(Settings):
     """The Schema Registry of the formats avro and protobuf: properties of confluent-kafka's
     `SchemaRegistryClient`, by their own names.
@@ -97,62 +106,39 @@ class SchemaRegistrySettings(Settings):
     url: Urls = setting(
         'Address, or several with commas between them, which are tried in this order.'
     )
-    basic_auth: UserInfo | None = setting(
-        'User and password, as `<user>:<password>`.',
-        default=None,
-        spelled='basic.auth.user.info',
-        secret=True,
+    basic_auth_user_info: UserInfo | None = setting(
+        'User and password, as `<user>:<password>`.', default=None, secret=True
     )
-    ssl_ca: Authorities | None = setting(
+    ssl_ca_location: Authorities | None = setting(
         "File or directory of the authorities that sign the registry's certificate. "
         "Without it, certifi's. false: nothing is checked.",
         default=None,
-        spelled='ssl.ca.location',
     )
-    ssl_certificate: str | None = setting(
-        "File of the bridge's certificate.", default=None, spelled='ssl.certificate.location'
+    ssl_certificate_location: str | None = setting(
+        "File of the bridge's certificate.", default=None
     )
-    ssl_key: str | None = setting(
-        'File of the key of that certificate.', default=None, spelled='ssl.key.location'
+    ssl_key_location: str | None = setting('File of the key of that certificate.', default=None)
+    ssl_key_password: str | None = setting('Password of that key.', default=None, secret=True)
+    bearer_auth_credentials_source: (
+        Literal['OAUTHBEARER', 'OAUTHBEARER_AZURE_IMDS', 'STATIC_TOKEN'] | None
+    ) = setting('Where bearer tokens come from.', default=None)
+    bearer_auth_token: str | None = setting(
+        'The token of STATIC_TOKEN.', default=None, secret=True
     )
-    ssl_key_password: str | None = setting(
-        'Password of that key.', default=None, spelled='ssl.key.password', secret=True
+    bearer_auth_client_id: str | None = setting('Who asks for a token.', default=None)
+    bearer_auth_client_secret: str | None = setting(
+        'The secret of that client.', default=None, secret=True
     )
-    bearer_source: Literal['OAUTHBEARER', 'OAUTHBEARER_AZURE_IMDS', 'STATIC_TOKEN'] | None = (
-        setting('Where bearer tokens come from.', default=None, spelled=_SOURCE)
+    bearer_auth_scope: str | None = setting('The scope of a token.', default=None)
+    bearer_auth_issuer_endpoint_url: Issuer | None = setting('Who issues tokens.', default=None)
+    bearer_auth_issuer_endpoint_query: str | None = setting(
+        'The query of OAUTHBEARER_AZURE_IMDS.', default=None
     )
-    bearer_token: str | None = setting(
-        'The token of STATIC_TOKEN.', default=None, spelled='bearer.auth.token', secret=True
+    bearer_auth_logical_cluster: str | None = setting(
+        'The logical cluster that a token is for.', default=None
     )
-    bearer_client: str | None = setting(
-        'Who asks for a token.', default=None, spelled='bearer.auth.client.id'
-    )
-    bearer_secret: str | None = setting(
-        'The secret of that client.',
-        default=None,
-        spelled='bearer.auth.client.secret',
-        secret=True,
-    )
-    bearer_scope: str | None = setting(
-        'The scope of a token.', default=None, spelled='bearer.auth.scope'
-    )
-    bearer_endpoint: Issuer | None = setting(
-        'Who issues tokens.', default=None, spelled='bearer.auth.issuer.endpoint.url'
-    )
-    bearer_query: str | None = setting(
-        'The query of OAUTHBEARER_AZURE_IMDS.',
-        default=None,
-        spelled='bearer.auth.issuer.endpoint.query',
-    )
-    bearer_cluster: str | None = setting(
-        'The logical cluster that a token is for.',
-        default=None,
-        spelled='bearer.auth.logical.cluster',
-    )
-    bearer_pool: str | None = setting(
-        'Identity pools, with commas between them.',
-        default=None,
-        spelled='bearer.auth.identity.pool.id',
+    bearer_auth_identity_pool_id: str | None = setting(
+        'Identity pools, with commas between them.', default=None
     )
     proxy: Proxy | None = setting('Address of a proxy.', default=None)
     timeout: Positive | None = setting(
@@ -162,17 +148,12 @@ class SchemaRegistrySettings(Settings):
         'How often a request is sent again before the whole route is tried again. '
         'The bridge chooses 1.',
         default=None,
-        spelled='max.retries',
     )
-    retries_wait: NotNegative | None = setting(
-        'First wait before a request is sent again, in milliseconds.',
-        default=None,
-        spelled='retries.wait.ms',
+    retries_wait_ms: NotNegative | None = setting(
+        'First wait before a request is sent again, in milliseconds.', default=None
     )
-    retries_max_wait: NotNegative | None = setting(
-        'Longest wait before a request is sent again, in milliseconds.',
-        default=None,
-        spelled='retries.max.wait.ms',
+    retries_max_wait_ms: NotNegative | None = setting(
+        'Longest wait before a request is sent again, in milliseconds.', default=None
     )
 
     @classmethod

@@ -338,7 +338,7 @@ def warnings(config: Config) -> list[str]:
     The numbers are those of the guarantees in the documentation.
     """
     found = [f'kafka.{text}' for text in _property_warnings(config.kafka)]
-    if config.schema_registry is not None and config.schema_registry.ssl_ca is False:
+    if config.schema_registry is not None and config.schema_registry.ssl_ca_location is False:
         found.append('schema_registry.ssl.ca.location: false: nobody checks who the registry is')
     if config.to_ros and config.ros.confirmation == 'none':
         found.append(
