@@ -2,7 +2,6 @@
 
 import math
 import shutil
-import signal
 import sys
 import tempfile
 import uuid
@@ -20,7 +19,7 @@ from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.kafka.addresses import servers_problem
 from ros2_kafka_bridge.outside.extras import missing_ros
 from ros2_kafka_bridge.testing.embedded_broker import EmbeddedBroker
-from ros2_kafka_bridge.threads.stop import Stop, signals_to_handle
+from ros2_kafka_bridge.threads.stop import Stop, handling
 
 HIGHEST_RATE: Final = 10_000.0  # what the demonstration itself can send and read beside the bridge
 # The embedded broker keeps 5 MiB of a partition, about 9,000 orders: a bridge that is held up for
@@ -119,12 +118,8 @@ def _signals() -> Iterator[Stop]:
         if stop.at_once and not was_at_once:
             raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, on_signal) for number in signals_to_handle()}
-    try:
+    with handling(on_signal):
         yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 # The orders

@@ -67,7 +67,14 @@ def why_nobody(environ: Mapping[str, str] | None = None) -> str | None:
             return f'{partial}; does the server run, is its address right?' if partial else None
 
 
-def hint(question: str) -> str:
+WHERE_IS_IT: Final = (
+    'do the nodes run, with the same ROS_DOMAIN_ID; on another machine, does '
+    'ROS_AUTOMATIC_DISCOVERY_RANGE let them be seen?'
+)
+"""What to ask who sees no node, of any domain."""
+
+
+def hint(question: str = WHERE_IS_IT) -> str:
     """What to look for where nobody is seen."""
     why = why_nobody()
     if why is None:

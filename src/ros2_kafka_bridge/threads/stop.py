@@ -5,7 +5,7 @@ import signal
 import stat
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
@@ -142,6 +142,17 @@ def ctrl_c_asks(stop: Stop) -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if came:
         raise KeyboardInterrupt
+
+
+@contextmanager
+def handling(on_signal: Callable[[int, Any], None]) -> Iterator[None]:
+    """Let a handler have the signals that ask this process to stop, for as long as it lasts."""
+    before = {number: signal.signal(number, on_signal) for number in signals_to_handle()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def signals_to_handle() -> Sequence[signal.Signals]:

@@ -15,9 +15,6 @@ if TYPE_CHECKING:
 app = typer.Typer(
     help='Look at dead letters, and send them again once their cause is mended.',
     no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
 )
 
 

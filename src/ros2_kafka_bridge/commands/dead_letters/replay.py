@@ -6,11 +6,10 @@ transactional id belongs to the dead-letter topic, so a second replay shuts out 
 reads the marks. Whatever ends a replay, the next one knows exactly what is left.
 """
 
-import signal
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from functools import cache
 from typing import Final, NamedTuple
 
@@ -36,7 +35,7 @@ from ros2_kafka_bridge.kafka.properties import producer_properties
 from ros2_kafka_bridge.kafka.transactions import Parcel, Send, Transactions
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.ros.node import RosNode
-from ros2_kafka_bridge.threads.stop import Stop, signals_to_handle
+from ros2_kafka_bridge.threads.stop import Stop, handling
 
 _BATCH: Final = 200
 _BATCH_BYTES: Final = 8_000_000
@@ -243,7 +242,9 @@ class _Run:
             Transactions(properties, f'{topic}.replay', self._stop) as transactions,
         ):
             letters = self._chosen(topic, whole=True)
-            stack.enter_context(_handling(self._stop))  # also while the transactions end
+            # The first signal ends it after the batch in hand, also while the transactions end; at
+            # the second it does not wait for Kafka.
+            stack.enter_context(handling(self._stop.on_signal))
             for batch in self._batches(letters):
                 self._send(batch, transactions)
                 if transactions.spent:
@@ -369,17 +370,6 @@ class _Run:
         if self._options.to_ros:
             return Parcel(number, [done])
         return Parcel(number, [Send(one.again.record, one.again.partition), done])
-
-
-@contextmanager
-def _handling(stop: Stop) -> Iterator[None]:
-    """End after the batch in hand at the first signal, without waiting for Kafka at the second."""
-    before = {number: signal.signal(number, stop.on_signal) for number in signals_to_handle()}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _to(sent: Counter[str]) -> str:

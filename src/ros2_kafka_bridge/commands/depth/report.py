@@ -51,14 +51,8 @@ def report(options: DepthOptions) -> int:
     times = traffic.arrivals_ns
     if not len(times) or times[0] == times[-1]:
         number = f'{count(len(times), "message")}{" of one moment" if len(times) else ""}'
-        raise ConfigError(
-            [
-                (
-                    f'{traffic.where}: {number}, of which no depth can be told: it takes two '
-                    'times at least, and 1000 messages to say much'
-                )
-            ]
-        )
+        why = 'it takes two times at least, and 1000 messages to say much'
+        raise ConfigError([f'{traffic.where}: {number}, of which no depth can be told: {why}'])
     with waiting('Replaying'):
         service, wake = reader.service_ns, reader.wake_ns
         choice = choose(times, service, options.loss, depths=options.depths, wake_ns=wake)
@@ -89,14 +83,8 @@ def _check(options: DepthOptions) -> None:
     if len(given) != 1:
         found = ' and '.join(given) or 'none'
         problems.append(f'arrivals: one of {", ".join(sources)} is needed, not {found}')
-    services = [
-        name
-        for name, value in (
-            ('--service', options.service),
-            ('--service-file', options.service_file),
-        )
-        if value
-    ]
+    ways = {'--service': options.service, '--service-file': options.service_file}
+    services = [name for name, value in ways.items() if value]
     if len(services) > 1 or (services and options.recording):
         both = ' and '.join([*services, *(['--recording'] if options.recording else [])])
         problems.append(f'service times: {both} each say them: leave all but one out')
@@ -110,9 +98,7 @@ def _check(options: DepthOptions) -> None:
     if any(depth < 1 for depth in options.depths):
         problems.append('--depth: a depth is 1 or more')
     if options.plot is not None:
-        problems += [
-            f'--plot {options.plot}: {problem}' for problem in _plot_problems(options.plot)
-        ]
+        problems += [f'--plot {options.plot}: {why}' for why in _plot_problems(options.plot)]
     if problems:
         raise ConfigError(problems)
 
@@ -159,9 +145,8 @@ def _show(console: Console, traffic: Traffic, choice: Choice) -> None:
     outside = f'{choice.confidence:.0%} interval'
     title = f'Loss by depth (wanted: {choice.loss:g})'
     rows = [_row(prediction, choice) for prediction in choice.predictions]
-    show_table(
-        console, title, ['#depth', '#loss', f'#{outside}', 'how it is known', 'answer'], rows
-    )
+    columns = ['#depth', '#loss', f'#{outside}', 'how it is known', 'answer']
+    show_table(console, title, columns, rows)
     show_notes(console, choice.notes)
     if choice.recommended is None:
         show_line(console, 'No depth can be recommended.', 'bold red')

@@ -15,11 +15,7 @@ from ros2_kafka_bridge.config.settings import QoS, RosSettings
 from ros2_kafka_bridge.depth.queue import SEED, Times
 from ros2_kafka_bridge.depth.recording import Reader, read_arrivals, read_recording, read_service
 from ros2_kafka_bridge.errors import ConfigError, RouteError
-from ros2_kafka_bridge.kafka.properties import (
-    PropertyValue,
-    consumer_properties,
-    refusal,
-)
+from ros2_kafka_bridge.kafka.properties import PropertyValue, consumer_properties, refusal
 from ros2_kafka_bridge.kafka.property_check import property_problems
 from ros2_kafka_bridge.kafka.timestamps import read_timestamps
 from ros2_kafka_bridge.logs.text import count

@@ -185,11 +185,7 @@ def _nothing(topics: Sequence[Topic], found: Sequence[Draft]) -> str:
     if found:
         return 'no topic can be bridged as it is: nothing is written'
     own = ' but those of ROS itself' if topics else ''
-    why = hint(
-        'do the nodes run, with the same ROS_DOMAIN_ID; on another machine, does '
-        'ROS_AUTOMATIC_DISCOVERY_RANGE let them be seen?'
-    )
-    return f'no topic is seen in ROS {domain_in_words(None)}{own}, nothing is written: {why}'
+    return f'no topic is seen in ROS {domain_in_words(None)}{own}, nothing is written: {hint()}'
 
 
 # Looking

@@ -17,10 +17,6 @@ from ros2_kafka_bridge.ros.type_request import LookAtUsers, ask_users
 from ros2_kafka_bridge.ros.used_type import definitions, users, wait_for_type
 
 _MOST_SHOWN: Final = 200
-_QUESTION: Final = (
-    'do the nodes run, with the same ROS_DOMAIN_ID; on another machine, does '
-    'ROS_AUTOMATIC_DISCOVERY_RANGE let them be seen?'
-)
 
 
 class TypeThere(NamedTuple):
@@ -68,7 +64,7 @@ def type_there(ros: RosSettings, source: TypeSource, name: str, topic: str) -> T
 
 def _nobody(does: str, ros: RosSettings) -> str:
     seen = f'no node is seen in ROS {domain_in_words(ros.domain_id)} that {does}'
-    return f'{seen}: {hint(_QUESTION)}'
+    return f'{seen}: {hint()}'
 
 
 def _published(node: RosNode, topic: str, ros: RosSettings) -> str:

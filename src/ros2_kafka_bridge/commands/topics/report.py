@@ -23,12 +23,7 @@ from ros2_kafka_bridge.commands.topics.view import (
 from ros2_kafka_bridge.config.checks import DEAD_LETTER_SUFFIX
 from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.routes import AnyRoute
-from ros2_kafka_bridge.config.settings import (
-    Config,
-    KafkaToRosRoute,
-    QoS,
-    RosSettings,
-)
+from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, QoS, RosSettings
 from ros2_kafka_bridge.errors import BridgeError, TransportError
 from ros2_kafka_bridge.kafka.overview import KafkaTopic, Overview, records
 from ros2_kafka_bridge.kafka.properties import PropertyValue, common_properties
