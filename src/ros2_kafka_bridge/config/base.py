@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field
+from functools import partial
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
@@ -24,37 +25,31 @@ Values = Mapping[str, Any]
 """Plain values by their names, checked or not."""
 
 
-class Before(NamedTuple):
-    """Annotates a type with a check of a value before anything else looks at it.
+class ValueCheck(NamedTuple):
+    """Annotates a type with a check; `Before` and `After` make one.
 
     Args:
+        validator: The name of the class in pydantic.
         check: The value, and what the caller of the loader brings along (pydantic's
             `ValidationInfo`) if it takes two -> the value to go on with.
     """
 
+    validator: str
     check: Callable[..., Any]
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """Be what pydantic calls a `BeforeValidator`."""
-        from pydantic import BeforeValidator  # noqa: PLC0415 (heavy: only to read a file)
+        """Be what pydantic calls a validator."""
+        import pydantic  # noqa: PLC0415 (heavy: only to read a file)
 
-        return BeforeValidator(self.check).__get_pydantic_core_schema__(source, handler)
+        made = getattr(pydantic, self.validator)(self.check)
+        return made.__get_pydantic_core_schema__(source, handler)
 
 
-class After(NamedTuple):
-    """Annotates a type with a check of a value that is one of that type.
+Before = partial(ValueCheck, 'BeforeValidator')
+"""A check of a value before anything else looks at it."""
 
-    Args:
-        check: As for `Before`.
-    """
-
-    check: Callable[..., Any]
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """Be what pydantic calls an `AfterValidator`."""
-        from pydantic import AfterValidator  # noqa: PLC0415 (heavy: only to read a file)
-
-        return AfterValidator(self.check).__get_pydantic_core_schema__(source, handler)
+After = partial(ValueCheck, 'AfterValidator')
+"""A check of a value that is one of that type."""
 
 
 def setting(

@@ -8,7 +8,7 @@ from annotated_types import Ge, Le
 
 from ros2_kafka_bridge.config.base import After, Before, Settings, Values, setting, settings
 from ros2_kafka_bridge.config.mistakes import Mistake
-from ros2_kafka_bridge.config.values import is_web_address, no_bool
+from ros2_kafka_bridge.config.values import no_bool, web_address
 
 ADDRESSES: Final = 'host:port such as 127.0.0.1:9464 or [::1]:9464'
 """How an address is written, for a sentence."""
@@ -58,15 +58,9 @@ def _token(value: str) -> str:
     return value
 
 
-def _endpoint(value: str) -> str:
-    if not is_web_address(value):
-        raise ValueError('expected an address such as http://localhost:4318/v1/traces')
-    return value
-
-
 ListenAddress = Annotated[str, After(_address)]
 AccessToken = Annotated[str, After(_token)]
-Endpoint = Annotated[str, After(_endpoint)]
+Endpoint = Annotated[str, web_address('http://localhost:4318/v1/traces')]
 Ratio = Annotated[float, Ge(0), Le(1), Before(no_bool)]
 
 

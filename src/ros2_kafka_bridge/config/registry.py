@@ -20,6 +20,7 @@ from ros2_kafka_bridge.config.values import (
     NotNegative,
     Positive,
     is_web_address,
+    web_address,
 )
 from ros2_kafka_bridge.kafka.properties import PropertyValue
 from ros2_kafka_bridge.outside.files import file_problem
@@ -59,18 +60,6 @@ def _urls(value: str) -> str:
     return value
 
 
-def _issuer(value: str) -> str:
-    if not is_web_address(value):
-        raise ValueError('expected an address such as https://login.example.org/token')
-    return value
-
-
-def _proxy(value: str) -> str:
-    if not is_web_address(value, _PROXIES):
-        raise ValueError('expected an address such as http://proxy:3128')
-    return value
-
-
 def _user_info(value: str) -> str:
     if ':' not in value:
         raise ValueError('expected <user>:<password>')
@@ -84,8 +73,8 @@ def _authorities(value: object) -> object:
 
 
 Urls = Annotated[str, After(_urls)]
-Issuer = Annotated[str, After(_issuer)]
-Proxy = Annotated[str, After(_proxy)]
+Issuer = Annotated[str, web_address('https://login.example.org/token')]
+Proxy = Annotated[str, web_address('http://proxy:3128', _PROXIES)]
 UserInfo = Annotated[str, After(_user_info)]
 Authorities = Annotated[str | Literal[False], Before(_authorities)]
 

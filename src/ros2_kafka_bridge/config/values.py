@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 from annotated_types import Ge, Gt, Le
 
 from ros2_kafka_bridge.config import checks
-from ros2_kafka_bridge.config.base import After, Before
+from ros2_kafka_bridge.config.base import After, Before, ValueCheck
 from ros2_kafka_bridge.config.mistakes import Mistake, kind_of
 from ros2_kafka_bridge.kafka.properties import PropertyValue, is_secret, refusal
 
@@ -51,6 +51,17 @@ def is_web_address(text: str, schemes: Container[str] = ('http', 'https')) -> bo
     except ValueError:
         return False
     return parts.scheme in schemes and bool(parts.hostname) and not re.search(r'\s', text)
+
+
+def web_address(example: str, schemes: Container[str] = ('http', 'https')) -> ValueCheck:
+    """Make the check of an address; its error names the example."""
+
+    def check(value: str) -> str:
+        if not is_web_address(value, schemes):
+            raise ValueError(f'expected an address such as {example}')
+        return value
+
+    return After(check)
 
 
 def _known_type(name: str, info: ValidationInfo) -> str:

@@ -91,6 +91,10 @@ class Letter(NamedTuple):
     about: Explanation | None
     size_bytes: int
 
+    def told(self, header: str) -> str:
+        """The text of a header; empty where there is none."""
+        return _text(dict(self.headers).get(header))
+
 
 class Mark(NamedTuple):
     """Tells that a letter was replayed.

@@ -233,10 +233,8 @@ def _read(config: Config, route: AnyRoute, letter: Letter) -> str:
         layout = _layout(config, route.type_name, NOT_SHOWN)
         cdr = decode_of(route, config, layout)(letter.value)
     elif letter.about and letter.about.reason.startswith('EncodeError:'):
-        name = dict(letter.headers).get('ros.type') or route.type_name or ''
-        text = name if isinstance(name, str) else name.decode(errors='replace')
         wanted = definition_of(letter)
-        layout = _layout(config, text, wanted)
+        layout = _layout(config, letter.told('ros.type') or route.type_name or '', wanted)
         if wanted and layout.type_hash not in {None, *wanted}:
             return ''  # other fields than those that were written
         cdr = letter.value

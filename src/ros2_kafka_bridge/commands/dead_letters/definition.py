@@ -6,6 +6,5 @@ from ros2_kafka_bridge.message_types.source import NOT_SHOWN, Definitions
 
 def definition_of(letter: Letter) -> Definitions:
     """How the type of a message of ROS was defined where it came from, as far as it tells."""
-    told = dict(letter.headers).get('ros.type_hash') or b''
-    text = told if isinstance(told, str) else told.decode(errors='replace')
+    text = letter.told('ros.type_hash')
     return {text: 'the letter'} if text else NOT_SHOWN

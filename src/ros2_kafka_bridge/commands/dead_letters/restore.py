@@ -289,8 +289,7 @@ def _kind(letter: Letter, route: RosToKafkaRoute) -> str:
     Raises:
         RecordError: The route carries another one.
     """
-    told = dict(letter.headers).get('ros.type') or b''
-    kind = told if isinstance(told, str) else told.decode(errors='replace')
+    kind = letter.told('ros.type')
     name = route.type_name or kind
     if kind and name != kind:
         raise RecordError(f'it is of type {escaped(kind)}, the route carries {name} now')
