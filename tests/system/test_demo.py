@@ -1,12 +1,13 @@
 """The demonstration as a user runs it: what it prints, what it leaves, its exit status."""
 
+import json
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -55,7 +56,7 @@ def test_a_real_broker_is_used_and_left_as_it_was(bench: Bench, place: Path) -> 
         assert process.wait(60) == 0, process.output()
     assert f'a second, Kafka at {bench.bootstrap_servers}' in process.output()
     assert all_equal(counted(process))
-    assert leftovers(bench) <= before
+    assert_nothing_is_left(bench, before)
 
 
 def test_what_is_told_is_what_the_topics_hold(keeping_bench: Bench, place: Path) -> None:
@@ -86,10 +87,11 @@ def test_a_signal_ends_the_sending_and_all_that_was_sent_is_counted(
         assert process.wait(60) == 0, process.output()
     assert all_equal(counted(process))
     assert 'Traceback' not in process.output()
-    assert leftovers(bench) <= before
+    assert_nothing_is_left(bench, before)
 
 
 def test_a_second_signal_ends_at_once_and_leaves_no_topic(bench: Bench, place: Path) -> None:
+    before = topics_of_demos(bench)
     with demo(place, '--bootstrap-servers', bench.bootstrap_servers, '--seconds', '60') as process:
         process.wait_for('this bridge: sending', 60)
         os.kill(children_in(place)[0], signal.SIGSTOP)  # it would never drain
@@ -99,7 +101,7 @@ def test_a_second_signal_ends_at_once_and_leaves_no_topic(bench: Bench, place: P
         assert process.wait(60) == 130
     assert process.output().splitlines()[-1] == 'ended at once'
     assert 'Traceback' not in process.output()
-    assert [name for name in topics(bench) if name.startswith('demo-')] == []
+    assert_nothing_is_left(bench, before, topics_of_demos)
     assert [*place.iterdir()] == [process.log]
 
 
@@ -116,7 +118,8 @@ def test_a_bridge_that_is_killed_is_told_with_its_log_and_what_is_lost(
         process.wait_for('this bridge: sending', 60, count=6)
         process.send(signal.SIGSTOP)  # it would delete what is read here
         os.kill(bridge, signal.SIGKILL)
-        [returned] = [t for t in leftovers(bench) - before if t.endswith('.returned')]
+        [config] = place.glob('*/bridge.yaml')
+        returned = f'{json.loads(config.read_text())["name"]}.returned'
         consumed = set(order_ids(bench, returned))
         process.send(signal.SIGCONT)
         assert process.wait(60) == 1
@@ -130,7 +133,7 @@ def test_a_bridge_that_is_killed_is_told_with_its_log_and_what_is_lost(
     lost = told['produced'] - len(consumed)
     assert told['lost'] == lost > 0
     assert f'the bridge has lost {lost:,} orders' in shown
-    assert leftovers(bench) <= before
+    assert_nothing_is_left(bench, before)
 
 
 def test_what_the_embedded_broker_deleted_before_it_was_read_is_no_fault_of_the_bridge(
@@ -164,7 +167,7 @@ def test_an_interruption_while_the_topics_are_made_leaves_none(
 
     monkeypatch.setattr(Topics, 'create', interrupted)
     assert run(DemoOptions(bootstrap_servers=bench.bootstrap_servers)) == STOPPED_AT_ONCE
-    assert leftovers(bench) <= before
+    assert_nothing_is_left(bench, before)
 
 
 def test_a_topic_that_a_broker_hears_of_late_is_read_all_the_same(
@@ -232,7 +235,19 @@ def leftovers(bench: Bench) -> set[str]:
     """Topics and groups of demonstrations at the broker; other tests may leave some."""
     admin = bench.admin()  # kept: its futures fail when it goes
     groups = [group.group_id for group in admin.list_consumer_groups().result().valid]
-    return {name for name in [*topics(bench), *groups] if name.startswith('demo-')}
+    return {*topics_of_demos(bench), *(name for name in groups if name.startswith('demo-'))}
+
+
+def topics_of_demos(bench: Bench) -> set[str]:
+    """The same without the groups."""
+    return {name for name in topics(bench) if name.startswith('demo-')}
+
+
+def assert_nothing_is_left(
+    bench: Bench, before: set[str], look: Callable[[Bench], set[str]] = leftovers
+) -> None:
+    """See that nothing is there that was not before, once those of other workers have ended."""
+    eventually(lambda: look(bench) <= before, 60, lambda: f'left: {look(bench) - before}')
 
 
 def partitions(bench: Bench, topic: str) -> list[int]:
