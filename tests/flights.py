@@ -1,4 +1,4 @@
-"""What must be true of a flight at any time, whatever happened to it."""
+"""A pipeline with ends in memory: driven step by step, and what must be true of it each time."""
 
 from collections import Counter
 from typing import Any
@@ -10,6 +10,44 @@ from ros2_kafka_bridge.route.counters import Outcome
 from ros2_kafka_bridge.route.flight.flight import Entry, Flight
 from ros2_kafka_bridge.route.flight.stage import HELD, READY, STEPS, STORED, Stage
 from ros2_kafka_bridge.spool import spooling
+from ros2_kafka_bridge.threads.stop import Stop
+
+
+class Driven:
+    """What a house of either way is: a pipeline that a test drives.
+
+    `give` puts into its source what waits there.
+    """
+
+    pipeline: Any
+    give: Any
+    usual = 4
+
+    def steps(self, count: int | None = None) -> None:
+        for _ in range(self.usual if count is None else count):
+            self.pipeline._step()
+            self.check_balance()
+
+    def take(self, *given: Any, steps: int | None = None, **more: Any) -> None:
+        """Give something, and let the pipeline go on."""
+        self.give(*given, **more)
+        self.steps(steps)
+
+    def rests(self, count: int = 3) -> None:
+        for _ in range(count):
+            self.pipeline._rest()
+            self.check_balance()
+
+    def stop(self) -> None:
+        """Let it run where a stop is asked for already: it drains."""
+        stop = Stop()
+        stop.ask()
+        self.pipeline.run(stop)
+
+    def check_balance(self) -> None:
+        snapshot = self.pipeline.counters.snapshot(len(self.pipeline._flight))
+        assert snapshot.balanced, snapshot
+        check(self.pipeline._flight)
 
 
 def check(flight: Flight[Any]) -> None:

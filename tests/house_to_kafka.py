@@ -4,7 +4,7 @@ import logging
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
-import flights
+from flights import Driven
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.config.validation import validated
@@ -61,7 +61,7 @@ class InKafka:
         return identity.seq in self.letters
 
 
-class House:
+class House(Driven):
     """A pipeline with its ends."""
 
     def __init__(
@@ -87,7 +87,7 @@ class House:
         dead: DeadLetters[MessageEntry] = DeadLetters(
             'orders.dead', self.letters, lambda: None, LOG
         )
-        self.pipeline = RosToKafka(
+        self.pipeline: RosToKafka = RosToKafka(
             route,
             self.source,
             cast('Produced', InKafka(seen, refused)),
@@ -109,21 +109,6 @@ class House:
     def give(self, *cdr: bytes, first: int = 1) -> None:
         for number, one in enumerate(cdr):
             self.source.waiting.append(Message(one, b'gid', first + number, 0))
-
-    def steps(self, count: int = 4) -> None:
-        for _ in range(count):
-            self.pipeline._step()
-            self.check_balance()
-
-    def rests(self, count: int = 3) -> None:
-        for _ in range(count):
-            self.pipeline._rest()
-            self.check_balance()
-
-    def check_balance(self) -> None:
-        snapshot = self.pipeline.counters.snapshot(len(self.pipeline._flight))
-        assert snapshot.balanced, snapshot
-        flights.check(self.pipeline._flight)
 
     def values(self) -> list[bytes | None]:
         return [record.value for record in self.sink.records]

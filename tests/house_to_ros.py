@@ -3,7 +3,7 @@
 import logging
 from typing import TYPE_CHECKING, Any
 
-import flights
+from flights import Driven
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.config.validation import validated
@@ -53,8 +53,10 @@ def decode(value: bytes | None) -> bytes:
     return b'cdr:' + value
 
 
-class House:
+class House(Driven):
     """A pipeline with its ends."""
+
+    usual = 6
 
     def __init__(self, sink: MemoryMessageSink | None = None, **settings: Any) -> None:
         self.source = MemoryRecordSource()
@@ -73,7 +75,7 @@ class House:
         dead: DeadLetters[RecordEntry] = DeadLetters(
             'orders.dead', self.letters, lambda: None, LOG
         )
-        self.pipeline = KafkaToRos(
+        self.pipeline: KafkaToRos = KafkaToRos(
             route,
             'me',
             self.source,
@@ -89,21 +91,6 @@ class House:
     def give(self, *values: bytes | None, partition: int = 0, first: int = 0, **more: Any) -> None:
         for number, value in enumerate(values):
             self.source.waiting.append(MemoryRecord(value, first + number, partition, **more))
-
-    def steps(self, count: int = 6) -> None:
-        for _ in range(count):
-            self.pipeline._step()
-            self.check_balance()
-
-    def rests(self, count: int = 3) -> None:
-        for _ in range(count):
-            self.pipeline._rest()
-            self.check_balance()
-
-    def check_balance(self) -> None:
-        snapshot = self.pipeline.counters.snapshot(len(self.pipeline._flight))
-        assert snapshot.balanced, snapshot
-        flights.check(self.pipeline._flight)
 
     def positions(self) -> dict[int, int]:
         self.pipeline._settle()

@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import flights
 import pytest
@@ -106,7 +106,7 @@ class NoTail:
             note(record)
 
 
-class House:
+class House(flights.Driven):
     """One life of a pipeline, with a spool in `place`."""
 
     def __init__(
@@ -114,10 +114,13 @@ class House:
         place: Path,
         spool: dict[str, Any] | None = None,
         sink: Moody | None = None,
+        *,
+        answering: bool = True,
         **more: Any,
     ) -> None:
         self.source = MemoryMessageSource()
         self.sink = sink or Moody()
+        self.sink.answering = answering
         self.tail = NoTail()
         self.letters = Letters()
         self.clock = 0
@@ -137,7 +140,7 @@ class House:
         self.spool = Spool(file_of(place, 'test', route.name), sync=False, log=LOG)
         drops = route.when_full == 'drop_oldest'
         self.backlog = Backlog(self.spool, route.spool, LOG, drops=drops)
-        self.pipeline = RosToKafka(
+        self.pipeline: RosToKafka = RosToKafka(
             route,
             self.source,
             Produced(self.tail, NoTail(), identify, lambda _: None, LOG),
@@ -160,16 +163,11 @@ class House:
         for number in numbers:
             self.source.waiting.append(Message(b'%d' % number, GID, number, made_ns(number)))
 
-    def steps(self, count: int = 4) -> None:
-        for _ in range(count):
-            self.pipeline._step()
-            self.check_balance()
-
-    def until_all_confirmed(self) -> None:
+    def until_all_confirmed(self) -> Self:
         for _ in range(1000):
             self.steps(1)
             if not self.pipeline._flight and not self.pipeline._spooling.waiting:
-                return
+                return self
         pytest.fail('it never ends')
 
     def until_all_taken_are_confirmed(self) -> None:
@@ -227,6 +225,12 @@ def come_back(house: House) -> None:
     house.sink.away, house.sink.answering = '', True
 
 
+def go_on(house: House) -> None:
+    """Let Kafka be back, until all has arrived."""
+    come_back(house)
+    house.until_all_confirmed()
+
+
 def refused(rows: Sequence[Row]) -> int:
     del rows
     raise TransportError('the disk is full')
@@ -245,11 +249,9 @@ def make_room(house: House) -> None:
 def fill_while_away(house: House, *numbers: int) -> None:
     """Let the disk fill up while Kafka is away, and the messages of those numbers come then."""
     go_away(house)
-    house.give(0)
-    house.steps()
+    house.take(0)
     fill(house)
-    house.give(*numbers)
-    house.steps()
+    house.take(*numbers)
 
 
 Make = Callable[..., House]

@@ -9,23 +9,19 @@ from hypothesis import given, settings, strategies
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route import readiness
+from ros2_kafka_bridge.testing.memory import MemoryMessageSink
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Stop
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.endpoints import HeaderList
 
-
-@pytest.fixture(autouse=True)
-def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
+pytestmark = pytest.mark.usefixtures('no_settle_time')
 
 
 def test_a_position_moves_on_only_when_its_message_is_confirmed() -> None:
-    house = House()
-    house.sink.acknowledging = False
-    house.give(b'a', b'b', b'c')
-    house.steps()
+    house = House(MemoryMessageSink(acknowledging=False))
+    house.take(b'a', b'b', b'c')
     assert house.sink.published == [b'cdr:a', b'cdr:b', b'cdr:c']
     assert house.positions() == {0: 0}
     house.sink.acknowledge(2)
@@ -37,8 +33,7 @@ def test_a_position_moves_on_only_when_its_message_is_confirmed() -> None:
 def test_offsets_with_gaps_move_on_in_order_of_consumption() -> None:
     house = House()
     house.give(b'a', first=5)
-    house.give(b'b', first=1000)
-    house.steps()
+    house.take(b'b', first=1000)
     assert house.positions() == {0: 1001}
 
 
@@ -72,8 +67,7 @@ def test_what_would_go_round_is_a_dead_letter_and_no_other_record_of_this_bridge
 def test_what_would_go_round_is_skipped_and_counted_where_the_route_says_so() -> None:
     house = House(skip_own=True, on_error='stop')
     house.give(b'mine', header_list=MINE)
-    house.give(b'other', first=1, header_list=[MINE[0]])
-    house.steps()
+    house.take(b'other', first=1, header_list=[MINE[0]])
     assert house.sink.published == [b'cdr:other']
     assert house.pipeline.counters.snapshot(0).skipped == 1
     assert house.letters.records == []
@@ -100,10 +94,8 @@ def test_what_would_go_round_follows_on_error_as_any_other_bad_record(
 
 
 def test_when_a_reader_goes_the_unconfirmed_are_published_again_in_order() -> None:
-    house = House()
-    house.sink.acknowledging = False
-    house.give(b'a', b'b', b'c')
-    house.steps()
+    house = House(MemoryMessageSink(acknowledging=False))
+    house.take(b'a', b'b', b'c')
     house.sink.acknowledge(1)
     house.steps(1)
     house.sink.lose_reader()
@@ -118,8 +110,7 @@ def test_when_a_reader_goes_the_unconfirmed_are_published_again_in_order() -> No
 
 def test_without_enough_subscribers_nothing_is_published() -> None:
     house = House(min_subscribers=2)
-    house.give(b'a')
-    house.steps()
+    house.take(b'a')
     assert house.sink.published == []
     house.sink.matched = 2
     house.steps()
@@ -127,22 +118,17 @@ def test_without_enough_subscribers_nothing_is_published() -> None:
 
 
 def test_min_subscribers_0_publishes_to_nobody() -> None:
-    house = House(min_subscribers=0)
-    house.sink.matched = 0
-    house.give(b'a')
-    house.steps()
+    house = House(MemoryMessageSink(matched=0), min_subscribers=0)
+    house.take(b'a')
     assert house.sink.published == [b'cdr:a']
 
 
 def test_guarantee_6c_what_nothing_confirms_is_published_and_its_offset_follows() -> None:
-    house = House()
-    house.sink.tells = False
-    house.give(b'a', b'bad', b'ccc')
-    house.steps()
+    house = House(MemoryMessageSink(tells=False))
+    house.take(b'a', b'bad', b'ccc')
     assert house.positions() == {0: 3}
     house.sink.tells = True
-    house.give(b'd', first=3)
-    house.steps()
+    house.take(b'd', first=3)
     counters, meter = house.pipeline.counters.snapshot(0), house.pipeline._meter
     assert (counters.published, counters.confirmed, counters.dead_lettered) == (2, 1, 1)
     assert counters.carried == 3
@@ -152,10 +138,8 @@ def test_guarantee_6c_what_nothing_confirms_is_published_and_its_offset_follows(
 
 @pytest.mark.parametrize(('reaction', 'out'), [('wait', 0), ('publish', 1)])
 def test_what_would_be_misread_waits_or_not_as_the_route_says(reaction: str, out: int) -> None:
-    house = House(when_misread=reaction)
-    house.sink.misread = '/old would misread it'
-    house.give(b'a')
-    house.steps()
+    house = House(MemoryMessageSink(misread='/old would misread it'), when_misread=reaction)
+    house.take(b'a')
     assert len(house.sink.published) == out
     house.sink.misread = ''
     house.steps()
@@ -167,8 +151,7 @@ def test_old_records_are_dropped_and_counted_where_the_route_says_so() -> None:
     now_ms = int(time.time() * 1000)
     house.give(b'old', time_ms=now_ms - 61_000)
     house.give(b'new', first=1, time_ms=now_ms)
-    house.give(b'no time', first=2)
-    house.steps()
+    house.take(b'no time', first=2)
     assert house.sink.published == [b'cdr:new', b'cdr:no time']
     assert house.pipeline.counters.snapshot(0).dropped == 1
     assert house.positions() == {0: 3}
@@ -178,12 +161,10 @@ def test_the_first_record_does_not_wait_for_readers_that_have_long_been_there(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(readiness, 'SETTLE_S', 0.05)
-    house = House()
-    house.sink.acknowledging = False
+    house = House(MemoryMessageSink(acknowledging=False))
     house.steps(1)
     time.sleep(0.06)
-    house.give(b'a')
-    house.steps(1)
+    house.take(b'a', steps=1)
     assert house.sink.published == [b'cdr:a']
     house.sink.matched = 2
     house.steps(1)
@@ -209,10 +190,8 @@ def test_readers_that_come_while_a_route_is_paused_need_not_be_waited_for_later(
 def test_a_reader_that_took_the_place_of_another_gets_time_to_know_of_the_match(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    house = House()
-    house.sink.acknowledging = False
-    house.give(b'a')
-    house.steps()
+    house = House(MemoryMessageSink(acknowledging=False))
+    house.take(b'a')
     monkeypatch.setattr(readiness, 'SETTLE_S', 60.0)
     house.sink.lose_reader()
     house.steps()
@@ -264,9 +243,7 @@ def test_guarantee_1_no_offset_is_committed_before_all_up_to_it_have_ended(
             else:
                 house.letters.answering = True
         house.check_balance()
-        stop = Stop()
-        stop.ask()
-        house.pipeline.run(stop)
+        house.stop()
         committed = house.source.committed.get(0, 0)
         assert {b for o, b in good.items() if o < committed} <= set(house.sink.published)
         assert house.pipeline.snapshot.balanced
@@ -278,10 +255,8 @@ def test_guarantee_1_no_offset_is_committed_before_all_up_to_it_have_ended(
 
 
 def test_a_paused_route_publishes_nothing_and_confirms_what_is_in_flight() -> None:
-    house = House()
-    house.sink.acknowledging = False
-    house.give(b'a', b'b')
-    house.steps()
+    house = House(MemoryMessageSink(acknowledging=False))
+    house.take(b'a', b'b')
     house.pause.asked = True
     house.give(b'c', first=2)
     house.rests()
@@ -299,10 +274,8 @@ def test_a_paused_route_publishes_nothing_and_confirms_what_is_in_flight() -> No
 
 
 def test_what_was_read_and_not_published_waits_in_its_order_for_the_end_of_a_pause() -> None:
-    house = House()
-    house.sink.room, house.sink.acknowledging = 1, False
-    house.give(b'a', b'b', b'c')
-    house.steps(3)
+    house = House(MemoryMessageSink(room=1, acknowledging=False))
+    house.take(b'a', b'b', b'c', steps=3)
     house.pause.asked = True
     house.sink.acknowledging = True
     house.rests()

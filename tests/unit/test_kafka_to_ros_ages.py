@@ -7,18 +7,15 @@ import pytest
 from house_to_ros import IN_2001_MS, House
 
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.route import clock, readiness
-from ros2_kafka_bridge.testing.memory import MemoryRecord
+from ros2_kafka_bridge.route import clock
+from ros2_kafka_bridge.testing.memory import MemoryMessageSink, MemoryRecord
+
+pytestmark = pytest.mark.usefixtures('no_settle_time')
 
 HOUR_S = 3600.0
 IN_1970_S = 20.0
 
 SetClock = Callable[[float], None]
-
-
-@pytest.fixture(autouse=True)
-def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
 
 
 @pytest.fixture
@@ -58,8 +55,7 @@ def test_a_record_from_the_future_is_a_dead_letter_and_never_dropped(
 ) -> None:
     house = House(max_age_s=60, on_error=on_error)
     house.give(b'ahead', time_ms=time_ms())
-    house.give(b'now', first=1, time_ms=now_ms())
-    house.steps()
+    house.take(b'now', first=1, time_ms=now_ms())
     assert house.sink.published == [b'cdr:now']
     (reason,) = reasons(house)
     assert reason.startswith('TimestampError: its timestamp is more than ')
@@ -73,8 +69,7 @@ def test_a_record_from_the_future_is_a_dead_letter_and_never_dropped(
 @pytest.mark.parametrize('time_ms', [-1, 1, 1_700_000_000, -(2**62)])
 def test_a_timestamp_that_is_no_time_in_milliseconds_is_a_dead_letter(time_ms: int) -> None:
     house = House(max_age_s=60)
-    house.give(b'in seconds', time_ms=time_ms)
-    house.steps()
+    house.take(b'in seconds', time_ms=time_ms)
     assert not house.sink.published
     assert reasons(house)[0].startswith('TimestampError: its timestamp lies before 2001, so max_')
 
@@ -90,8 +85,7 @@ def test_a_writer_whose_clock_is_wrong_is_warned_of_once(caplog: pytest.LogCaptu
 
 def test_who_may_be_a_little_ahead_is_believed() -> None:
     house = House(max_age_s=60)
-    house.give(b'a', time_ms=now_ms(290))
-    house.steps()
+    house.take(b'a', time_ms=now_ms(290))
     assert house.sink.published == [b'cdr:a']
 
 
@@ -107,11 +101,9 @@ def test_a_route_that_does_not_ask_how_old_a_record_is_takes_any_time() -> None:
 def test_what_waits_grows_neither_older_nor_younger_when_the_clock_is_set(
     jump_s: float, set_clock: SetClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    house = House(max_age_s=60)
-    house.sink.matched = 0
+    house = House(MemoryMessageSink(matched=0), max_age_s=60)
     house.give(b'first', time_ms=now_ms(-50))
-    house.give(b'second', first=1, time_ms=now_ms())
-    house.steps()
+    house.take(b'second', first=1, time_ms=now_ms())
     set_clock(time.time() + jump_s)
     ns = clock.since_boot_ns
     monkeypatch.setattr(clock, 'since_boot_ns', lambda: ns() + 20_000_000_000)
@@ -130,8 +122,7 @@ def test_a_route_waits_while_this_machine_does_not_know_what_time_it_is(
     house = House(max_age_s=60, when_full=when_full, max_in_flight=2)
     for offset in range(10):
         house.give(b'%d' % offset, first=offset, time_ms=int(today_s * 1000))
-    house.give(b'old', first=10, time_ms=IN_2001_MS)
-    house.steps()
+    house.take(b'old', first=10, time_ms=IN_2001_MS)
     monkeypatch.setattr('ros2_kafka_bridge.route.obstacle.SAID_AFTER_S', -1.0)
     house.steps()
     snapshot = house.pipeline.counters.snapshot(0)

@@ -8,14 +8,10 @@ import pytest
 from house_to_ros import HASH, House
 
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.route import readiness
 from ros2_kafka_bridge.route.counters import State
 from ros2_kafka_bridge.threads.stop import Stop
 
-
-@pytest.fixture(autouse=True)
-def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
+pytestmark = pytest.mark.usefixtures('no_settle_time')
 
 
 def test_a_bad_record_becomes_a_dead_letter_and_those_behind_it_wait_for_its_confirmation() -> (
@@ -23,8 +19,7 @@ def test_a_bad_record_becomes_a_dead_letter_and_those_behind_it_wait_for_its_con
 ):
     house = House()
     house.letters.answering = False
-    house.give(b'a', b'bad', b'c')
-    house.steps()
+    house.take(b'a', b'bad', b'c')
     assert house.sink.published == [b'cdr:a', b'cdr:c']
     assert house.positions() == {0: 1}
     house.letters.answering = True
@@ -51,8 +46,7 @@ def test_a_record_that_meets_a_bug_of_the_decoder_becomes_a_dead_letter(
     value: bytes, what: str
 ) -> None:
     house = House()
-    house.give(b'a', value, b'c')
-    house.steps()
+    house.take(b'a', value, b'c')
     assert house.sink.published == [b'cdr:a', b'cdr:c']
     assert house.positions() == {0: 3}
     [letter] = house.letters.records
@@ -80,16 +74,14 @@ def test_a_bug_of_the_decoder_is_told_with_its_traceback_whatever_the_route_does
 
 def test_a_bug_of_the_decoder_drops_no_record() -> None:
     house = House(on_error='drop')
-    house.give(b'bad', b'bug of the bridge')
-    house.steps()
+    house.take(b'bad', b'bug of the bridge')
     assert [letter.value for letter in house.letters.records] == [b'bug of the bridge']
     assert house.pipeline.counters.snapshot(0).dropped == 1
 
 
 def test_many_bugs_of_the_decoder_flood_no_log(caplog: pytest.LogCaptureFixture) -> None:
     house = House()
-    house.give(*[b'bug of the bridge'] * 200)
-    house.steps()
+    house.take(*[b'bug of the bridge'] * 200)
     assert len(house.letters.records) == 200
     assert len([one for one in caplog.records if one.exc_info]) == 5
     house.pipeline._occasional.close()
@@ -108,8 +100,7 @@ def test_the_client_of_the_dead_letters_is_polled_also_while_there_are_none(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     house = House()
-    house.give(b'bad')
-    house.steps()
+    house.take(b'bad')
     assert house.positions() == {0: 1}
     polled: list[float] = []
     monkeypatch.setattr(house.letters, 'poll', polled.append)
@@ -120,8 +111,7 @@ def test_the_client_of_the_dead_letters_is_polled_also_while_there_are_none(
 def test_a_dead_letter_too_large_goes_without_its_value() -> None:
     house = House()
     house.letters.limit_bytes = 5
-    house.give(b'bad and long', key_bytes=b'k', header_list=[('mine', b'1')])
-    house.steps()
+    house.take(b'bad and long', key_bytes=b'k', header_list=[('mine', b'1')])
     [letter] = house.letters.records
     assert letter.value is None
     assert letter.key == b'k'
@@ -132,10 +122,8 @@ def test_a_dead_letter_too_large_goes_without_its_value() -> None:
 def test_a_dead_letter_topic_that_refuses_stops_the_reading_and_nothing_is_lost() -> None:
     house = House()
     house.letters.errors[b'bad'] = [RouteError('no permission')]
-    house.give(b'a', b'bad', b'c')
-    house.steps()
-    house.give(b'd', first=3)
-    house.steps(2)
+    house.take(b'a', b'bad', b'c')
+    house.take(b'd', first=3, steps=2)
     house.pipeline._show('')
     assert house.pipeline.snapshot.state == State.FAILED
     assert 'no permission' in house.pipeline.snapshot.reason
@@ -149,16 +137,14 @@ def test_a_dead_letter_topic_that_refuses_stops_the_reading_and_nothing_is_lost(
 
 def test_on_error_drop_counts_and_goes_on() -> None:
     house = House(on_error='drop')
-    house.give(b'bad', b'b')
-    house.steps()
+    house.take(b'bad', b'b')
     assert house.pipeline.counters.snapshot(0).dropped == 1
     assert house.positions() == {0: 2}
 
 
 def test_on_error_stop_ends_the_route_before_the_bad_record() -> None:
     house = House(on_error='stop')
-    house.give(b'a')
-    house.steps()
+    house.take(b'a')
     house.give(b'bad', first=1)
     with pytest.raises(RouteError, match=r'orders\[0\]@1: not what it should be') as raised:
         house.steps()
@@ -168,8 +154,7 @@ def test_on_error_stop_ends_the_route_before_the_bad_record() -> None:
 
 def test_a_value_above_max_message_bytes_is_a_dead_letter_that_names_both_sizes() -> None:
     house = House(max_message_bytes=3)
-    house.give(b'four', b'abc')
-    house.steps()
+    house.take(b'four', b'abc')
     assert house.sink.published == [b'cdr:abc']
     [letter] = house.letters.records
     reason = dict(letter.headers)['dead_letter.error']
@@ -181,8 +166,7 @@ def test_a_value_above_max_message_bytes_is_a_dead_letter_that_names_both_sizes(
 def test_letters_that_arrived_count_though_another_of_the_same_report_failed() -> None:
     house = House()
     house.letters.errors[b'bad2'] = [RouteError('no permission')]
-    house.give(b'bad1', b'bad2', b'bad3')
-    house.steps()
+    house.take(b'bad1', b'bad2', b'bad3')
     house.pipeline._dead_letters._again_at_s = 0.0
     house.steps()
     assert sorted(letter.value or b'' for letter in house.letters.records) == [
@@ -228,8 +212,7 @@ def test_a_route_runs_again_once_the_one_it_asks_is_back() -> None:
         house.pipeline.run(Stop())
     assert house.source.committed == {0: 1}
     with house.pipeline._opened():
-        house.give(b'back', first=1)
-        house.steps()
+        house.take(b'back', first=1)
         assert house.positions() == {0: 2}
     assert house.sink.published[-1] == b'cdr:back'
 
@@ -246,8 +229,7 @@ def test_a_route_runs_again_once_the_one_it_asks_is_back() -> None:
 )
 def test_a_record_of_the_same_type_or_of_none_told_passes(headers: Any) -> None:
     house = House()
-    house.give(b'a', header_list=headers)
-    house.steps()
+    house.take(b'a', header_list=headers)
     assert house.sink.published == [b'cdr:a']
 
 
@@ -256,8 +238,7 @@ def test_a_record_of_another_version_of_the_type_is_a_dead_letter_with_both_hash
     other = 'RIHS01_' + '2' * 64
     told = [('ros.type', b'other_msgs/msg/String'), ('ros.type_hash', other.encode())]
     house.give(b'a', header_list=told)
-    house.give(b'b', first=1)
-    house.steps()
+    house.take(b'b', first=1)
     assert house.sink.published == [b'cdr:b']
     [letter] = house.letters.records
     error = str(dict(letter.headers)['dead_letter.error'])

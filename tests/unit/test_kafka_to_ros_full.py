@@ -18,18 +18,12 @@ from ros2_kafka_bridge.kafka_to_ros import BATCH
 from ros2_kafka_bridge.route import obstacle, readiness
 from ros2_kafka_bridge.testing.memory import MemoryMessageSink
 
-
-@pytest.fixture(autouse=True)
-def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
+pytestmark = pytest.mark.usefixtures('no_settle_time')
 
 
 def test_a_full_history_waits_and_the_same_message_goes_next() -> None:
-    house = House()
-    house.sink.acknowledging = False
-    house.sink.room = 2
-    house.give(b'a', b'b', b'c')
-    house.steps()
+    house = House(MemoryMessageSink(acknowledging=False, room=2))
+    house.take(b'a', b'b', b'c')
     assert house.sink.published == [b'cdr:a', b'cdr:b']
     house.sink.acknowledge(1)
     house.steps()
@@ -49,11 +43,8 @@ def test_a_route_that_is_held_says_by_whom_and_since_when(
     nodes: list[str], who: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(obstacle, 'SAID_AFTER_S', 0.0)
-    house = House()
-    house.sink.acknowledging, house.sink.room = False, 1
-    house.sink.reliable_subscribers = nodes
-    house.give(b'a', b'b')
-    house.steps(2)
+    house = House(MemoryMessageSink(acknowledging=False, room=1, reliable_subscribers=nodes))
+    house.take(b'a', b'b', steps=2)
     blocked = house.pipeline._blocked
     blocked._since_s = blocked._moved_s = time.monotonic() - 3600
     before = datetime.now().astimezone() - timedelta(seconds=3600)
@@ -74,11 +65,8 @@ def test_who_does_not_take_is_not_blamed_for_the_time_of_one_that_has_gone(
 ) -> None:
     """The one acknowledges nothing and goes, nobody is there for long, and another comes."""
     monkeypatch.setattr(obstacle, 'SAID_AFTER_S', 0.0)
-    house = House()
-    house.sink.acknowledging, house.sink.room = False, 1
-    house.sink.reliable_subscribers = ['/gone']
-    house.give(b'a', b'b')
-    house.steps(2)
+    house = House(MemoryMessageSink(acknowledging=False, room=1, reliable_subscribers=['/gone']))
+    house.take(b'a', b'b', steps=2)
     blocked = house.pipeline._blocked
     blocked._since_s = blocked._moved_s = time.monotonic() - 3600
     house.sink.lose_reader()
@@ -93,21 +81,15 @@ def test_who_does_not_take_is_not_blamed_for_the_time_of_one_that_has_gone(
 
 
 def test_nothing_is_read_while_a_message_waits() -> None:
-    house = House()
-    house.sink.acknowledging = False
-    house.sink.room = 1
-    house.give(b'a', b'b')
-    house.steps()
-    house.give(b'c', first=2)
-    house.steps()
+    house = House(MemoryMessageSink(acknowledging=False, room=1))
+    house.take(b'a', b'b')
+    house.take(b'c', first=2)
     assert len(house.source.waiting) == 1
 
 
 def test_drop_oldest_keeps_the_newest_and_counts_the_rest() -> None:
-    house = House(when_full='drop_oldest', max_in_flight=2)
-    house.sink.room = 0
-    house.give(b'a', b'b', b'c', b'd', b'e')
-    house.steps()
+    house = House(MemoryMessageSink(room=0), when_full='drop_oldest', max_in_flight=2)
+    house.take(b'a', b'b', b'c', b'd', b'e')
     house.sink.room = 10
     house.steps()
     assert house.sink.published == [b'cdr:d', b'cdr:e']
@@ -120,8 +102,9 @@ def test_what_drop_oldest_drops_behind_an_unconfirmed_head_takes_no_memory() -> 
     house.sink.acknowledging, house.sink.room = False, 10
     flight = house.pipeline._flight
     for first in range(0, 5000, 50):
-        house.give(*[b'%05d' % n + b'x' * 995 for n in range(first, first + 50)], first=first)
-        house.steps(1)
+        house.take(
+            *[b'%05d' % n + b'x' * 995 for n in range(first, first + 50)], first=first, steps=1
+        )
     assert len(flight) <= 3 * 10 + 50
     assert flight.size_bytes <= 50_000 + 50 * 1_400
     assert house.source.waiting == deque()
@@ -137,8 +120,7 @@ def test_what_is_delivered_behind_a_letter_that_nobody_takes_has_a_bound() -> No
     """It would come again after a crash."""
     house = House(max_in_flight_bytes=100_000)
     house.letters.answering = False
-    house.give(b'bad', *[b'x' * 1_000] * 1_000)
-    house.steps(30)
+    house.take(b'bad', *[b'x' * 1_000] * 1_000, steps=30)
     assert 70 < house.confirmed() < 100_000 / 1_400 + 500
     assert house.positions() == {0: 0}
     house.letters.answering = True
@@ -150,10 +132,8 @@ def test_what_is_delivered_behind_a_letter_that_nobody_takes_has_a_bound() -> No
 def test_drop_oldest_reads_nothing_while_it_could_drop_only_what_it_reads() -> None:
     house = House(when_full='drop_oldest', max_in_flight_bytes=1000)
     house.sink.acknowledging = False
-    house.give(b'x' * 900)
-    house.steps(2)
-    house.give(b'newer', first=1)
-    house.steps()
+    house.take(b'x' * 900, steps=2)
+    house.take(b'newer', first=1)
     assert len(house.source.waiting) == 1
     assert house.pipeline.counters.snapshot(0).dropped == 0
     house.sink.acknowledging = True
@@ -164,10 +144,8 @@ def test_drop_oldest_reads_nothing_while_it_could_drop_only_what_it_reads() -> N
 def test_drop_oldest_drops_nothing_for_a_record_that_ends_the_route() -> None:
     house = House(when_full='drop_oldest', max_in_flight=2, on_error='stop')
     house.sink.acknowledging, house.sink.room = False, 1
-    house.give(b'a', b'b', b'bad')
-    house.steps(1)
-    house.give(b'c', b'd', first=3)
-    house.steps()
+    house.take(b'a', b'b', b'bad', steps=1)
+    house.take(b'c', b'd', first=3)
     assert len(house.source.waiting) == 2
     assert house.pipeline.counters.snapshot(0).dropped == 0
     house.sink.acknowledging = True
@@ -177,11 +155,9 @@ def test_drop_oldest_drops_nothing_for_a_record_that_ends_the_route() -> None:
 
 
 def test_the_window_is_bounded_in_bytes() -> None:
-    house = House(max_in_flight_bytes=1000)
-    house.sink.acknowledging = False
+    house = House(MemoryMessageSink(acknowledging=False), max_in_flight_bytes=1000)
     for number in range(5):
-        house.give(b'x' * 900, first=number)
-        house.steps(2)
+        house.take(b'x' * 900, first=number, steps=2)
     assert len(house.sink.published) == 1
     assert len(house.source.waiting) == 4
 
@@ -190,8 +166,7 @@ def test_what_is_in_flight_to_ros_is_bounded_by_bytes_and_a_batch() -> None:
     house = House(max_in_flight=2, max_in_flight_bytes=401_000)  # 1000 of one byte
     house.sink.room = 10_000  # most of it acknowledged, and too young to be confirmed
     house.sink.acknowledging = False
-    house.give(*[b'a'] * 5000)
-    house.steps(20)
+    house.take(*[b'a'] * 5000, steps=20)
     house.pipeline._take_snapshot(None)
     assert house.pipeline.snapshot.in_flight == 1000 + BATCH
 
@@ -200,8 +175,7 @@ def test_where_the_oldest_are_dropped_as_many_wait_as_are_not_acknowledged() -> 
     house = House(when_full='drop_oldest', max_in_flight=600)
     house.sink.room = 600
     house.sink.acknowledging = False
-    house.give(*[b'a'] * 5000)
-    house.steps(20)
+    house.take(*[b'a'] * 5000, steps=20)
     house.pipeline._take_snapshot(None)
     assert house.pipeline.snapshot.in_flight == 1200
     assert house.pipeline._flight.size_bytes == 1200 * 401
@@ -220,8 +194,7 @@ def test_what_is_dropped_takes_no_room_from_the_newest() -> None:
     house = House(when_full='drop_oldest', max_in_flight=2, max_in_flight_bytes=2000)
     house.sink.room = 2
     house.sink.acknowledging = False
-    house.give(*[b'%d' % number for number in range(2000)])
-    house.steps(8)
+    house.take(*[b'%d' % number for number in range(2000)], steps=8)
     house.sink.acknowledging = True
     house.steps(3)
     assert house.sink.published == [b'cdr:0', b'cdr:1', b'cdr:1998', b'cdr:1999']
@@ -231,8 +204,7 @@ def test_the_newest_waits_also_where_what_is_published_fills_the_window_alone() 
     house = House(when_full='drop_oldest', max_in_flight=5, max_in_flight_bytes=5000)
     house.sink.room = 5
     house.sink.acknowledging = False
-    house.give(*[b'%03d' % number + b'x' * 997 for number in range(20)])
-    house.steps(5)
+    house.take(*[b'%03d' % number + b'x' * 997 for number in range(20)], steps=5)
     house.sink.acknowledging, house.sink.room = True, 100
     house.steps(5)
     assert house.sink.published[-1].startswith(b'cdr:019')
@@ -243,8 +215,7 @@ def test_what_is_dropped_moves_on_its_own_partition_only() -> None:
     house.sink.room = 1
     house.sink.acknowledging = False
     house.give(b'a', b'b', first=7)
-    house.give(b'c', b'd', b'e', partition=1, first=3)
-    house.steps()
+    house.take(b'c', b'd', b'e', partition=1, first=3)
     assert house.positions() == {0: 7, 1: 5}
     house.sink.acknowledging = True
     house.steps(2)
@@ -290,12 +261,10 @@ def test_what_is_dropped_in_between_moves_no_position_past_what_has_not_ended(
 
 
 def test_a_message_that_is_larger_than_its_value_counts_with_its_own_size() -> None:
-    house = House(max_in_flight_bytes=100_000)
-    house.sink.acknowledging = False
+    house = House(MemoryMessageSink(acknowledging=False), max_in_flight_bytes=100_000)
     house.pipeline._decode = lambda value: (value or b'') * 50_000
     for first in range(4):
-        house.give(b'x', first=first)
-        house.steps(1)
+        house.take(b'x', first=first, steps=1)
     assert len(house.source.waiting) == 1
     assert house.pipeline._flight.size_bytes == 3 * 50_000
 
@@ -316,8 +285,7 @@ class Broken(MemoryMessageSink):
 def test_drop_oldest_drops_nothing_for_a_publisher_that_has_failed() -> None:
     sink = Broken(room=0)
     house = House(sink, when_full='drop_oldest', max_in_flight=3)
-    house.give(b'a', b'b', b'c')
-    house.steps(1)
+    house.take(b'a', b'b', b'c', steps=1)
     sink.room, sink.failing = 100, b'cdr:c'
     house.give(*[b'%d' % number for number in range(20)], first=3)
     with pytest.raises(RouteError, match='publisher is invalid'):

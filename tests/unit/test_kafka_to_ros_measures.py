@@ -6,13 +6,10 @@ import pytest
 from house_to_ros import House
 
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.route import readiness
 from ros2_kafka_bridge.route.counters import State
+from ros2_kafka_bridge.testing.memory import MemoryMessageSink
 
-
-@pytest.fixture(autouse=True)
-def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
+pytestmark = pytest.mark.usefixtures('no_settle_time')
 
 
 def test_the_measures_of_a_snapshot_fit_its_counters() -> None:
@@ -43,10 +40,8 @@ def test_the_measures_of_a_snapshot_fit_its_counters() -> None:
 
 
 def test_the_delay_ends_with_the_publication_however_late_it_is_seen_to_have_come() -> None:
-    house = House()
-    house.sink.acknowledging = False
-    house.give(b'abc', b'de', time_ms=int(time.time() * 1000))
-    house.steps()
+    house = House(MemoryMessageSink(acknowledging=False))
+    house.take(b'abc', b'de', time_ms=int(time.time() * 1000))
     house.pipeline._show('')
     first = house.pipeline.snapshot.measures
     assert sum(first.delay.counts) == sum(first.end_to_end.counts) == 2
@@ -60,10 +55,8 @@ def test_the_delay_ends_with_the_publication_however_late_it_is_seen_to_have_com
 
 
 def test_bytes_that_are_in_flight_are_taken_and_those_given_back_stay_so() -> None:
-    house = House()
-    house.sink.acknowledging = False
-    house.give(b'abc', b'de')
-    house.steps()
+    house = House(MemoryMessageSink(acknowledging=False))
+    house.take(b'abc', b'de')
     house.sink.acknowledge(1)
     house.steps(1)
     house.pipeline._show('')
@@ -75,10 +68,8 @@ def test_bytes_that_are_in_flight_are_taken_and_those_given_back_stay_so() -> No
 
 
 def test_the_time_in_which_a_subscriber_holds_the_route_back_is_measured() -> None:
-    house = House()
-    house.sink.room, house.sink.acknowledging = 1, False
-    house.give(b'a', b'b')
-    house.steps(20)
+    house = House(MemoryMessageSink(room=1, acknowledging=False))
+    house.take(b'a', b'b', steps=20)
     house.pipeline._show('')
     waited_s = house.pipeline.snapshot.measures.waited_s
     assert waited_s > 0.01
@@ -90,8 +81,7 @@ def test_the_time_in_which_a_subscriber_holds_the_route_back_is_measured() -> No
 
 def test_max_rate_is_no_back_pressure() -> None:
     house = House(max_rate=100)
-    house.give(b'a', b'b', b'c')
-    house.steps()
+    house.take(b'a', b'b', b'c')
     house.pipeline._show('')
     assert house.pipeline.snapshot.measures.waited_s == 0
 
@@ -99,8 +89,7 @@ def test_max_rate_is_no_back_pressure() -> None:
 def test_a_dead_letter_topic_that_cannot_be_written_is_an_error() -> None:
     house = House()
     house.letters.errors[b'bad'] = [RouteError('may not be written')]
-    house.give(b'bad')
-    house.steps()
+    house.take(b'bad')
     house.pipeline._show('')
     [_, trouble] = house.pipeline.snapshot.measures.troubles
     assert 'may not be written' in trouble.text

@@ -32,7 +32,6 @@ from ros2_kafka_bridge.formats.walk import make_end
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.message_types.layout import Field, Layout, Primitive, String
 from ros2_kafka_bridge.process.lines import LineReader
-from ros2_kafka_bridge.route import readiness
 from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.labels import KEY_LIMIT_BYTES, make_key
 from ros2_kafka_bridge.route.type_hash import check_nothing
@@ -42,6 +41,8 @@ from ros2_kafka_bridge.testing.memory import (
     MemoryRecordSink,
     MemoryRecordSource,
 )
+
+pytestmark = pytest.mark.usefixtures('no_settle_time')
 
 SCOPE = Scope('topic')
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
@@ -97,11 +98,6 @@ class House:
             self.pipeline._step()
         self.pipeline._settle()
         return self.source.positions
-
-
-@pytest.fixture(autouse=True)
-def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
 
 
 # Records

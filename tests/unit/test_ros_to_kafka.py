@@ -14,14 +14,14 @@ from ros2_kafka_bridge.errors import (
     TransportError,
 )
 from ros2_kafka_bridge.route.counters import State
+from ros2_kafka_bridge.testing.memory import MemoryRecordSink
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Stop
 
 
 def test_messages_arrive_once_in_order_with_key_and_headers() -> None:
     house = House()
-    house.give(b'a', b'b')
-    house.steps()
+    house.take(b'a', b'b')
     assert house.values() == [b'a', b'b']
     assert house.sink.records[1].key == b'key'
     assert house.sink.records[1].headers == [('ros.seq', '2')]
@@ -30,8 +30,7 @@ def test_messages_arrive_once_in_order_with_key_and_headers() -> None:
 
 def test_a_message_that_comes_alone_is_sent_at_once() -> None:
     house = House()
-    house.give(b'a')
-    house.steps(1)
+    house.take(b'a', steps=1)
     assert house.sink.hurried == 1
     house.steps(3)  # nothing more has come
     assert house.sink.hurried == 1
@@ -44,22 +43,18 @@ def test_a_few_messages_linger_for_others_only_where_they_come_often(
     clock_s = [100.0]
     monkeypatch.setattr('ros2_kafka_bridge.ros_to_kafka.time.monotonic', lambda: clock_s[0])
     house = House()
-    house.give(b'first')
-    house.steps(1)
+    house.take(b'first', steps=1)
     before = house.sink.hurried
     clock_s[0] += after_s
-    house.give(*(b'%d' % number for number in range(20)), first=2)
-    house.steps(1)
+    house.take(*(b'%d' % number for number in range(20)), first=2, steps=1)
     assert house.sink.hurried - before == hurried
     house.steps()
     assert house.count('confirmed') == 21
 
 
 def test_a_full_window_stops_the_taking() -> None:
-    house = House(max_in_flight=3)
-    house.sink.answering = False
-    house.give(b'a', b'b', b'c', b'd', b'e')
-    house.steps()
+    house = House(sink=MemoryRecordSink(answering=False), max_in_flight=3)
+    house.take(b'a', b'b', b'c', b'd', b'e')
     assert len(house.source.waiting) == 2
     assert house.count('taken') == 3
     house.sink.answering = True
@@ -71,35 +66,28 @@ def test_where_the_oldest_are_dropped_as_many_wait_as_are_with_the_producer() ->
     house = House(when_full='drop_oldest', max_in_flight=600)
     house.sink.room = 600
     house.sink.answering = False
-    house.give(*[b'a'] * 5000)
-    house.steps(20)
+    house.take(*[b'a'] * 5000, steps=20)
     house.pipeline._room()
     house.pipeline._take_snapshot()
     assert house.pipeline.snapshot.in_flight == 1200
 
 
 def test_the_window_is_bounded_in_bytes() -> None:
-    house = House(max_in_flight_bytes=1000)
-    house.sink.answering = False
+    house = House(sink=MemoryRecordSink(answering=False), max_in_flight_bytes=1000)
     for number in range(4):
-        house.give(b'x' * 900, first=number + 1)
-        house.steps(1)
+        house.take(b'x' * 900, first=number + 1, steps=1)
     assert house.count('taken') == 1
 
 
 def test_a_full_producer_keeps_the_order() -> None:
-    house = House()
-    house.sink.room = 1
-    house.give(b'a', b'b', b'c')
-    house.steps(8)
+    house = House(sink=MemoryRecordSink(room=1))
+    house.take(b'a', b'b', b'c', steps=8)
     assert house.values() == [b'a', b'b', b'c']
 
 
 def test_drop_oldest_keeps_the_newest_and_counts_the_rest() -> None:
-    house = House(when_full='drop_oldest', max_in_flight=2)
-    house.sink.room = 0
-    house.give(b'a', b'b', b'c', b'd', b'e')
-    house.steps()
+    house = House(sink=MemoryRecordSink(room=0), when_full='drop_oldest', max_in_flight=2)
+    house.take(b'a', b'b', b'c', b'd', b'e')
     house.sink.room = 10
     house.steps()
     assert house.values() == [b'd', b'e']
@@ -112,8 +100,7 @@ def test_a_batch_that_the_broker_finds_too_large_is_sent_again_one_by_one() -> N
     for value in batch:
         house.sink.errors[value] = [RecordTooLargeError(len(value), None, 'of the topic')]
     house.sink.errors[b'large'].append(RecordTooLargeError(5, None, 'max.message.bytes'))
-    house.give(*batch)
-    house.steps(12)
+    house.take(*batch, steps=12)
     assert house.values() == [b'a', b'b', b'd']
     [letter] = house.letters.records
     assert letter.value is None
@@ -124,8 +111,7 @@ def test_a_delivery_that_failed_for_now_is_tried_again_in_order() -> None:
     house = House()
     for value in (b'a', b'b'):
         house.sink.errors[value] = [TransportError('timed out')]
-    house.give(b'a', b'b')
-    house.steps()
+    house.take(b'a', b'b')
     assert house.values() == [b'a', b'b']
 
 
@@ -139,16 +125,14 @@ def test_what_a_failed_run_held_goes_first_in_the_next_one() -> None:
         house.steps()
     house.check_balance()
     with house.pipeline._opened():
-        house.give(b'd', first=4)
-        house.steps()
+        house.take(b'd', first=4)
     assert house.values() == [b'a', b'b', b'c', b'd']
     house.check_balance()
 
 
 def test_what_kafka_holds_from_before_a_restart_is_skipped_and_counted() -> None:
     house = House(seen=frozenset({1, 2}))
-    house.give(b'a', b'b', b'c')
-    house.steps()
+    house.take(b'a', b'b', b'c')
     assert house.values() == [b'c']
     assert house.count('skipped') == 2
 
@@ -176,8 +160,7 @@ def test_a_record_sent_alone_that_times_out_is_sent_again() -> None:
         TransportError('timed out'),
     ]
     house.sink.errors[b'b'] = [RecordTooLargeError(1, None, 'of the topic')]
-    house.give(b'a', b'b')
-    house.steps(8)
+    house.take(b'a', b'b', steps=8)
     assert house.values() == [b'a', b'b']
 
 
@@ -243,8 +226,7 @@ def test_the_time_in_which_kafka_holds_the_route_back_is_measured(
 
     house = House(max_in_flight=1)
     monkeypatch.setattr(house.sink, 'poll', no_report)
-    house.give(b'a', b'b')
-    house.steps()
+    house.take(b'a', b'b')
     house.pipeline._show('')
     assert house.pipeline.snapshot.measures.waited_s > 0.01
 
@@ -253,10 +235,8 @@ def test_the_time_in_which_kafka_holds_the_route_back_is_measured(
 
 
 def test_a_paused_route_takes_nothing_and_confirms_what_is_in_flight() -> None:
-    house = House()
-    house.sink.answering = False
-    house.give(b'a')
-    house.steps()
+    house = House(sink=MemoryRecordSink(answering=False))
+    house.take(b'a')
     house.pause.asked = True
     house.sink.answering = True
     house.give(b'b', first=2)

@@ -16,13 +16,12 @@ from ros2_kafka_bridge.errors import (
 from ros2_kafka_bridge.formats import Encode
 from ros2_kafka_bridge.route.counters import State
 from ros2_kafka_bridge.route.type_hash import make_publisher_check
-from ros2_kafka_bridge.threads.stop import Stop
+from ros2_kafka_bridge.testing.memory import MemoryRecordSink
 
 
 def test_a_message_that_cannot_be_encoded_becomes_a_dead_letter_and_the_next_one_goes() -> None:
     house = House()
-    house.give(b'a', b'bad', b'c')
-    house.steps()
+    house.take(b'a', b'bad', b'c')
     assert house.values() == [b'a', b'c']
     [letter] = house.letters.records
     told = dict(letter.headers)
@@ -48,8 +47,7 @@ def test_a_bug_of_the_encoder_is_told_with_its_traceback_whatever_the_route_does
 
 def test_a_message_that_meets_a_bug_of_the_encoder_becomes_a_dead_letter() -> None:
     house = House()
-    house.give(b'a', b'bug', b'c')
-    house.steps()
+    house.take(b'a', b'bug', b'c')
     assert house.values() == [b'a', b'c']
     [letter] = house.letters.records
     assert letter.value == b'bug'
@@ -84,8 +82,7 @@ def test_guarantee_1_what_was_taken_before_a_bug_of_the_bridge_is_sent_all_the_s
 
 def test_a_message_above_max_message_bytes_goes_to_the_dead_letters_without_its_value() -> None:
     house = House(max_message_bytes=3)
-    house.give(b'four', b'abc')
-    house.steps()
+    house.take(b'four', b'abc')
     assert house.values() == [b'abc']
     [letter] = house.letters.records
     assert letter.value is None
@@ -94,8 +91,7 @@ def test_a_message_above_max_message_bytes_goes_to_the_dead_letters_without_its_
 
 def test_what_was_a_dead_letter_before_a_restart_is_no_second_one() -> None:
     house = House(refused=frozenset({1, 2}), max_message_bytes=5)
-    house.give(b'bad 1', b'longer', b'bad 3')
-    house.steps()
+    house.take(b'bad 1', b'longer', b'bad 3')
     [letter] = house.letters.records
     assert letter.value == b'bad 3'
     assert (house.count('skipped'), house.count('dead_lettered')) == (2, 1)
@@ -103,23 +99,20 @@ def test_what_was_a_dead_letter_before_a_restart_is_no_second_one() -> None:
 
 def test_what_was_a_dead_letter_before_a_restart_goes_to_kafka_once_it_can() -> None:
     house = House(refused=frozenset({1}))
-    house.give(b'mended')
-    house.steps()
+    house.take(b'mended')
     assert house.values() == [b'mended']
 
 
 def test_on_error_drop_looks_at_no_letters_and_drops_nothing_for_a_bug() -> None:
     house = House(refused=frozenset({1}), on_error='drop')
-    house.give(b'bad', b'bug')
-    house.steps()
+    house.take(b'bad', b'bug')
     assert [letter.value for letter in house.letters.records] == [b'bug']
     assert (house.count('dropped'), house.count('skipped')) == (1, 0)
 
 
 def test_on_error_drop_counts_and_goes_on() -> None:
     house = House(on_error='drop')
-    house.give(b'bad', b'b')
-    house.steps()
+    house.take(b'bad', b'b')
     assert house.values() == [b'b']
     assert house.count('dropped') == 1
 
@@ -133,10 +126,8 @@ def test_on_error_stop_ends_the_route() -> None:
 
 
 def test_on_error_stop_delivers_all_before_the_bad_message_and_says_what_it_gives_up() -> None:
-    house = House(on_error='stop')
-    house.sink.answering = False
-    house.give(b'a', b'b', b'bad', b'c', b'bad too', b'd')
-    house.steps()
+    house = House(sink=MemoryRecordSink(answering=False), on_error='stop')
+    house.take(b'a', b'b', b'bad', b'c', b'bad too', b'd')
     house.sink.answering = True
     with pytest.raises(RouteError, match='3 messages behind it are given up'):
         house.steps()
@@ -145,8 +136,7 @@ def test_on_error_stop_delivers_all_before_the_bad_message_and_says_what_it_give
 
 
 def test_on_error_stop_sends_nothing_that_waits_behind_what_the_producer_refuses() -> None:
-    house = House(on_error='stop')
-    house.sink.limit_bytes = 5
+    house = House(sink=MemoryRecordSink(limit_bytes=5), on_error='stop')
     house.give(b'a', b'much too large', b'c', b'd')
     with pytest.raises(RouteError, match='2 messages behind it are given up'):
         house.steps()
@@ -168,10 +158,8 @@ def test_on_error_stop_sends_nothing_again_that_was_sent_with_what_the_broker_re
 def test_a_dead_letter_topic_that_refuses_stops_the_taking() -> None:
     house = House()
     house.letters.errors[b'bad'] = [RouteError('no permission')]
-    house.give(b'bad')
-    house.steps()
-    house.give(b'b', first=2)
-    house.steps()
+    house.take(b'bad')
+    house.take(b'b', first=2)
     house.pipeline._show('')
     assert house.pipeline.snapshot.state == State.FAILED
     assert house.values() == []
@@ -190,8 +178,7 @@ def test_a_message_of_another_version_of_its_type_is_a_dead_letter_that_keeps_it
         check_headers=make_publisher_check('std_msgs/msg/String', ours),
         make_headers=lambda message: [('ros.type_hash', hashes[message.seq].encode())],
     )
-    house.give(b'a', b'b', b'c')
-    house.steps()
+    house.take(b'a', b'b', b'c')
     assert [record.value for record in house.sink.records] == [encode(b'a'), encode(b'c')]
     [letter] = house.letters.records
     assert letter.value == b'b'
@@ -215,11 +202,9 @@ def test_a_registry_that_is_away_at_the_start_is_asked_again_and_nothing_is_take
     house.pipeline._encode = None
     convert_by(house, make_encode=make_encode)
     house.give(b'a')
-    stop = Stop()
-    stop.ask()
     with pytest.raises(RouteError, match='away'):
-        house.pipeline.run(stop)
+        house.stop()
     assert len(house.source.waiting) == 1
     house.sink.close()
-    house.pipeline.run(stop)
+    house.stop()
     assert [record.value for record in house.sink.records] == [encode(b'a')]

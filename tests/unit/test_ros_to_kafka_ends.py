@@ -16,9 +16,7 @@ def test_a_drain_takes_until_the_source_is_empty_and_waits_for_the_reports() -> 
     house = House(max_in_flight=2)
     house.sink.close()
     house.give(b'a', b'b', b'c', b'd', b'e')
-    stop = Stop()
-    stop.ask()
-    house.pipeline.run(stop)
+    house.stop()
     assert house.values() == [b'a', b'b', b'c', b'd', b'e']
     assert house.pipeline.snapshot.in_flight == 0
 
@@ -28,10 +26,8 @@ def test_a_drain_that_runs_out_of_time_says_how_many_it_gave_up() -> None:
     house.sink.close()
     house.sink.answering = False
     house.give(b'a', b'b')
-    stop = Stop()
-    stop.ask()
     with pytest.raises(RouteError, match='gave up 2 messages'):
-        house.pipeline.run(stop)
+        house.stop()
     assert house.pipeline.snapshot.balanced
     assert house.pipeline.snapshot.in_flight == 2
     assert house.source.closed, 'a publisher is held back by a reader that takes no more'
@@ -120,10 +116,8 @@ def test_a_drain_that_owes_nothing_to_kafka_is_well_also_where_kafka_lets_nobody
     house = House()
     house.sink.close()
     monkeypatch.setattr(house.sink, 'poll', refuse)
-    stop = Stop()
-    stop.ask()
-    house.pipeline.run(stop)
+    house.stop()
     house.give(b'a')
     with pytest.raises(RouteError, match='not let in'):
-        house.pipeline.run(stop)
+        house.stop()
     assert house.pipeline.snapshot.in_flight == 1

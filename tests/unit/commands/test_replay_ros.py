@@ -13,12 +13,13 @@ from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.endpoints import Outgoing, RecordSource
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
-from ros2_kafka_bridge.route import readiness
 from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.flight.records import RecordEntry
 from ros2_kafka_bridge.route.type_hash import check_nothing
 from ros2_kafka_bridge.testing.memory import MemoryMessageSink, MemoryRecordSink
 from ros2_kafka_bridge.threads.stop import Stop
+
+pytestmark = pytest.mark.usefixtures('no_settle_time')
 
 ROUTE: dict[str, Any] = {
     'name': 'orders',
@@ -29,11 +30,6 @@ ROUTE: dict[str, Any] = {
     'when_full': 'drop_oldest',
     'max_age_s': 1,
 }
-
-
-@pytest.fixture(autouse=True)
-def _no_settle_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
 
 
 class Readers(MemoryMessageSink):

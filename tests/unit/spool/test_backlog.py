@@ -2,7 +2,7 @@
 
 import pytest
 from house_to_kafka import House as HouseWithoutSpool
-from houses import GID, LOG, Make, come_back, go_away, made_ns
+from houses import GID, LOG, Make, come_back, go_away, go_on, made_ns
 from identified import record_by
 
 from ros2_kafka_bridge.endpoints import Message
@@ -13,8 +13,7 @@ from ros2_kafka_bridge.spool.backlog import Backlog
 
 def test_while_kafka_takes_messages_none_is_on_the_disk(house: Make) -> None:
     h = house()
-    h.give(*range(1, 50))
-    h.steps()
+    h.take(*range(1, 50))
     assert h.numbers() == list(range(1, 50))
     assert (h.spool.last, h.spool.count) == (0, 0)
 
@@ -24,8 +23,7 @@ def test_while_kafka_is_away_messages_go_to_disk_and_from_there_to_kafka_in_orde
 ) -> None:
     h = house(max_in_flight=10)
     go_away(h)
-    h.give(*range(1, 101))
-    h.steps(8)
+    h.take(*range(1, 101), steps=8)
     assert not h.source.waiting, 'the robots are held back'
     assert h.count('taken') == 100
     assert h.count('in_flight') + h.count('spooled') == 100
@@ -38,17 +36,14 @@ def test_while_kafka_is_away_messages_go_to_disk_and_from_there_to_kafka_in_orde
 
 
 def test_what_was_in_flight_when_kafka_went_away_is_on_disk_too(house: Make) -> None:
-    h = house(max_in_flight=10)
-    h.sink.answering = False
-    h.give(1, 2, 3)
-    h.steps()
+    h = house(max_in_flight=10, answering=False)
+    h.take(1, 2, 3)
     assert h.on_disk() == []
     go_away(h)
     h.steps()
     assert h.on_disk() == [1, 2, 3]
     h.crash()
-    again = house()
-    again.until_all_confirmed()
+    again = house().until_all_confirmed()
     assert again.numbers() == [1, 2, 3]
     assert (again.count('taken'), again.count('confirmed')) == (3, 3)
 
@@ -58,10 +53,8 @@ def test_a_window_that_stays_full_goes_to_disk_as_well(
 ) -> None:
     clock_s = [100.0]
     monkeypatch.setattr('ros2_kafka_bridge.spool.spooling.time.monotonic', lambda: clock_s[0])
-    h = house(max_in_flight=3)
-    h.sink.answering = False
-    h.give(*range(1, 10))
-    h.steps()
+    h = house(max_in_flight=3, answering=False)
+    h.take(*range(1, 10))
     assert (h.count('taken'), h.on_disk()) == (3, [])  # a moment is no reason
     clock_s[0] += 1.5
     h.steps()
@@ -75,14 +68,11 @@ def test_a_window_that_stays_full_goes_to_disk_as_well(
 def test_the_disk_is_left_alone_again_once_the_backlog_is_delivered(house: Make) -> None:
     h = house()
     go_away(h)
-    h.give(1, 2)
-    h.steps()
-    come_back(h)
-    h.until_all_confirmed()
+    h.take(1, 2)
+    go_on(h)
     h.steps()
     last = h.spool.last
-    h.give(3, 4)
-    h.steps()
+    h.take(3, 4)
     assert h.numbers() == [1, 2, 3, 4]
     assert h.spool.last in {0, last}
 
@@ -90,10 +80,8 @@ def test_the_disk_is_left_alone_again_once_the_backlog_is_delivered(house: Make)
 def test_always_writes_before_it_produces_and_a_crash_loses_nothing_that_was_taken(
     house: Make,
 ) -> None:
-    h = house({'mode': 'always'})
-    h.sink.answering = False
-    h.give(1, 2, 3)
-    h.steps()
+    h = house({'mode': 'always'}, answering=False)
+    h.take(1, 2, 3)
     assert h.on_disk() == [1, 2, 3]
     h.crash()
     again = house({'mode': 'always'})
@@ -107,16 +95,13 @@ def test_always_writes_before_it_produces_and_a_crash_loses_nothing_that_was_tak
 def test_a_drain_while_kafka_is_away_leaves_everything_on_disk_and_gives_nothing_up(
     house: Make,
 ) -> None:
-    h = house(max_in_flight=5, drain_s=0.3)
-    h.sink.answering = False
-    h.give(*range(1, 4))
-    h.steps()
+    h = house(max_in_flight=5, drain_s=0.3, answering=False)
+    h.take(*range(1, 4))
     h.give(*range(4, 30))
     go_away(h)
     h.drain()
     assert (h.count('in_flight'), h.count('spooled'), h.count('taken')) == (0, 29, 29)
-    again = house()
-    again.until_all_confirmed()
+    again = house().until_all_confirmed()
     assert again.numbers() == list(range(1, 30))
 
 
@@ -126,11 +111,9 @@ def test_a_dead_letter_waits_on_disk_like_the_others(house: Make) -> None:
     h.letters.answering = False
     h.give(1)
     h.source.waiting.append(Message(b'bad', GID, 2, 0))
-    h.give(3)
-    h.steps()
+    h.take(3)
     h.crash()
-    again = house()
-    again.until_all_confirmed()
+    again = house().until_all_confirmed()
     assert again.numbers() == [1, 3]
     [letter] = again.letters.records
     assert (letter.topic, letter.value) == ('orders.dead', b'bad')
@@ -153,8 +136,7 @@ def test_what_a_latched_publisher_sends_again_is_skipped_while_it_is_on_disk(
 ) -> None:
     h = house()
     go_away(h)
-    h.give(1, 2, 3)
-    h.steps()
+    h.take(1, 2, 3)
     h.crash()
     again = house()
     again.give(1, 2, 3, 4)
@@ -167,10 +149,8 @@ def test_what_a_latched_publisher_sends_again_is_skipped_while_it_is_on_disk(
 def test_what_was_in_flight_at_a_crash_and_is_in_kafka_is_not_sent_again(
     sent: list[int], house: Make, *, latched: bool
 ) -> None:
-    h = house({'mode': 'always'})
-    h.sink.answering = False
-    h.give(*range(1, 6))
-    h.steps()
+    h = house({'mode': 'always'}, answering=False)
+    h.take(*range(1, 6))
     h.crash()
     again = house({'mode': 'always'})
     for number in (1, 2, 3):
@@ -186,10 +166,8 @@ def test_a_dead_letter_that_cannot_be_written_holds_no_robot_back(house: Make) -
     h = house()
     h.letters.limit_bytes = -1  # its topic cannot be written
     h.source.waiting.append(Message(b'bad', GID, 1, 0))
-    h.give(*range(2, 100))
-    h.steps()
-    h.give(*range(100, 200))
-    h.steps(10)
+    h.take(*range(2, 100))
+    h.take(*range(100, 200), steps=10)
     assert not h.source.waiting
     assert h.numbers() == list(range(2, 200))
     h.check_balance()
@@ -198,14 +176,12 @@ def test_a_dead_letter_that_cannot_be_written_holds_no_robot_back(house: Make) -
 def test_what_an_earlier_life_has_left_is_measured_when_it_is_sent(house: Make) -> None:
     h = house()
     go_away(h)
-    h.give(*range(1, 101))
-    h.steps()
+    h.take(*range(1, 101))
     measures = h.pipeline.snapshot.measures
     assert measures.bytes_taken == 192
     assert (measures.spool_bytes or 0) > 192
     h.crash()
-    again = house()
-    again.until_all_confirmed()
+    again = house().until_all_confirmed()
     again.give(*range(101, 111))
     again.until_all_confirmed()
     again.pipeline._show('')
@@ -218,8 +194,7 @@ def test_what_lies_on_disk_is_not_known_until_the_file_was_opened(house: Make) -
     """As of a route that waits for a type or its turn, or may not open it: not 0, then."""
     h = house()
     go_away(h)
-    h.give(*range(1, 21))
-    h.steps()
+    h.take(*range(1, 21))
     h.crash()
     assert h.pipeline._route.spool is not None
     backlog = Backlog(h.spool, h.pipeline._route.spool, LOG)

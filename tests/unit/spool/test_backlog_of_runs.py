@@ -1,7 +1,7 @@
 """What is on disk when a run fails, is stopped by a message, or ends."""
 
 import pytest
-from houses import GID, Make, come_back, go_away
+from houses import GID, Make, come_back, go_away, go_on
 
 from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import RecordTooLargeError, RouteError, TransportError
@@ -13,8 +13,7 @@ from ros2_kafka_bridge.threads.stop import Stop
 def test_a_route_that_fails_and_runs_again_sends_nothing_twice(house: Make) -> None:
     h = house(max_in_flight=4)
     go_away(h)
-    h.give(*range(1, 20))
-    h.steps()
+    h.take(*range(1, 20))
     h.fail_and_run_again()
     come_back(h)
     h.give(20)
@@ -38,8 +37,7 @@ def test_what_came_back_from_disk_keeps_its_place_where_kafka_goes_away_at_once(
     """All brokers restart: the client of the next run has a record, and learns of it only then."""
     h = house(max_in_flight=10)
     go_away(h)
-    h.give(*range(1, 7))
-    h.steps(6)
+    h.take(*range(1, 7), steps=6)
     h.fail_and_run_again()
     h.sink.away, h.sink.room = '', 1
     h.steps(2)
@@ -78,16 +76,14 @@ def test_on_error_stop_keeps_what_was_behind_for_the_next_start(house: Make) -> 
     assert h.count('spooled') == 2
     h.check_balance()
     h.crash()
-    again = house()
-    again.until_all_confirmed()
+    again = house().until_all_confirmed()
     assert again.numbers() == [3, 4]
 
 
 def test_on_error_stop_waits_for_what_is_on_disk_before_it(house: Make) -> None:
     h = house(on_error='stop', max_in_flight=1)
     go_away(h)
-    h.give(1, 2, 3)
-    h.steps()
+    h.take(1, 2, 3)
     h.source.waiting.append(Message(b'bad', GID, 4, 0))
     h.steps()
     come_back(h)
@@ -99,15 +95,13 @@ def test_on_error_stop_waits_for_what_is_on_disk_before_it(house: Make) -> None:
 def test_a_backlog_goes_on_after_the_first_of_it_met_a_failed_route(house: Make) -> None:
     h = house()
     go_away(h)
-    h.give(*range(1, 11))
-    h.steps()
+    h.take(*range(1, 11))
     h.crash()
     again = house()
     go_away(again)
     again.steps()
     again.fail_and_run_again()
-    come_back(again)
-    again.until_all_confirmed()
+    go_on(again)
     assert again.numbers() == list(range(1, 11))
 
 
@@ -115,28 +109,22 @@ def test_a_backlog_goes_on_after_the_first_of_it_met_a_failed_route(house: Make)
 def test_what_kafka_confirms_at_the_very_end_is_counted_and_not_sent_again(
     house: Make, mode: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    h = house({'mode': mode}, drain_s=0.0)
-    h.sink.answering = False
-    h.give(*range(1, 11))
-    h.steps()
+    h = house({'mode': mode}, drain_s=0.0, answering=False)
+    h.take(*range(1, 11))
     h.sink.answering = True
     h.sink.delivered_at_close = 4
     monkeypatch.setattr(h.sink, 'poll', lambda _: Reports([], []))
     h.drain()
     assert (h.count('confirmed'), h.count('spooled'), h.count('in_flight')) == (4, 6, 0)
-    again = house({'mode': mode})
-    again.until_all_confirmed()
+    again = house({'mode': mode}).until_all_confirmed()
     assert h.numbers() + again.numbers() == list(range(1, 11))
 
 
 def test_on_error_stop_lets_nothing_pass_through_a_failure_in_between(house: Make) -> None:
-    h = house(on_error='stop')
-    h.sink.answering = False
-    h.give(1)
-    h.steps()
+    h = house(on_error='stop', answering=False)
+    h.take(1)
     h.source.waiting.append(Message(b'bad', GID, 2, 0))
-    h.give(3, 4)
-    h.steps()
+    h.take(3, 4)
     h.fail_and_run_again()
     h.sink.answering = True
     with pytest.raises(RouteError, match='stopped'):
@@ -146,12 +134,10 @@ def test_on_error_stop_lets_nothing_pass_through_a_failure_in_between(house: Mak
 
 
 def test_on_error_stop_holds_what_comes_to_disk_behind_it(house: Make) -> None:
-    h = house(on_error='stop')
-    h.sink.answering = False
+    h = house(on_error='stop', answering=False)
     h.give(1)
     h.source.waiting.append(Message(b'bad', GID, 2, 0))
-    h.give(3, 4)
-    h.steps()
+    h.take(3, 4)
     h.sink.away = 'Kafka is away'
     h.steps()
     come_back(h)
@@ -164,8 +150,7 @@ def test_on_error_stop_holds_what_comes_to_disk_behind_it(house: Make) -> None:
 def test_on_error_stop_on_disk_stops_again_at_the_same_message(house: Make) -> None:
     h = house(on_error='stop', max_in_flight=3)
     go_away(h)
-    h.give(*range(1, 31))
-    h.steps()
+    h.take(*range(1, 31))
     for life in (h, None):
         one = life or house(on_error='stop', max_in_flight=3)
         one.sink.errors[b'3'] = [RecordTooLargeError(1, None, 'of the topic')] * 2
@@ -175,18 +160,15 @@ def test_on_error_stop_on_disk_stops_again_at_the_same_message(house: Make) -> N
         one.check_balance()
         assert one.numbers() == ([1, 2] if one is h else [])
         one.crash()
-    mended = house()
-    mended.until_all_confirmed()
+    mended = house().until_all_confirmed()
     assert mended.numbers() == list(range(3, 31))
 
 
 def test_what_cannot_be_deleted_at_the_end_is_counted_as_taken_again(
     house: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    h = house({'mode': 'always'}, drain_s=0.0)
-    h.sink.answering = False
-    h.give(*range(1, 6))
-    h.steps()
+    h = house({'mode': 'always'}, drain_s=0.0, answering=False)
+    h.take(*range(1, 6))
     third = [*h.pipeline._flight][2]
     h.pipeline._flight.end([third], Outcome.CONFIRMED)
 

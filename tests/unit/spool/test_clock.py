@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from houses import House, Make, come_back, go_away
+from houses import House, Make, go_away, go_on
 
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.spool.ages import Older
@@ -49,8 +49,7 @@ def held_back(house: Make) -> House:
     """A route whose first message is in flight; others than that wait on disk for a minute."""
     h = house({'max_age_s': 60.0}, max_in_flight=1)
     go_away(h)
-    h.give(1, 2, 3)
-    h.steps()
+    h.take(1, 2, 3)
     return h
 
 
@@ -61,14 +60,12 @@ def test_what_waits_grows_neither_older_nor_younger_when_the_clock_is_set(
     h = held_back(house)
     clocks.jump(jump_s)
     clocks.wait(30)
-    h.give(4)
-    h.steps()
+    h.take(4)
     assert (h.on_disk(), h.count('dropped')) == ([1, 2, 3, 4], 0)
     clocks.wait(40)
     h.steps()
     assert (h.on_disk(), h.count('dropped')) == ([1, 4], 2)
-    come_back(h)
-    h.until_all_confirmed()
+    go_on(h)
     assert h.numbers() == [1, 4]
 
 
@@ -79,8 +76,7 @@ def test_every_step_of_the_clock_counts_for_what_was_written_before_it_alone(
     for number, jump_s in enumerate((HOUR_S, -2 * HOUR_S, 0.5, 0.5, 0.5, DAY_S), 4):
         clocks.jump(jump_s)
         clocks.wait(20)
-        h.give(number)
-        h.steps()
+        h.take(number)
     assert (h.on_disk(), h.count('dropped')) == ([1, 6, 7, 8, 9], 4)
 
 
@@ -105,12 +101,10 @@ def test_how_long_a_message_was_in_the_bridge_does_not_change_with_the_clock(
 ) -> None:
     h = house(max_in_flight=1)
     go_away(h)
-    h.give(1, 2, 3)
-    h.steps()
+    h.take(1, 2, 3)
     clocks.jump(DAY_S)
     clocks.wait(10)
-    come_back(h)
-    h.until_all_confirmed()
+    go_on(h)
     h.pipeline._take_snapshot()
     assert 30 <= h.pipeline.snapshot.measures.in_bridge.sum_s < 40
 
@@ -120,13 +114,11 @@ def test_without_an_age_limit_an_outage_of_days_costs_nothing_and_the_last_needs
 ) -> None:
     h = house(max_in_flight=2)
     go_away(h)
-    h.give(*range(1, 11))
-    h.steps()
+    h.take(*range(1, 11))
     clocks.wait(9 * DAY_S)
     h.steps()
     assert not h.source.waiting
-    come_back(h)
-    h.until_all_confirmed()
+    go_on(h)
     assert h.numbers() == list(range(1, 11))
     assert (h.count('taken'), h.count('confirmed'), h.count('dropped')) == (10, 10, 0)
 
@@ -136,8 +128,7 @@ def test_what_was_dropped_before_the_disk_refused_is_counted(
 ) -> None:
     h = held_back(house)
     clocks.jump(DAY_S)
-    h.give(4)
-    h.steps()
+    h.take(4)
     clocks.wait(61)
     drop_older, calls = Spool.drop_older, itertools.count(1)
 
@@ -167,8 +158,7 @@ def test_a_disk_that_takes_long_is_no_step_of_the_clock(
         return first
 
     monkeypatch.setattr(Spool, 'append', slow)
-    h.give(1, 2)
-    h.steps()
+    h.take(1, 2)
     monkeypatch.setattr(Spool, 'append', append)
     h.give(3)
     clocks.wait(31)

@@ -42,8 +42,7 @@ def test_a_damaged_message_is_counted_as_lost_and_no_other_waits_for_it(
 ) -> None:
     h = house(max_in_flight=2)
     go_away(h)
-    h.give(*range(1, 11))
-    h.steps()
+    h.take(*range(1, 11))
     with sqlite3.connect(h.spool._path) as other:
         other.execute("UPDATE rows SET body = x'00' WHERE number = 6")
     other.close()

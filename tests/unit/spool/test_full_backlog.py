@@ -4,7 +4,7 @@ import time
 from typing import Any
 
 import pytest
-from houses import GID, Make, come_back, fill, fill_while_away, go_away, make_room
+from houses import GID, Make, come_back, fill, fill_while_away, go_away, go_on, make_room
 
 from ros2_kafka_bridge.endpoints import Message, Reports
 
@@ -14,8 +14,7 @@ def test_guarantee_1_a_hand_over_with_a_full_spool_waits_until_it_has_room(
 ) -> None:
     h = house({'max_bytes': 1000}, max_in_flight=2, drain_s=0.3)
     go_away(h)
-    h.give(*range(1, 1000))
-    h.steps(20)
+    h.take(*range(1, 1000), steps=20)
     assert h.pipeline._spooling.full
     assert h.source.waiting, 'which nobody else has'
     back_at_s, poll = time.monotonic() + 0.6, h.sink.poll
@@ -28,16 +27,14 @@ def test_guarantee_1_a_hand_over_with_a_full_spool_waits_until_it_has_room(
     monkeypatch.setattr(h.sink, 'poll', look)
     h.drain(limited=False)  # this bridge lives
     assert not h.source.waiting
-    again = house()
-    again.until_all_confirmed()
+    again = house().until_all_confirmed()
     assert h.numbers() + again.numbers() == list(range(1, 1000))
 
 
 def test_a_full_spool_holds_the_publishers_back(house: Make) -> None:
     h = house({'max_bytes': 1000}, max_in_flight=2)
     go_away(h)
-    h.give(*range(1, 1000))
-    h.steps(20)
+    h.take(*range(1, 1000), steps=20)
     assert h.source.waiting
     assert 'the spool is full (max_bytes: 1000)' in str(h.pipeline._spooling.full)
     come_back(h)
@@ -53,23 +50,19 @@ def test_a_full_spool_drops_the_oldest_where_the_route_says_so_and_counts_them(
 ) -> None:
     h = house({'max_bytes': 2000}, max_in_flight=2, when_full='drop_oldest')
     go_away(h)
-    h.give(*range(1, 601))
-    h.steps(20)
+    h.take(*range(1, 601), steps=20)
     assert not h.source.waiting
     dropped = h.count('dropped')
     assert dropped > 0
-    come_back(h)
-    h.until_all_confirmed()
+    go_on(h)
     assert h.numbers()[-1] == 600
     assert h.numbers() == sorted(h.numbers())
     assert len(h.numbers()) + h.count('dropped') == 600
 
 
 def test_a_full_window_drops_nothing_while_the_disk_has_room(house: Make) -> None:
-    h = house(max_in_flight=2, when_full='drop_oldest')
-    h.sink.answering = False
-    h.give(*range(1, 100))
-    h.steps(10)
+    h = house(max_in_flight=2, when_full='drop_oldest', answering=False)
+    h.take(*range(1, 100), steps=10)
     assert h.count('dropped') == 0
     go_away(h)
     h.steps(10)
@@ -82,11 +75,9 @@ def test_what_is_too_old_on_disk_is_dropped_and_counted(
     monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._LOOK_S', 0.0)
     h = house({'max_age_s': 0.001}, max_in_flight=1)
     go_away(h)
-    h.give(1, 2, 3)
-    h.steps()
+    h.take(1, 2, 3)
     h.steps(200)
-    come_back(h)
-    h.until_all_confirmed()
+    go_on(h)
     assert h.numbers() == [1]
     assert h.count('dropped') == 2
 
@@ -98,17 +89,14 @@ def test_a_disk_that_takes_nothing_loses_nothing(
     monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._AGAIN_S', 0.0)
     fill(h)
     go_away(h)
-    h.give(1, 2)
-    h.steps()
-    h.give(*range(3, 1003))
-    h.steps()
+    h.take(1, 2)
+    h.take(*range(3, 1003))
     assert h.count('taken') < 1002, 'it cannot all be in memory'
     assert h.backlog.problem == 'the disk is full'
     make_room(h)
     h.steps(10)
     assert not h.source.waiting
-    come_back(h)
-    h.until_all_confirmed()
+    go_on(h)
     assert h.numbers() == list(range(1, 1003))
 
 
@@ -119,8 +107,7 @@ def test_what_was_confirmed_while_the_disk_was_full_is_not_written_any_more(
     h = house()
     fill(h)
     h.sink.answering = False
-    h.give(1, 2)
-    h.steps()
+    h.take(1, 2)
     h.sink.away = 'Kafka is away'
     h.steps()
     come_back(h)
@@ -143,11 +130,9 @@ def test_what_a_full_disk_did_not_take_goes_on_once_kafka_is_back(house: Make) -
 def test_what_a_full_disk_did_not_take_waits_for_what_is_on_it(house: Make) -> None:
     h = house(max_in_flight=3)
     go_away(h)
-    h.give(*range(1, 21))
-    h.steps()
+    h.take(*range(1, 21))
     fill(h)
-    h.give(*range(21, 31))
-    h.steps()
+    h.take(*range(21, 31))
     come_back(h)
     h.give(*range(31, 41))
     h.until_all_taken_are_confirmed()
@@ -184,8 +169,7 @@ def test_what_a_full_disk_did_not_take_is_on_it_once_it_has_room_and_kafka_is_aw
     del h.spool.append
     h.steps()
     h.crash()
-    again = house()
-    again.until_all_confirmed()
+    again = house().until_all_confirmed()
     assert again.numbers() == list(range(11))
 
 
@@ -196,8 +180,7 @@ def test_a_full_disk_is_said_again_when_kafka_is_away_again(
     h = house()
     for number in (1, 2):
         fill_while_away(h, number)
-        come_back(h)
-        h.until_all_confirmed()
+        go_on(h)
         h.steps()
     assert [r.levelname for r in caplog.records].count('ERROR') == 2
 
@@ -208,8 +191,7 @@ def test_always_lets_nothing_past_a_full_disk(
     monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._AGAIN_S', 0.0)
     h = house({'mode': 'always'})
     fill(h)
-    h.give(1, 2, 3)
-    h.steps(10)
+    h.take(1, 2, 3, steps=10)
     assert h.numbers() == []
     del h.spool.append
     h.until_all_taken_are_confirmed()
@@ -252,11 +234,9 @@ def test_a_stop_gives_up_nothing_that_a_full_disk_did_not_take_where_kafka_takes
 def test_a_stop_sends_what_is_on_a_full_disk_before_what_it_did_not_take(house: Make) -> None:
     h = house(max_in_flight=3, drain_s=5)
     go_away(h)
-    h.give(*range(1, 101))
-    h.steps()
+    h.take(*range(1, 101))
     fill(h)
-    h.give(*range(101, 111))
-    h.steps()
+    h.take(*range(101, 111))
     come_back(h)
     h.drain()
     assert h.numbers() == list(range(1, 111))
@@ -269,17 +249,13 @@ def test_a_disk_that_was_full_and_is_not_gets_only_what_is_newer(
     h = house(when_full='drop_oldest', max_in_flight=3, drain_s=0.0)
     fill(h)
     h.sink.answering = False
-    h.give(1, 2, 3)
-    h.steps()
+    h.take(1, 2, 3)
     go_away(h)
-    h.give(*range(4, 30))
-    h.steps()
+    h.take(*range(4, 30))
     make_room(h)
-    h.give(*range(30, 40))
-    h.steps()
+    h.take(*range(30, 40))
     h.drain()
-    again = house()
-    again.until_all_confirmed()
+    again = house().until_all_confirmed()
     assert again.numbers()[:3] == [1, 2, 3]
     assert again.numbers()[-1] == 39
     assert again.numbers() == sorted(again.numbers())

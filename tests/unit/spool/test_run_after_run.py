@@ -4,7 +4,7 @@ import itertools
 from typing import Any
 
 import pytest
-from houses import GID, House, Make, come_back, fill, go_away, made_ns, make_room
+from houses import GID, House, Make, come_back, fill, go_away, go_on, made_ns, make_room
 
 from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import RouteError
@@ -25,13 +25,11 @@ def test_on_error_stop_goes_on_where_what_was_refused_is_mended(house: Make) -> 
     h = house({'mode': 'always'}, on_error='stop')
     h.sink.limit_bytes = 1
     h.sink.answering = False
-    h.give(1, 22, 3)
-    h.steps()
+    h.take(1, 22, 3)
     h.fail_and_run_again()
     h.sink.limit_bytes, h.sink.answering = 100, True
     h.steps(20)
-    h.give(4)
-    h.steps(20)
+    h.take(4, steps=20)
     assert h.numbers() == [1, 22, 3, 4]
     assert h.on_disk() == []
 
@@ -41,11 +39,9 @@ def test_what_the_disk_takes_only_at_the_second_try_is_behind_what_it_has(
 ) -> None:
     h = house()
     go_away(h)
-    h.give(1)
-    h.steps()
+    h.take(1)
     fill(h)
-    h.give(2)
-    h.steps()
+    h.take(2)
     h.sink.away = ''
     h.steps()
     leave = h.pipeline._spooling.leave
@@ -61,33 +57,27 @@ def test_what_the_disk_takes_only_at_the_second_try_is_behind_what_it_has(
     with pytest.raises(RouteError, match='gave up 1 messages'):
         h.pipeline._drain(stop)
     h._opened.__exit__(None, None, None)
-    again = house()
-    again.until_all_confirmed()
+    again = house().until_all_confirmed()
     assert again.numbers() == [1, 2]
 
 
 def test_what_the_disk_has_lost_and_memory_has_not_goes_on(house: Make) -> None:
-    h = house({'mode': 'always'})
-    h.sink.answering = False
-    h.give(1, 2, 3)
-    h.steps()
+    h = house({'mode': 'always'}, answering=False)
+    h.take(1, 2, 3)
     assert h.spool._db is not None
     h.spool._db.execute('UPDATE rows SET size = size + 1 WHERE number = 1')
     h.fail_and_run_again()
-    come_back(h)
-    h.until_all_confirmed()
+    go_on(h)
     assert sorted(h.numbers()) == [1, 2, 3]
     h.steps(100)
     assert h.on_disk() == []
 
 
 def test_what_is_dropped_at_once_sends_nothing_over_the_disk(house: Make) -> None:
-    h = house({'mode': 'always'}, on_error='drop', max_in_flight=5)
-    h.sink.answering = False
+    h = house({'mode': 'always'}, on_error='drop', max_in_flight=5, answering=False)
     for number in range(1, 11):
         refuse(h, number)
-    h.give(11)
-    h.steps(1)
+    h.take(11, steps=1)
     assert (h.count('spooled'), h.count('in_flight')) == (0, 1)
 
 
@@ -101,37 +91,30 @@ def test_a_letter_that_an_earlier_life_has_left_in_front_holds_nothing_up(house:
     again = house()
     again.letters.answering = False
     again.steps(50)
-    again.give(3)
-    again.steps(50)
+    again.take(3, steps=50)
     assert again.numbers() == [1, 2, 3]
 
 
 def test_drop_oldest_keeps_the_newest_also_where_what_is_in_flight_fills_the_disk(
     house: Make,
 ) -> None:
-    h = house({'max_bytes': 1000}, max_in_flight=12, when_full='drop_oldest')
-    h.sink.answering = False
-    h.give(*range(1, 13))
-    h.steps(2)
+    h = house({'max_bytes': 1000}, max_in_flight=12, when_full='drop_oldest', answering=False)
+    h.take(*range(1, 13), steps=2)
     go_away(h)
     h.steps(2)
     for number in range(13, 40):
-        h.give(number)
-        h.steps(2)
-    come_back(h)
-    h.until_all_confirmed()
+        h.take(number, steps=2)
+    go_on(h)
     assert h.numbers()[-1] == 39
 
 
 def test_nothing_goes_past_a_disk_that_takes_nothing_and_what_stops_the_route(house: Make) -> None:
     h = house(on_error='stop')
     go_away(h)
-    h.give(1)
-    h.steps()
+    h.take(1)
     fill(h)
     refuse(h, 2)
-    h.give(3)
-    h.steps()
+    h.take(3)
     come_back(h)
     with pytest.raises(RouteError, match='stopped'):
         h.steps(20)
@@ -141,24 +124,20 @@ def test_nothing_goes_past_a_disk_that_takes_nothing_and_what_stops_the_route(ho
 def test_what_is_too_much_for_memory_as_kafka_goes_away_comes_back_from_disk(house: Make) -> None:
     h = house(max_in_flight_bytes=1000)
     h.sink.room, h.sink.answering = 1, False
-    h.give(*range(1, 6))
-    h.steps(1)
+    h.take(*range(1, 6), steps=1)
     go_away(h)
     h.steps()
     h.sink.room = 10
-    come_back(h)
-    h.until_all_confirmed()
+    go_on(h)
     assert h.numbers() == [1, 2, 3, 4, 5]
 
 
 def test_what_went_past_a_full_disk_is_on_it_once_that_has_room(house: Make) -> None:
     h = house(max_in_flight=3)
     go_away(h)
-    h.give(1, 2)
-    h.steps()
+    h.take(1, 2)
     fill(h)
-    h.give(3, 4)
-    h.steps()
+    h.take(3, 4)
     h.sink.away = ''  # it answers nobody yet
     h.steps()
     make_room(h)
@@ -171,8 +150,7 @@ def test_a_stop_while_kafka_is_away_ends_once_all_is_on_disk(
 ) -> None:
     h = house(drain_s=30.0)
     go_away(h)
-    h.give(1, 2, 3)
-    h.steps()
+    h.take(1, 2, 3)
     poll, polls = h.sink.poll, itertools.count()
 
     def count(timeout_s: float) -> Reports[Any]:
@@ -182,6 +160,5 @@ def test_a_stop_while_kafka_is_away_ends_once_all_is_on_disk(
     monkeypatch.setattr(h.sink, 'poll', count)
     h.give(4)
     h.drain()
-    again = house()
-    again.until_all_confirmed()
+    again = house().until_all_confirmed()
     assert again.numbers() == [1, 2, 3, 4]
