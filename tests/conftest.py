@@ -277,3 +277,17 @@ def own_bench(tmp_path: Path, own_kafka: LocalKafka, ros_domain: int) -> Iterato
     """The same with a Kafka of one's own, to be stopped and started."""
     with contextlib.closing(Bench(tmp_path, own_kafka.bootstrap_servers, ros_domain)) as made:
         yield made
+
+
+@pytest.fixture
+def topic(bench: Bench, topic_name: str) -> str:
+    """A topic that nobody else uses, with one partition, in the Kafka of the run."""
+    bench.create_topic(topic_name)
+    return topic_name
+
+
+@pytest.fixture
+def own_topic(own_bench: Bench, topic_name: str) -> str:
+    """The same in a Kafka of one's own."""
+    own_bench.create_topic(topic_name)
+    return topic_name

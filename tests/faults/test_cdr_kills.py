@@ -40,21 +40,20 @@ def sent() -> tuple[bytes, ...]:
 
 
 def test_each_byte_of_a_latched_history_comes_to_kafka_once_through_sigkills_guarantees_2_3_8(
-    bench: Bench, topic_name: str, leave: Leave
+    bench: Bench, topic: str, leave: Leave
 ) -> None:
-    config = bench.config([route('/joints', topic_name, JOINTS, 'to_kafka')], ros={'lease_s': 3})
-    bench.create_topic(topic_name)
+    config = bench.config([route('/joints', topic, JOINTS, 'to_kafka')], ros={'lease_s': 3})
     options = (*LATCHED, *leave.options)
     with publish(bench, '/joints', sent(), *options, message_type=JOINTS) as publisher:
         for held in (1000, 2000):
             leave.up_to(held)
             with bench.bridge(config) as bridge:
-                eventually(lambda: bench.reaches(topic_name, held - 700), 60, bridge.output)  # noqa: B023 (called here)
+                eventually(lambda: bench.reaches(topic, held - 700), 60, bridge.output)  # noqa: B023 (called here)
                 bridge.kill()
             assert not published(publisher)
         leave.up_to(COUNT)
         with bench.bridge(config) as bridge:
-            records = bench.records(topic_name, COUNT)
+            records = bench.records(topic, COUNT)
             assert bridge.end() == 0
     assert seqs(records) == list(range(1, COUNT + 1))
     assert tuple(values(records)) == sent()
@@ -71,19 +70,18 @@ def reader(bench: Bench, file: Path, leave: Leave, patch: pytest.MonkeyPatch) ->
 
 
 def test_each_byte_comes_to_ros_through_sigkills_and_only_the_uncommitted_again_guarantees_1_8(
-    bench: Bench, topic_name: str, leave: Leave, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, topic: str, leave: Leave, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     arrived = bench.place / 'arrived'
     committed: list[int] = []
     made = {
         'name': 'to_ros',
-        'from': {'kafka': topic_name, 'start': 'earliest'},
+        'from': {'kafka': topic, 'start': 'earliest'},
         'to': {'ros': '/joints', 'type': JOINTS},
         'format': 'cdr',
     }
     config = bench.config([made])
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, sent())
+    bench.produce(topic, sent())
     with reader(bench, arrived, leave, monkeypatch):
         for held in (1000, 2000):
             leave.up_to(held)
@@ -91,11 +89,11 @@ def test_each_byte_comes_to_ros_through_sigkills_and_only_the_uncommitted_again_
                 wait_for_lines(arrived, held - 700, bridge)
                 before = max(committed, default=0)
                 eventually(
-                    lambda: bench.committed(bench.group, topic_name) > before,  # noqa: B023 (called here)
+                    lambda: bench.committed(bench.group, topic) > before,  # noqa: B023 (called here)
                     60,
                     bridge.output,
                 )
-                committed.append(bench.committed(bench.group, topic_name))
+                committed.append(bench.committed(bench.group, topic))
                 bridge.kill()
         leave.up_to(2 * COUNT)
         with bench.bridge(config) as bridge:
@@ -109,4 +107,4 @@ def test_each_byte_comes_to_ros_through_sigkills_and_only_the_uncommitted_again_
     assert len(again) <= len(committed)
     assert all(after >= before for after, before in zip(again, committed, strict=False))
     assert committed[-1] <= 2000 + SAMPLES, 'the subscriber held the bridge in mid-stream'
-    assert bench.committed(bench.group, topic_name) == COUNT
+    assert bench.committed(bench.group, topic) == COUNT

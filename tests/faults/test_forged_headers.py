@@ -34,24 +34,23 @@ def wait_for(bench: Bench, topic: str, count: int, *bridges: Process) -> list[Me
 
 @pytest.mark.kills_kafka
 def test_guarantee_6b_forged_numbers_delete_nothing_from_the_disk_of_a_killed_bridge(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
+    own_bench: Bench, own_kafka: LocalKafka, own_topic: str
 ) -> None:
     bench, leave = own_bench, Leave(own_bench.place)
-    bench.create_topic(topic_name)
-    config = bench.config([route(bench, topic_name)])
+    config = bench.config([route(bench, own_topic)])
     with bench.publisher('/orders', *leave.options, '--count', '25'):
         with bench.bridge(config) as bridge:
             leave.up_to(5)
-            eventually(lambda: arrived(bench, topic_name) == 5, 60, bridge.output)
+            eventually(lambda: arrived(bench, own_topic) == 5, 60, bridge.output)
             own_kafka.kill()
             leave.up_to(25)
             eventually(lambda: newest_on_disk(file(bench)) == 25, 60, bridge.output)
             bridge.kill()
         own_kafka.start()
-        last = bench.records(topic_name, 5)[-1]
-        forge(bench, topic_name, last, range(1, 41))
+        last = bench.records(own_topic, 5)[-1]
+        forge(bench, own_topic, last, range(1, 41))
         with bench.bridge(config) as bridge:
-            records = wait_for(bench, topic_name, 25, bridge)
+            records = wait_for(bench, own_topic, 25, bridge)
             eventually(lambda: on_disk(bench) == 0, 60, bridge.output)
             assert bridge.end() == 0
     found = [int(value) for value in values(records)]
@@ -60,11 +59,10 @@ def test_guarantee_6b_forged_numbers_delete_nothing_from_the_disk_of_a_killed_br
 
 
 def test_guarantee_6b_headers_of_a_megabyte_cost_a_start_no_memory_without_a_bound(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     """Well packed they are small on the broker, and more than a gigabyte where they are read."""
-    bench.create_topic(topic_name)
-    config = bench.config([to_kafka('/orders', topic_name)])
+    config = bench.config([to_kafka('/orders', topic)])
     gid = bytes(range(16)).hex().encode() * 28_125
     hostile = {'bootstrap.servers': bench.bootstrap_servers, 'compression.type': 'zstd'}
     with Producer(hostile) as producer:
@@ -72,10 +70,10 @@ def test_guarantee_6b_headers_of_a_megabyte_cost_a_start_no_memory_without_a_bou
             while len(producer) > 50:
                 producer.poll(0.01)
             headers: HeaderList = [('ros.gid', gid), ('ros.seq', b'%d' % seq)]
-            producer.produce(topic_name, b'forged', headers=headers)
+            producer.produce(topic, b'forged', headers=headers)
         assert producer.flush(60) == 0
     with bench.publisher('/orders', *LATCHED, '--count', '10'), bench.bridge(config) as bridge:
-        eventually(lambda: bench.reaches(topic_name, 2010), 150, bridge.output)
+        eventually(lambda: bench.reaches(topic, 2010), 150, bridge.output)
         status = Path(f'/proc/{bridge.pid}/status').read_text()
         assert bridge.end() == 0
     [peak_kb] = re.findall(r'VmHWM:\s+(\d+) kB', status)
@@ -167,12 +165,11 @@ def test_what_a_bridge_without_the_header_of_its_route_has_written_is_repeated_o
     ('vendor', 'transports'), [('fastdds', ('SHM', 'UDPv4', 'SHM')), ('cyclone', ('UDPv4',) * 2)]
 )
 def test_guarantee_8_a_history_read_over_another_transport_is_known_again(
-    bench: Bench, topic_name: str, vendor: str, transports: tuple[str, ...]
+    bench: Bench, topic: str, vendor: str, transports: tuple[str, ...]
 ) -> None:
     """Transports and vendors round the time of a message: it is known within a microsecond."""
     count, leave = 500, Leave(bench.place)
-    bench.create_topic(topic_name)
-    config = bench.config([to_kafka('/orders', topic_name)])
+    config = bench.config([to_kafka('/orders', topic)])
     options = (*leave.options, '--count', str(count + len(transports)))
     with ExitStack() as stack:
         if vendor == 'fastdds':
@@ -183,36 +180,35 @@ def test_guarantee_8_a_history_read_over_another_transport_is_known_again(
         for run, transport in enumerate(transports):
             with bench.bridge(config, FASTDDS_BUILTIN_TRANSPORTS=transport) as bridge:
                 leave.up_to(count + run)
-                wait_for(bench, topic_name, count + run, bridge)
+                wait_for(bench, topic, count + run, bridge)
                 assert bridge.end() == 0
             assert totals(bridge, 'to_kafka')['confirmed'] == (1 if run else count)
-    records = true_ones(bench, topic_name)
+    records = true_ones(bench, topic)
     assert [int(value) for value in values(records)] == list(range(count + len(transports) - 1))
     assert all(int(headers(record)['ros.source_time_ns']) > 0 for record in records)
 
 
 def test_guarantee_6b_forged_numbers_cost_a_publisher_without_a_time_nothing(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     """A time near 1970 is that of no message: its history comes again, and nothing is skipped."""
     leave = Leave(bench.place)
-    bench.create_topic(topic_name)
-    config = bench.config([to_kafka('/orders', topic_name)])
+    config = bench.config([to_kafka('/orders', topic)])
     options = ('--latched', '--timeless', *leave.options, '--count', '10')
     with bench.peer('cyclone', 'write', '/orders', *options):
         with bench.bridge(config) as bridge:
             leave.up_to(5)
-            records = wait_for(bench, topic_name, 5, bridge)
+            records = wait_for(bench, topic, 5, bridge)
             assert bridge.end() == 0
         assert not any('ros.source_time_ns' in headers(record) for record in records)
         told = [one for one in copied(records[-1]) if one[0] != 'ros.seq']
         for seq in range(6, 11):
             for time_ns in (b'1', b'999'):
                 own = [('ros.seq', b'%d' % seq), ('ros.source_time_ns', time_ns)]
-                bench.produce(topic_name, [b'forged'], headers=[*told, *own])
+                bench.produce(topic, [b'forged'], headers=[*told, *own])
         with bench.bridge(config) as bridge:
             leave.up_to(10)
-            records = wait_for(bench, topic_name, 15, bridge)
+            records = wait_for(bench, topic, 15, bridge)
             bridge.wait_for('sends no time with its messages')
             assert bridge.end() == 0
     assert [int(value) for value in values(records)] == [*range(5), *range(10)]

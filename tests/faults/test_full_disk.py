@@ -48,17 +48,16 @@ def disk(tmp_path: Path) -> Iterator[Path]:
 @pytest.mark.parametrize('back_first', ['room', 'Kafka'])
 @pytest.mark.kills_kafka
 def test_a_full_disk_while_kafka_is_away_holds_publishers_back_at_no_cost_guarantees_2_3_4_6(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str, disk: Path, leave: Leave,
+    own_bench: Bench, own_kafka: LocalKafka, own_topic: str, disk: Path, leave: Leave,
     back_first: str,
 ) -> None:  # fmt: skip
     """With room again, the disk takes what has waited; with Kafka again, it needs no disk."""
     bench = own_bench
-    config = bench.config([route(bench, topic_name, path=str(disk))])
-    bench.create_topic(topic_name)
+    config = bench.config([route(bench, own_topic, path=str(disk))])
     options = (*leave.options, '--count', str(COUNT))
     with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
         leave.up_to(FIRST)
-        eventually(lambda: arrived(bench, topic_name) == FIRST, 60, bridge.output)
+        eventually(lambda: arrived(bench, own_topic) == FIRST, 60, bridge.output)
         ballast = fill(disk)
         bench.close()
         os.kill(own_kafka.pid, signal.SIGSTOP)  # so that the window fills
@@ -74,37 +73,36 @@ def test_a_full_disk_while_kafka_is_away_holds_publishers_back_at_no_cost_guaran
             bridge.wait_for('the spool can be written again')
             publisher.wait_for('published')
         own_kafka.start()
-        eventually(lambda: COUNT - 1 in numbers(bench, topic_name)[-1:], 60, bridge.output)
+        eventually(lambda: COUNT - 1 in numbers(bench, own_topic)[-1:], 60, bridge.output)
         assert bridge.end() == 0, bridge.output()
     found = totals(bridge, 'to_kafka')
     assert found['taken'] == found['confirmed'] == COUNT
-    assert numbers(bench, topic_name) == list(range(COUNT))
+    assert numbers(bench, own_topic) == list(range(COUNT))
 
 
 def test_a_route_that_always_writes_first_waits_for_a_full_disk_and_goes_on_guarantees_2_3_4_6(
-    bench: Bench, topic_name: str, disk: Path, leave: Leave
+    bench: Bench, topic: str, disk: Path, leave: Leave
 ) -> None:
-    config = bench.config([route(bench, topic_name, mode='always', path=str(disk))])
-    bench.create_topic(topic_name)
+    config = bench.config([route(bench, topic, mode='always', path=str(disk))])
     options = (*leave.options, '--count', str(COUNT))
     with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
         leave.up_to(1)  # more of them would leave room in the file
-        eventually(lambda: arrived(bench, topic_name) == 1, 60, bridge.output)
+        eventually(lambda: arrived(bench, topic) == 1, 60, bridge.output)
         ballast = fill(disk)
         leave.up_to(COUNT)
         waits = re.compile(rf'waiting \(.*{FULL}.*\): ')
         eventually(lambda: bool(waits.search(bridge.output())), 60, bridge.output)
         assert not published(publisher), 'it is held back'
-        assert arrived(bench, topic_name) < WINDOW, (
+        assert arrived(bench, topic) < WINDOW, (
             'though Kafka is there, it does not go past the disk'
         )
         ballast.unlink()
         bridge.wait_for('the spool can be written again')
-        eventually(lambda: arrived(bench, topic_name) == COUNT, 60, bridge.output)
+        eventually(lambda: arrived(bench, topic) == COUNT, 60, bridge.output)
         assert bridge.end() == 0, bridge.output()
     found = totals(bridge, 'to_kafka')
     assert found['taken'] == found['confirmed'] == COUNT
-    assert numbers(bench, topic_name) == list(range(COUNT))
+    assert numbers(bench, topic) == list(range(COUNT))
 
 
 @contextmanager
@@ -121,15 +119,14 @@ def logging_to(log: Path, bench: Bench, config: Path) -> Iterator[subprocess.Pop
 
 
 def test_a_log_on_a_full_disk_holds_no_message_up_and_says_later_what_was_left_out(
-    bench: Bench, topic_name: str, disk: Path
+    bench: Bench, topic: str, disk: Path
 ) -> None:
-    returned, log, count = f'{topic_name}.returned', disk / 'log', 1000
-    bench.create_topic(topic_name)
+    returned, log, count = f'{topic}.returned', disk / 'log', 1000
     bench.create_topic(returned)
-    config = bench.config(there_and_back(topic_name), kafka=bench.patient_kafka)
+    config = bench.config(there_and_back(topic), kafka=bench.patient_kafka)
     ballast = fill(disk)
     with logging_to(log, bench, config) as process:
-        bench.produce(topic_name, sized(count))
+        bench.produce(topic, sized(count))
         eventually(partial(bench.reaches, returned, count), 90, lambda: f'{process.poll()=}')
         assert log.read_bytes() == b'', 'it could not write a line'
         ballast.unlink()

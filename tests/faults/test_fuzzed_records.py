@@ -22,9 +22,8 @@ def test_each_fuzzed_record_is_delivered_or_dead_lettered_and_the_bridge_lives(
 
 
 def test_a_batch_that_unpacks_to_too_much_fails_its_route_aloud_and_comes_once_it_may(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic: str, tmp_path: Path
 ) -> None:
-    bench.create_topic(topic_name)
     producer = Producer(
         {
             'bootstrap.servers': bench.bootstrap_servers,
@@ -35,14 +34,14 @@ def test_a_batch_that_unpacks_to_too_much_fails_its_route_aloud_and_comes_once_i
         }
     )
     for number in range(5):
-        producer.produce(topic_name, str(number).rjust(900_000))
+        producer.produce(topic, str(number).rjust(900_000))
     assert producer.flush(30) == 0
     kafka = {
         'bootstrap.servers': bench.bootstrap_servers,
         'receive.message.max.bytes': 2_000_000,
         'fetch.max.bytes': 1_000_000,
     }
-    route = to_ros(topic_name, '/numbers')
+    route = to_ros(topic, '/numbers')
     arrived = tmp_path / 'arrived'
     with bench.subscriber('/numbers', arrived):
         with bench.bridge(bench.config([route], kafka=kafka)) as bridge:

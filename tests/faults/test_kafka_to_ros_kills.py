@@ -63,19 +63,18 @@ FULL = 'waiting (the history is full: a subscriber does not take (/'
 
 
 def test_guarantees_1_and_8_a_bridge_that_is_killed_twice_repeats_only_uncommitted_records(
-    bench: Bench, topic_name: str, arrived: Path, leave: Leave
+    bench: Bench, topic: str, arrived: Path, leave: Leave
 ) -> None:
     count = 3500
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, numbered(count))
+    config = bench.config([to_ros(topic, ROS_TOPIC)])
+    bench.produce(topic, numbered(count))
     committed = [0]
     with bench.subscriber(ROS_TOPIC, arrived, *SLOW, *leave.options, samples=SAMPLES):
         for kill_at in (1200, 2200):
             leave.up_to(kill_at + 500)
             with bench.bridge(config) as bridge:
                 wait_for_lines(arrived, kill_at, bridge)
-                committed.append(wait_for_commit_beyond(bench, topic_name, committed[-1], bridge))
+                committed.append(wait_for_commit_beyond(bench, topic, committed[-1], bridge))
                 bridge.kill()
         leave.up_to(3 * count)
         with bench.bridge(config) as bridge:
@@ -87,21 +86,20 @@ def test_guarantees_1_and_8_a_bridge_that_is_killed_twice_repeats_only_uncommitt
     assert len(begun) <= 2
     assert all(after >= before for after, before in zip(begun, committed[1:], strict=False))
     assert totals(bridge)['confirmed'] <= count - committed[-1]
-    assert bench.committed(bench.group, topic_name) == count
+    assert bench.committed(bench.group, topic) == count
 
 
 def test_guarantee_8_a_bridge_that_is_killed_at_rest_repeats_nothing(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, numbered(100))
+    config = bench.config([to_ros(topic, ROS_TOPIC)])
+    bench.produce(topic, numbered(100))
     with bench.subscriber(ROS_TOPIC, arrived, samples=SAMPLES):
         with bench.bridge(config) as bridge:
             wait_for_lines(arrived, 100, bridge)
-            eventually(lambda: bench.committed(bench.group, topic_name) == 100, 60)
+            eventually(lambda: bench.committed(bench.group, topic) == 100, 60)
             bridge.kill()
-        bench.produce(topic_name, [b'100'])
+        bench.produce(topic, [b'100'])
         with bench.bridge(config) as bridge:
             wait_for_lines(arrived, 101, bridge)
             assert bridge.end() == 0
@@ -109,7 +107,7 @@ def test_guarantee_8_a_bridge_that_is_killed_at_rest_repeats_nothing(
 
 
 def test_guarantee_1_a_killed_subscriber_of_the_default_lease_loses_what_its_cache_held(
-    bench: Bench, topic_name: str, tmp_path: Path, leave: Leave
+    bench: Bench, topic: str, tmp_path: Path, leave: Leave
 ) -> None:
     """Lost is at most what the dead subscriber's own DDS cache held, acknowledged but not read.
 
@@ -117,9 +115,8 @@ def test_guarantee_1_a_killed_subscriber_of_the_default_lease_loses_what_its_cac
     """
     count = 3000
     first, second = tmp_path / 'first', tmp_path / 'second'
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)], kafka=bench.patient_kafka)
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, numbered(count))
+    config = bench.config([to_ros(topic, ROS_TOPIC)], kafka=bench.patient_kafka)
+    bench.produce(topic, numbered(count))
     with (
         bench.subscriber(ROS_TOPIC, first, *leave.options, samples=SAMPLES) as dying,
         bench.bridge(config) as bridge,
@@ -140,13 +137,12 @@ def test_guarantee_1_a_killed_subscriber_of_the_default_lease_loses_what_its_cac
 
 
 def test_guarantee_4_the_bridge_waits_for_a_subscriber_that_stops_for_10_s(
-    bench: Bench, topic_name: str, arrived: Path, leave: Leave
+    bench: Bench, topic: str, arrived: Path, leave: Leave
 ) -> None:
     """Nothing is lost or doubled, and the order is kept."""
     count = 4000
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)], kafka=bench.patient_kafka)
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, numbered(count))
+    config = bench.config([to_ros(topic, ROS_TOPIC)], kafka=bench.patient_kafka)
+    bench.produce(topic, numbered(count))
     options = (*SLOW, *leave.options)
     with (
         bench.subscriber(ROS_TOPIC, arrived, *options, samples=SAMPLES, lease_s=60) as subscriber,
@@ -157,7 +153,7 @@ def test_guarantee_4_the_bridge_waits_for_a_subscriber_that_stops_for_10_s(
         subscriber.send(signal.SIGSTOP)
         # It says so once in 10 s.
         bridge.wait_for(FULL, count=bridge.output().count(FULL) + 2)
-        committed = bench.committed(bench.group, topic_name)
+        committed = bench.committed(bench.group, topic)
         at_most = len(lines(arrived)) + SAMPLES + 1
         assert 0 < committed <= at_most
         leave.up_to(count)
@@ -169,12 +165,11 @@ def test_guarantee_4_the_bridge_waits_for_a_subscriber_that_stops_for_10_s(
 
 
 def test_guarantee_7_sigterm_in_mid_stream_and_a_new_start_lose_and_repeat_nothing(
-    bench: Bench, topic_name: str, arrived: Path, leave: Leave
+    bench: Bench, topic: str, arrived: Path, leave: Leave
 ) -> None:
     count = 4000
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)], kafka=bench.patient_kafka)
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, numbered(count))
+    config = bench.config([to_ros(topic, ROS_TOPIC)], kafka=bench.patient_kafka)
+    bench.produce(topic, numbered(count))
     with bench.subscriber(ROS_TOPIC, arrived, *SLOW, *leave.options, samples=SAMPLES):
         with bench.run(config) as bridge:
             leave.up_to(1500)
@@ -186,7 +181,7 @@ def test_guarantee_7_sigterm_in_mid_stream_and_a_new_start_lose_and_repeat_nothi
         drained = totals(bridge)
         assert drained['given up'] == 0
         assert 1500 < drained['confirmed'] < count, 'it was to be stopped in mid-stream'
-        assert bench.committed(bench.group, topic_name) == drained['confirmed']
+        assert bench.committed(bench.group, topic) == drained['confirmed']
         with bench.run(config) as bridge:
             wait_for_all(arrived, count, bridge)
             assert bridge.end() == 0
@@ -196,15 +191,14 @@ def test_guarantee_7_sigterm_in_mid_stream_and_a_new_start_lose_and_repeat_nothi
 
 @pytest.mark.parametrize('signals', [1, 2])
 def test_guarantee_7_what_a_drain_gives_up_is_said_and_read_again(
-    bench: Bench, topic_name: str, arrived: Path, leave: Leave, signals: int
+    bench: Bench, topic: str, arrived: Path, leave: Leave, signals: int
 ) -> None:
     """With one signal after `drain_s`; with a second one at once, whatever `drain_s` says."""
     count = 2000
     drain_s = 1 if signals == 1 else 300
-    route = to_ros(topic_name, ROS_TOPIC, drain_s=drain_s)
+    route = to_ros(topic, ROS_TOPIC, drain_s=drain_s)
     config = bench.config([route], kafka=bench.patient_kafka)
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, numbered(count))
+    bench.produce(topic, numbered(count))
     with bench.subscriber(ROS_TOPIC, arrived, *SLOW, *leave.options, samples=SAMPLES):
         with bench.bridge(config) as bridge:
             leave.up_to(1000)
@@ -216,7 +210,7 @@ def test_guarantee_7_what_a_drain_gives_up_is_said_and_read_again(
             assert bridge.wait() == 0
         assert 'gave up waiting for' in bridge.output()
         assert totals(bridge)['returned'] > 0
-        committed = bench.committed(bench.group, topic_name)
+        committed = bench.committed(bench.group, topic)
         leave.up_to(2 * count)
         with bench.bridge(config) as bridge:
             wait_for_all(arrived, count, bridge)
@@ -365,17 +359,16 @@ def test_guarantee_1_all_arrive_once_through_a_restart_of_the_broker(
 
 
 def test_a_stop_of_a_bridge_that_kafka_has_not_heard_of_says_that_records_are_repeated(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
+    own_bench: Bench, own_kafka: LocalKafka, own_topic: str
 ) -> None:
-    own_bench.create_topic(topic_name)
-    own_bench.produce(topic_name, numbered(20_000))
+    own_bench.produce(own_topic, numbered(20_000))
     # Slow, so that some are published and not committed whenever Kafka stands still.
-    route = to_ros(topic_name, ROS_TOPIC, max_rate=100, min_subscribers=0)
+    route = to_ros(own_topic, ROS_TOPIC, max_rate=100, min_subscribers=0)
     with own_bench.bridge(own_bench.config([route])) as bridge:
-        eventually(lambda: own_bench.committed(own_bench.group, topic_name) > 0, 60, bridge.output)
+        eventually(lambda: own_bench.committed(own_bench.group, own_topic) > 0, 60, bridge.output)
         os.kill(own_kafka.pid, signal.SIGSTOP)
         try:
-            bridge.wait_for(f'lost {topic_name}[0]', 60)
+            bridge.wait_for(f'lost {own_topic}[0]', 60)
             assert bridge.end(40) == 0, bridge.output()
         finally:
             os.kill(own_kafka.pid, signal.SIGCONT)

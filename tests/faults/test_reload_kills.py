@@ -69,14 +69,13 @@ def test_guarantees_1_2_8_workers_that_are_killed_in_a_reload_lose_nothing(
     assert process.output().count(f'bridge {bench.name}, worker 2, runs') <= 2
 
 
-def test_a_killed_check_refuses_the_reload_and_all_goes_on(bench: Bench, topic_name: str) -> None:
-    routes = [to_ros(topic_name, '/a', min_subscribers=0)]
-    bench.create_topic(topic_name)
+def test_a_killed_check_refuses_the_reload_and_all_goes_on(bench: Bench, topic: str) -> None:
+    routes = [to_ros(topic, '/a', min_subscribers=0)]
     config = bench.config(routes, monitoring=OFF)
     with bench.bridge(config) as process:
         process.wait_for('reads ', 60)
         it = Reloaded(bench, process, config, monitoring=OFF)
-        it.write([*routes, to_ros(topic_name, '/b', name='b', min_subscribers=0)])
+        it.write([*routes, to_ros(topic, '/b', name='b', min_subscribers=0)])
         it.ask()
         eventually(lambda: _kill_check(process.pid), 60)
         process.wait_for(REFUSED, 60)

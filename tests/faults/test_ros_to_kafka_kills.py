@@ -25,21 +25,20 @@ RATE = 500
 
 
 def test_sigterm_in_mid_stream_loses_and_doubles_nothing_of_a_history_guarantees_2_3_7(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     count, leave = 4000, Leave(bench.place)
-    bench.create_topic(topic_name)
-    config = bench.config([to_kafka('/orders', topic_name)])
+    config = bench.config([to_kafka('/orders', topic)])
     options = (*LATCHED, *leave.options, '--count', str(count), '--rate', str(RATE))
     with bench.publisher('/orders', *options):
         leave.up_to(300)
         with bench.run(config) as bridge:
-            eventually(lambda: bench.reaches(topic_name, 300), 60, bridge.output)
+            eventually(lambda: bench.reaches(topic, 300), 60, bridge.output)
             leave.set_off(count - 1000)
             assert bridge.end() == 0
         leave.up_to(count)
         with bench.run(config) as bridge:
-            records = bench.records(topic_name, count)
+            records = bench.records(topic, count)
             assert bridge.end() == 0
             assert totals(bridge, 'to_kafka').get('skipped', 0) > 0
     assert values(records) == numbered(count)
@@ -47,29 +46,28 @@ def test_sigterm_in_mid_stream_loses_and_doubles_nothing_of_a_history_guarantees
 
 
 def test_sigkill_costs_a_volatile_publisher_no_more_than_is_said_guarantee_8(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     alone, count, leave = 2000, 3000, Leave(bench.place)
-    config = bench.config([to_kafka('/orders', topic_name)], ros={'lease_s': 3})
-    bench.create_topic(topic_name)
+    config = bench.config([to_kafka('/orders', topic)], ros={'lease_s': 3})
     options = (*leave.options, '--count', str(count), '--rate', str(RATE))
     with bench.bridge(config) as bridge:
         bridge.wait_for('subscribes to /orders')
         with bench.publisher('/orders', *options) as publisher:
             leave.up_to(300)
-            eventually(lambda: bench.reaches(topic_name, 300), 60, bridge.output)
+            eventually(lambda: bench.reaches(topic, 300), 60, bridge.output)
             leave.set_off(alone)
             bridge.kill()
             eventually(lambda: leave.out == alone, 60)
             with bench.bridge(config) as again:
                 again.wait_for('subscribes to /orders')
-                knock(bench, topic_name, leave)
+                knock(bench, topic, leave)
                 back = leave.out
                 leave.up_to(count)
                 publisher.wait_for('published')
-                eventually(lambda: last(bench, topic_name) == count, 60, again.output)
+                eventually(lambda: last(bench, topic) == count, 60, again.output)
                 assert again.end() == 0
-            records = bench.records(topic_name, bench.end_offset(topic_name))
+            records = bench.records(topic, bench.end_offset(topic))
     found = seqs(records)
     assert found == sorted(set(found))
     assert found[-1] == count
@@ -81,15 +79,14 @@ def test_sigkill_costs_a_volatile_publisher_no_more_than_is_said_guarantee_8(
 
 @pytest.mark.kills_kafka
 def test_sigkill_costs_a_publisher_that_is_held_back_its_history_too_guarantee_8(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
+    own_bench: Bench, own_kafka: LocalKafka, own_topic: str
 ) -> None:
     bench, count, leave = own_bench, 12_000, Leave(own_bench.place)
-    config = bench.config([to_kafka('/orders', topic_name)], ros={'lease_s': 3})
-    bench.create_topic(topic_name)
+    config = bench.config([to_kafka('/orders', own_topic)], ros={'lease_s': 3})
     options = (*leave.options, '--count', str(count))
     with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
         leave.up_to(1000)
-        eventually(lambda: bench.reaches(topic_name, 1000), 60, bridge.output)
+        eventually(lambda: bench.reaches(own_topic, 1000), 60, bridge.output)
         bench.close()
         own_kafka.kill()
         leave.up_to(1000 + WINDOW)
@@ -102,12 +99,12 @@ def test_sigkill_costs_a_publisher_that_is_held_back_its_history_too_guarantee_8
         eventually(lambda: leave.out == held + 1, 60, publisher.output)
         with bench.bridge(config) as again:
             again.wait_for('subscribes to /orders')
-            knock(bench, topic_name, leave)
+            knock(bench, own_topic, leave)
             back = leave.out
             leave.up_to(count)
-            eventually(lambda: last(bench, topic_name) == count, 60, again.output)
+            eventually(lambda: last(bench, own_topic) == count, 60, again.output)
             assert again.end() == 0
-        records = bench.records(topic_name, bench.end_offset(topic_name))
+        records = bench.records(own_topic, bench.end_offset(own_topic))
     found = seqs(records)
     first_after = found[1000]
     assert held + 1 < first_after <= back
@@ -118,27 +115,26 @@ def test_sigkill_costs_a_publisher_that_is_held_back_its_history_too_guarantee_8
 
 
 def test_drop_oldest_drops_while_the_broker_is_away_and_counts_it_guarantees_3_4_6(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
+    own_bench: Bench, own_kafka: LocalKafka, own_topic: str
 ) -> None:
     count = 20_000
-    route = to_kafka('/orders', topic_name, when_full='drop_oldest')
+    route = to_kafka('/orders', own_topic, when_full='drop_oldest')
     config = own_bench.config([route])
-    own_bench.create_topic(topic_name)
     leave = Leave(own_bench.place)
     options = (*leave.options, '--count', str(count), '--rate', '4000')
     with own_bench.bridge(config) as bridge, own_bench.publisher('/orders', *options) as publisher:
         leave.up_to(500)
-        eventually(lambda: own_bench.reaches(topic_name, 500), 60, bridge.output)
+        eventually(lambda: own_bench.reaches(own_topic, 500), 60, bridge.output)
         own_bench.close()
         own_kafka.stop()
         leave.up_to(count)
         # Nothing holds it back, though Kafka takes nothing.
         publisher.wait_for('published')
         own_kafka.start()
-        eventually(lambda: last(own_bench, topic_name) == count, 60)
+        eventually(lambda: last(own_bench, own_topic) == count, 60)
         assert bridge.end() == 0
         found = totals(bridge, 'to_kafka')
-        records = own_bench.records(topic_name, found['confirmed'])
+        records = own_bench.records(own_topic, found['confirmed'])
     assert found['taken'] == count
     assert found['dropped'] > 0
     assert found['confirmed'] + found['dropped'] == count

@@ -29,17 +29,16 @@ def spooled(bench: Bench) -> list[int]:
 
 @pytest.mark.kills_kafka
 def test_sigkill_while_kafka_is_away_costs_nothing_of_what_was_taken_guarantees_2_3_8(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
+    own_bench: Bench, own_kafka: LocalKafka, own_topic: str
 ) -> None:
     count = 4000
-    config = own_bench.config([route(own_bench, topic_name)])
-    own_bench.create_topic(topic_name)
+    config = own_bench.config([route(own_bench, own_topic)])
     leave = Leave(own_bench.place)
     options = (*leave.options, '--count', str(count), '--rate', str(RATE))
     with own_bench.publisher('/orders', *options) as publisher:
         with own_bench.bridge(config) as bridge:
             leave.up_to(500)
-            eventually(lambda: arrived(own_bench, topic_name) == 500, 60, bridge.output)
+            eventually(lambda: arrived(own_bench, own_topic) == 500, 60, bridge.output)
             leave.set_off(count)
             own_kafka.kill()
             publisher.wait_for('published')
@@ -50,38 +49,37 @@ def test_sigkill_while_kafka_is_away_costs_nothing_of_what_was_taken_guarantees_
             own_kafka.start()
             bridge.wait_for('the spool is empty again', timeout_s=60)
             assert bridge.end() == 0
-    found = numbers(own_bench, topic_name)
+    found = numbers(own_bench, own_topic)
     assert list(dict.fromkeys(found)) == list(range(count))
     assert len(found) - count <= WINDOW, 'what was in flight when Kafka died may come twice'
 
 
 def test_always_costs_nothing_that_was_taken_at_a_sigkill_under_load_guarantee_8(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     alone, count, leave = 3000, 4000, Leave(bench.place)
-    config = bench.config([route(bench, topic_name, mode='always')], ros={'lease_s': 3})
-    bench.create_topic(topic_name)
+    config = bench.config([route(bench, topic, mode='always')], ros={'lease_s': 3})
     options = (*leave.options, '--count', str(count), '--rate', str(RATE))
     with bench.publisher('/orders', *options) as publisher:
         with bench.bridge(config) as bridge:
             leave.up_to(500)
-            eventually(lambda: arrived(bench, topic_name) == 500, 60, bridge.output)
+            eventually(lambda: arrived(bench, topic) == 500, 60, bridge.output)
             leave.set_off(alone)
             bridge.kill()
         eventually(lambda: leave.out == alone, 60)
-        delivered = numbers(bench, topic_name)
+        delivered = numbers(bench, topic)
         taken = list(dict.fromkeys([*delivered, *spooled(bench)]))
         assert taken == list(range(len(taken))), 'each is on disk before it goes on'
         with bench.bridge(config) as again:
             again.wait_for('subscribes to /orders')
             eventually(lambda: on_disk(bench) == 0, 60, again.output)
-            knock(bench, topic_name, leave)
+            knock(bench, topic, leave)
             back = leave.out
             leave.up_to(count)
             publisher.wait_for('published')
-            eventually(lambda: numbers(bench, topic_name)[-1] == count - 1, 60, again.output)
+            eventually(lambda: numbers(bench, topic)[-1] == count - 1, 60, again.output)
             assert again.end() == 0
-    found = numbers(bench, topic_name)
+    found = numbers(bench, topic)
     first = list(dict.fromkeys(found))
     first_after = first[len(taken)]
     assert first == [*taken, *range(first_after, count)]
@@ -90,11 +88,10 @@ def test_always_costs_nothing_that_was_taken_at_a_sigkill_under_load_guarantee_8
 
 
 def test_a_stop_while_kafka_is_away_gives_nothing_up_guarantees_6_7(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
+    own_bench: Bench, own_kafka: LocalKafka, own_topic: str
 ) -> None:
     count = 3000
-    config = own_bench.config([route(own_bench, topic_name)], defaults={'drain_s': 5})
-    own_bench.create_topic(topic_name)
+    config = own_bench.config([route(own_bench, own_topic)], defaults={'drain_s': 5})
     own_kafka.stop()
     with own_bench.publisher('/orders', '--count', str(count)) as publisher:
         with own_bench.bridge(config) as bridge:
@@ -111,23 +108,22 @@ def test_a_stop_while_kafka_is_away_gives_nothing_up_guarantees_6_7(
         assert (
             totals(bridge, 'to_kafka')['taken'] == totals(bridge, 'to_kafka')['confirmed'] == count
         )
-    found = numbers(own_bench, topic_name)
+    found = numbers(own_bench, own_topic)
     assert found == list(range(count))
 
 
 @pytest.mark.kills_kafka
 def test_a_latched_publisher_and_a_spool_repeat_nothing_guarantees_2_8(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
+    own_bench: Bench, own_kafka: LocalKafka, own_topic: str
 ) -> None:
     count = 3000
-    config = own_bench.config([route(own_bench, topic_name)])
-    own_bench.create_topic(topic_name)
+    config = own_bench.config([route(own_bench, own_topic)])
     leave = Leave(own_bench.place)
     options = (*LATCHED, *leave.options, '--count', str(count), '--rate', str(RATE))
     with own_bench.publisher('/orders', *options) as publisher:
         with own_bench.bridge(config) as bridge:
             leave.up_to(300)
-            eventually(lambda: arrived(own_bench, topic_name) == 300, 60, bridge.output)
+            eventually(lambda: arrived(own_bench, own_topic) == 300, 60, bridge.output)
             leave.set_off(count)
             own_kafka.kill()
             publisher.wait_for('published')
@@ -136,7 +132,7 @@ def test_a_latched_publisher_and_a_spool_repeat_nothing_guarantees_2_8(
         own_kafka.start()
         with own_bench.bridge(config) as bridge:
             bridge.wait_for('the spool is empty again', timeout_s=60)
-            records = own_bench.records(topic_name, count)
+            records = own_bench.records(own_topic, count)
             assert bridge.end() == 0
     found = [int(headers(record)['ros.seq']) for record in records]
     assert list(dict.fromkeys(found)) == list(range(1, count + 1))

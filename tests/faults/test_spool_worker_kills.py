@@ -40,18 +40,17 @@ def has_open(spool: Path) -> set[int]:
 
 @pytest.mark.kills_kafka
 def test_kills_of_worker_and_supervisor_cost_nothing_on_a_disk_that_one_has_guarantees_2_3_8(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str, leave: Leave
+    own_bench: Bench, own_kafka: LocalKafka, own_topic: str, leave: Leave
 ) -> None:
     """The next bridge begins while the worker that was left alone still has the spool."""
     bench, spool, held, count = own_bench, file(own_bench), 2000, 3000
-    routes = [route(bench, topic_name), to_ros(f'{topic_name}.there', '/there')]
+    routes = [route(bench, own_topic), to_ros(f'{own_topic}.there', '/there')]
     config = bench.config(routes, workers=2, ros={'lease_s': 3})
-    bench.create_topic(topic_name)
-    bench.create_topic(f'{topic_name}.there')
+    bench.create_topic(f'{own_topic}.there')
     options = (*leave.options, '--count', str(count))
     with bench.publisher('/orders', *options) as publisher, bench.bridge(config) as bridge:
         leave.up_to(1000)
-        eventually(lambda: arrived(bench, topic_name) >= 500, 60, bridge.output)
+        eventually(lambda: arrived(bench, own_topic) >= 500, 60, bridge.output)
         bench.close()
         own_kafka.kill()
         leave.up_to(held)
@@ -88,7 +87,7 @@ def test_kills_of_worker_and_supervisor_cost_nothing_on_a_disk_that_one_has_guar
             eventually(lambda: on_disk(bench) == 0, 60, again.output)
             assert again.end() == 0, again.output()
     assert bridge.output().count('the supervisor has gone: draining') == 2
-    found = numbers(bench, topic_name)
+    found = numbers(bench, own_topic)
     once = list(dict.fromkeys(found))
     assert once == sorted(once)
     lost = set(range(count)).difference(once)

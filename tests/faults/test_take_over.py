@@ -54,12 +54,11 @@ def name(unique: Callable[[str], str]) -> str:
 
 @pytest.mark.kills_kafka
 def test_guarantee_8_what_a_killed_bridge_has_on_disk_comes_when_it_stands_by_again(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str, name: str
+    own_bench: Bench, own_kafka: LocalKafka, own_topic: str, name: str
 ) -> None:
     count = 3000
-    own_bench.create_topic(topic_name)
     spool = {'path': '${SPOOL}', 'mode': 'when_away'}
-    route = to_kafka('/orders', topic_name, exclusive=True, spool=spool)
+    route = to_kafka('/orders', own_topic, exclusive=True, spool=spool)
     config = own_bench.config([route], name=name)
     places = [str(own_bench.place / host) for host in ('first', 'second')]
     with ExitStack() as stack:
@@ -71,7 +70,7 @@ def test_guarantee_8_what_a_killed_bridge_has_on_disk_comes_when_it_stands_by_ag
         leave.up_to(300)
         options = (*leave.options, '--count', str(count), '--rate', str(RATE))
         publisher = stack.enter_context(own_bench.publisher('/orders', *options))
-        wait_for_order(own_bench, topic_name, 300, first)
+        wait_for_order(own_bench, own_topic, 300, first)
         own_kafka.kill()
         leave.up_to(count)
         publisher.wait_for('published', 60)
@@ -82,7 +81,7 @@ def test_guarantee_8_what_a_killed_bridge_has_on_disk_comes_when_it_stands_by_ag
         second.wait_for(TAKES, 60)
         again = stack.enter_context(own_bench.bridge(config, SPOOL=places[0]))
         again.wait_for(STANDS_BY, 60)
-        records = wait_for_all(own_bench, topic_name, count, second, again)
+        records = wait_for_all(own_bench, own_topic, count, second, again)
         assert runs(second)
         assert not runs(again)
         assert again.end() == second.end() == 0

@@ -47,14 +47,13 @@ def kill_all(bridge: Process) -> None:
 
 
 def test_guarantee_8_a_killed_worker_and_a_killed_bridge_are_taken_over_from_and_nothing_is_lost(
-    bench: Bench, topic_name: str, leave: Leave
+    bench: Bench, topic: str, leave: Leave
 ) -> None:
     """From the worker by the other bridge, or by the worker in its place: Kafka chooses."""
     count = 3000
-    there = f'{topic_name}.there'
-    bench.create_topic(topic_name)
+    there = f'{topic}.there'
     bench.create_topic(there)
-    routes = [to_kafka('/orders', topic_name, exclusive=True), to_ros(there, '/there')]
+    routes = [to_kafka('/orders', topic, exclusive=True), to_ros(there, '/there')]
     config = bench.config(routes, workers=2, ros={'lease_s': 3})
     options = (*LATCHED, *leave.options, '--count', str(count))
     with ExitStack() as stack:
@@ -64,7 +63,7 @@ def test_guarantee_8_a_killed_worker_and_a_killed_bridge_are_taken_over_from_and
         second.wait_for(STANDS_BY)
         publisher = stack.enter_context(bench.publisher('/orders', *options))
         leave.up_to(1000)
-        wait_for_order(bench, topic_name, 300, first)
+        wait_for_order(bench, topic, 300, first)
         kill(first, ITS)
         eventually(lambda: turns(first, second) == 2, 60, first.output)
         dying, other = (second, first) if turns(second) else (first, second)
@@ -72,13 +71,13 @@ def test_guarantee_8_a_killed_worker_and_a_killed_bridge_are_taken_over_from_and
         assert not published(publisher)
 
         leave.up_to(2000)
-        wait_for_order(bench, topic_name, 1300, first, second)
+        wait_for_order(bench, topic, 1300, first, second)
         kill_all(dying)
         eventually(lambda: turns(first, second) == 3, 60, other.output)
         assert not published(publisher)
 
         leave.up_to(count)
-        records = wait_for_all(bench, topic_name, count, other)
+        records = wait_for_all(bench, topic, count, other)
         assert other.end() == 0, other.output()
     assert turns(first, second) == 3, 'one at a time'
     assert_each_once_in_order(records, count)

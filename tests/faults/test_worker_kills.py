@@ -18,15 +18,14 @@ LATCHED = ('--durability', 'transient_local', '--count', str(COUNT))
 
 
 def test_guarantees_1_2_8_a_killed_worker_is_started_again_and_nothing_is_lost(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic: str, tmp_path: Path
 ) -> None:
     """Each worker in turn, while the other goes on as the same process."""
-    arrived, written = tmp_path / 'arrived', f'{topic_name}.written'
+    arrived, written = tmp_path / 'arrived', f'{topic}.written'
     to_take, to_publish = (Leave(tmp_path / peer) for peer in ('subscriber', 'publisher'))
-    routes = [to_ros(topic_name, '/there'), to_kafka('/latched', written)]
-    bench.create_topic(topic_name)
+    routes = [to_ros(topic, '/there'), to_kafka('/latched', written)]
     bench.create_topic(written)
-    bench.produce(topic_name, numbered(COUNT))
+    bench.produce(topic, numbered(COUNT))
     with (
         bench.subscriber('/there', arrived, *to_take.options, samples=SAMPLES),
         bench.publisher('/latched', *LATCHED, *to_publish.options),
@@ -55,7 +54,7 @@ def test_guarantees_1_2_8_a_killed_worker_is_started_again_and_nothing_is_lost(
         assert process.end(40) == 0, process.output()
     assert values(records) == numbered(COUNT), 'nothing is lost, repeated or out of order'
     assert set(numbers(arrived)) == set(range(COUNT))
-    assert bench.committed(bench.group, topic_name) == COUNT
+    assert bench.committed(bench.group, topic) == COUNT
 
 
 def test_a_route_that_failed_for_good_stays_so_when_its_worker_is_killed_right_after(
@@ -84,18 +83,17 @@ def test_a_route_that_failed_for_good_stays_so_when_its_worker_is_killed_right_a
 
 
 def test_guarantee_7_when_the_supervisor_is_killed_its_workers_drain_in_order_and_end(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    returned = f'{topic_name}.returned'
-    config = bench.config(there_and_back(topic_name), workers=2, kafka=bench.patient_kafka)
-    bench.create_topic(topic_name)
+    returned = f'{topic}.returned'
+    config = bench.config(there_and_back(topic), workers=2, kafka=bench.patient_kafka)
     bench.create_topic(returned)
-    with stream(bench, topic_name) as records, bench.bridge(config) as process:
+    with stream(bench, topic) as records, bench.bridge(config) as process:
         eventually(partial(bench.reaches, returned, 1500), 90, process.output)
         workers = [*pids(process, 1), *pids(process, 2)]
         process.kill()
         wait_until_gone(*workers)
-        committed = bench.committed(bench.group, topic_name)
+        committed = bench.committed(bench.group, topic)
         records.wait_beyond(committed)
         records.end()
     assert process.output().count('the supervisor has gone: draining') == 2
@@ -104,16 +102,13 @@ def test_guarantee_7_when_the_supervisor_is_killed_its_workers_drain_in_order_an
 
 
 def test_a_worker_that_does_not_end_is_killed_and_the_other_has_its_drain(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    config = bench.config(
-        there_and_back(topic_name, drain_s=1), workers=2, defaults={'drain_s': 1}
-    )
-    bench.create_topic(topic_name)
-    bench.create_topic(f'{topic_name}.returned')
-    bench.produce(topic_name, numbered(100))
+    config = bench.config(there_and_back(topic, drain_s=1), workers=2, defaults={'drain_s': 1})
+    bench.create_topic(f'{topic}.returned')
+    bench.produce(topic, numbered(100))
     with bench.bridge(config) as process:
-        eventually(partial(bench.reaches, f'{topic_name}.returned', 100), 90, process.output)
+        eventually(partial(bench.reaches, f'{topic}.returned', 100), 90, process.output)
         os.kill(pids(process, 1)[0], signal.SIGSTOP)
         assert process.end(60) == 1
     assert 'worker 1 (to_ros) did not end in time and was killed' in process.output()
@@ -122,10 +117,9 @@ def test_a_worker_that_does_not_end_is_killed_and_the_other_has_its_drain(
 
 
 def test_a_worker_that_is_away_when_a_stop_comes_is_not_started_again(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    config = bench.config(there_and_back(topic_name), workers=2)
-    bench.create_topic(topic_name)
+    config = bench.config(there_and_back(topic), workers=2)
     with bench.bridge(config) as process:
         process.wait_for('subscribes to', 90)
         for times, away_s in enumerate((1, 2, 4, 8), 1):

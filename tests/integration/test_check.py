@@ -105,27 +105,26 @@ def test_each_thing_that_does_not_fit_is_a_line_with_its_cure(
     assert missing not in found, 'nothing is changed'
 
 
-def test_it_says_how_much_a_group_has_to_deliver(bench: Bench, topic_name: str) -> None:
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [b'%d' % number for number in range(10)])
-    file = bench.config([to_ros(topic_name, '/orders')])
+def test_it_says_how_much_a_group_has_to_deliver(bench: Bench, topic: str) -> None:
+    bench.produce(topic, [b'%d' % number for number in range(10)])
+    file = bench.config([to_ros(topic, '/orders')])
     with bench.subscriber('/orders', bench.place / 'received') as subscriber:
         subscriber.wait_for('ready')
         with bench.bridge(file) as bridge:
             eventually(lambda: len(lines(bench.place / 'received')) == 10, 60)
             assert bridge.end() == 0
-        bench.produce(topic_name, [b'10', b'11'])
+        bench.produce(topic, [b'10', b'11'])
         ids = TopicIds({'bootstrap.servers': bench.bootstrap_servers})
-        now = ids.answer(ids.ask(topic_name), 30.0)
+        now = ids.answer(ids.ask(topic), 30.0)
         assert now is not None
         others = [
-            of_group(bench, topic_name, 'gone', TopicId(now.cluster_id, 'gone')),
-            of_group(bench, topic_name, 'elsewhere', TopicId('elsewhere', 'gone')),
+            of_group(bench, topic, 'gone', TopicId(now.cluster_id, 'gone')),
+            of_group(bench, topic, 'elsewhere', TopicId('elsewhere', 'gone')),
         ]
-        file = bench.config([to_ros(topic_name, '/orders'), *others])
+        file = bench.config([to_ros(topic, '/orders'), *others])
         _, out, _ = bench.command('check', str(file), '--connect')
     assert f'group {bench.group} goes on at its committed offsets, 2 records to deliver' in out
-    offsets = rf'  note the offsets of group {bench.name}\.\w+ at {topic_name}\[0\] are of'
+    offsets = rf'  note the offsets of group {bench.name}\.\w+ at {topic}\[0\] are of'
     all_of_it = 'the bridge reads all that is there now, 12 records to deliver'
     assert re.search(f'{offsets} a topic of this name that is gone: {all_of_it}', out)
     here = f'and this is cluster {now.cluster_id}: the bridge goes on at them, 2 records'
@@ -200,9 +199,8 @@ def test_a_type_is_told_with_the_node_that_describes_it_and_one_without_is_wrong
 # A terminal
 
 
-def test_a_terminal_shows_a_table_that_fits_it(bench: Bench, topic_name: str) -> None:
-    bench.create_topic(topic_name)
-    file = bench.config([to_ros(topic_name, '/latched', name='latched')])
+def test_a_terminal_shows_a_table_that_fits_it(bench: Bench, topic: str) -> None:
+    file = bench.config([to_ros(topic, '/latched', name='latched')])
     with bench.subscriber(
         '/latched', bench.place / 'received', '--durability', 'transient_local'
     ) as subscriber:

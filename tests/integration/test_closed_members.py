@@ -80,16 +80,15 @@ def test_a_lock_is_told_of_its_rebalances_before_it_is_closed_and_not_in_the_clo
 
 
 def test_a_replaced_client_is_told_of_its_rebalances_before_it_is_closed_and_not_in_the_close(
-    bench: Bench, topic_name: str, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, topic: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[str] = []
     in_close: list[str] = []
     monkeypatch.setattr(group_client, 'Consumer', watched(told, in_close))
     kafka = {'bootstrap.servers': bench.bootstrap_servers}
     group = f'{bench.name}.old'
-    bench.create_topic(topic_name)
     properties = consumer_properties(kafka, client_id='test', group=group)
-    client = GroupClient(properties, topic_name, MagicMock(), LOG.logger)
+    client = GroupClient(properties, topic, MagicMock(), LOG.logger)
     client.open()
     # Freed with a rebalance waiting, it would stand still: it is closed whatever fails.
     with contextlib.ExitStack() as stack:

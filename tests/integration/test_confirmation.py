@@ -21,32 +21,30 @@ def arrived(tmp_path: Path) -> Path:
 
 
 def test_guarantee_6c_where_acknowledgements_are_lies_nothing_is_committed_by_them(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
     """The route to ROS fails, that from ROS goes on."""
-    back = f'{topic_name}.back'
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, words(10))
-    config = bench.config([to_ros(topic_name, ROS_TOPIC), route('/back', back, None, 'back')])
+    back = f'{topic}.back'
+    bench.produce(topic, words(10))
+    config = bench.config([to_ros(topic, ROS_TOPIC), route('/back', back, None, 'back')])
     lies = stranger(bench.place, 'lies')
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config, **lies) as bridge:
         bridge.wait_for(f'to_ros: failed: {LIES}')
         with publish(bench, '/back', [text(b'a')], '--durability', 'transient_local'):
             assert values(bench.records(back, 1)) == [text(b'a')]
-        assert bench.committed(bench.group, topic_name) < 0
+        assert bench.committed(bench.group, topic) < 0
         assert bridge.end() == 0
 
 
 def test_guarantee_6c_with_confirmation_none_offsets_follow_and_nothing_counts_as_confirmed(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, words(100))
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)], ros={'confirmation': 'none'})
+    bench.produce(topic, words(100))
+    config = bench.config([to_ros(topic, ROS_TOPIC)], ros={'confirmation': 'none'})
     lies = stranger(bench.place, 'lies')
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config, **lies) as bridge:
         bridge.wait_for('ros.confirmation: none: guarantee 1 falls')
         wait_for(arrived, texts(words(100)), bridge)
-        wait_for_commit(bench, topic_name, 100, bridge)
+        wait_for_commit(bench, topic, 100, bridge)
         assert bridge.end() == 0
     assert (totals(bridge)['confirmed'], totals(bridge)['only published']) == (0, 100)

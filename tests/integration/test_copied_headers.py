@@ -65,26 +65,25 @@ def test_guarantee_6b_a_retry_job_that_would_make_orders_go_round_loses_nothing(
 
 
 def test_guarantee_6b_forged_numbers_before_a_restart_cost_a_latched_publisher_nothing(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     """The stranger copies every header of the bridge, and knows all but what is still to come."""
-    bench.create_topic(topic_name)
-    config = bench.config([to_kafka('/orders', topic_name)])
+    config = bench.config([to_kafka('/orders', topic)])
     leave = Leave(bench.place)
     options = (*LATCHED, *leave.options, '--count', '35')
     with bench.publisher('/orders', *options) as publisher:
         leave.up_to(5)
         with bench.bridge(config) as bridge:
-            eventually(lambda: bench.reaches(topic_name, 5), 60, bridge.output)
+            eventually(lambda: bench.reaches(topic, 5), 60, bridge.output)
             assert bridge.end() == 0
-        last = bench.records(topic_name, 5)[-1]
-        forge(bench, topic_name, last, range(6, 41))
+        last = bench.records(topic, 5)[-1]
+        forge(bench, topic, last, range(6, 41))
         with bench.bridge(config) as bridge:
             leave.up_to(35)
             publisher.wait_for('published')
-            eventually(lambda: len(true_ones(bench, topic_name)) >= 35, 60, bridge.output)
+            eventually(lambda: len(true_ones(bench, topic)) >= 35, 60, bridge.output)
             assert bridge.end() == 0
-    assert seqs(true_ones(bench, topic_name)) == list(range(1, 36)), 'nor was any repeated'
+    assert seqs(true_ones(bench, topic)) == list(range(1, 36)), 'nor was any repeated'
     assert totals(bridge, 'to_kafka')['skipped'] == 5
     assert totals(bridge, 'to_kafka')['sent though their number is there'] == 30
     assert 0 < bridge.output().count('proves nothing') < 5, 'not a line for each'

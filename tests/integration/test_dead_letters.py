@@ -74,9 +74,9 @@ def test_letters_are_listed_shown_and_replayed_once_with_the_commands_of_the_doc
 
 
 def test_a_message_of_a_type_that_a_node_alone_describes_is_replayed(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic: str, tmp_path: Path
 ) -> None:
-    letters = f'{topic_name}.dead-letters'
+    letters = f'{topic}.dead-letters'
     prefix = installed(tmp_path, 'acme_crates', {'Crate': 'string label\nfloat64[2] at\n'})
     layout = load_layout(CRATE, [prefix / 'src'])
     [message] = random_cdr(CRATE, prefix / 'src', 1)
@@ -88,14 +88,13 @@ def test_a_message_of_a_type_that_a_node_alone_describes_is_replayed(
             [('ros.type', CRATE), ('ros.type_hash', layout.type_hash or '')],
         ),
         EncodeError('it was too large then'),
-        from_ros('to_kafka', '/crates', topic_name),
+        from_ros('to_kafka', '/crates', topic),
     )
-    bench.create_topic(topic_name)
     bench.create_topic(letters)
     bench.produce(letters, [message], headers=letter.headers)
-    crates = to_kafka('/crates', topic_name, format='json') | {'from': {'ros': '/crates'}}
+    crates = to_kafka('/crates', topic, format='json') | {'from': {'ros': '/crates'}}
     config = bench.config([crates])
     with robot(bench, CRATE, prefix, takes={'/crates': bench.place / 'took'}):
-        assert f'1 letter replayed to {topic_name}\n' in done(bench, 'replay', config, '--all')
-    [record] = bench.records(topic_name, 1)
+        assert f'1 letter replayed to {topic}\n' in done(bench, 'replay', config, '--all')
+    [record] = bench.records(topic, 1)
     assert record.value() == make_encode(layout, Scope(''))(message)

@@ -6,10 +6,9 @@ from harness import Bench, to_kafka
 
 @pytest.mark.parametrize('environ', [{'HOME': ''}, {'ROS_LOG_DIR': '/proc/none'}])
 def test_a_bridge_needs_no_folder_for_logs_of_ros(
-    bench: Bench, topic_name: str, environ: dict[str, str]
+    bench: Bench, topic: str, environ: dict[str, str]
 ) -> None:
-    config = bench.config([to_kafka('/a', topic_name)])
-    bench.create_topic(topic_name)
+    config = bench.config([to_kafka('/a', topic)])
     with bench.run(config, **environ) as process:
         process.wait_for('subscribes to /a', 60)
         assert process.end(40) == 0, process.output()

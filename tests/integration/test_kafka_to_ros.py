@@ -19,16 +19,15 @@ def arrived(tmp_path: Path) -> Path:
 
 
 def test_guarantee_4_records_wait_until_min_subscribers_are_there(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic: str, tmp_path: Path
 ) -> None:
     first, second = tmp_path / 'first', tmp_path / 'second'
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, words(100))
-    config = bench.config([to_ros(topic_name, ROS_TOPIC, min_subscribers=2)])
+    bench.produce(topic, words(100))
+    config = bench.config([to_ros(topic, ROS_TOPIC, min_subscribers=2)])
     with bench.subscriber(ROS_TOPIC, first), bench.bridge(config) as bridge:
         bridge.wait_for('waiting (1 of 2 subscribers are there)')
         assert lines(first) == []
-        assert bench.committed(bench.group, topic_name) == 0
+        assert bench.committed(bench.group, topic) == 0
         with bench.subscriber(ROS_TOPIC, second):
             wait_for(second, texts(words(100)), bridge)
             wait_for(first, texts(words(100)), bridge)
@@ -37,24 +36,22 @@ def test_guarantee_4_records_wait_until_min_subscribers_are_there(
 
 
 def test_guarantee_6c_with_min_subscribers_0_records_go_to_nobody_and_nobody_confirms_them(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, words(2000))
-    config = bench.config([to_ros(topic_name, ROS_TOPIC, min_subscribers=0)])
+    bench.produce(topic, words(2000))
+    config = bench.config([to_ros(topic, ROS_TOPIC, min_subscribers=0)])
     with bench.bridge(config) as bridge:
-        wait_for_commit(bench, topic_name, 2000, bridge)
+        wait_for_commit(bench, topic, 2000, bridge)
         assert bridge.end() == 0
     assert (totals(bridge)['confirmed'], totals(bridge)['only published']) == (0, 2000)
 
 
 def test_guarantee_1_max_rate_is_kept_and_a_keep_last_subscriber_then_loses_nothing(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
     """At one in 1,000 s each bridge moves one and one that is owed; a queue of two holds them."""
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, words(6))
-    config = bench.config([to_ros(topic_name, ROS_TOPIC, max_rate=0.001)])
+    bench.produce(topic, words(6))
+    config = bench.config([to_ros(topic, ROS_TOPIC, max_rate=0.001)])
     moved = 0
     with bench.subscriber(ROS_TOPIC, arrived, '--depth', '2'):
         while moved < 6:
@@ -73,34 +70,32 @@ def moved_by_one_bridge(bench: Bench, config: Path, arrived: Path) -> int:
 
 
 def test_guarantee_6_records_older_than_max_age_s_are_dropped_and_counted(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
     hour_ago_ms = int(time.time() * 1000) - 3_600_000
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, words(10))
-    bench.produce(topic_name, words(7, start=10), timestamp=hour_ago_ms)
-    bench.produce(topic_name, words(10, start=17))
-    config = bench.config([to_ros(topic_name, ROS_TOPIC, max_age_s=600)])
+    bench.produce(topic, words(10))
+    bench.produce(topic, words(7, start=10), timestamp=hour_ago_ms)
+    bench.produce(topic, words(10, start=17))
+    config = bench.config([to_ros(topic, ROS_TOPIC, max_age_s=600)])
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:
         wait_for(arrived, texts([*words(10), *words(10, start=17)]), bridge)
-        wait_for_commit(bench, topic_name, 27, bridge)
+        wait_for_commit(bench, topic, 27, bridge)
         assert bridge.end() == 0
     assert totals(bridge)['confirmed'] == 20
     assert totals(bridge)['dropped'] == 7
 
 
 def test_guarantee_6_a_record_that_would_go_round_is_skipped_and_counted_if_the_route_says_so(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
     mine = [('ros.topic', ROS_TOPIC.encode()), ('bridge.origin', bench.name.encode())]
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, words(5), headers=[('bridge.origin', b'another')])
-    bench.produce(topic_name, words(3, start=5), headers=mine)
-    bench.produce(topic_name, words(5, start=8))
-    config = bench.config([to_ros(topic_name, ROS_TOPIC, skip_own=True)])
+    bench.produce(topic, words(5), headers=[('bridge.origin', b'another')])
+    bench.produce(topic, words(3, start=5), headers=mine)
+    bench.produce(topic, words(5, start=8))
+    config = bench.config([to_ros(topic, ROS_TOPIC, skip_own=True)])
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:
         wait_for(arrived, texts([*words(5), *words(5, start=8)]), bridge)
-        wait_for_commit(bench, topic_name, 13, bridge)
+        wait_for_commit(bench, topic, 13, bridge)
         assert bridge.end() == 0
     assert totals(bridge)['confirmed'] == 10
     assert totals(bridge)['skipped'] == 3

@@ -109,7 +109,7 @@ CDR_RECORDS: list[tuple[bytes | None, str]] = [
 )
 def test_guarantee_5_a_bad_record_becomes_a_dead_letter_and_all_others_arrive(
     bench: Bench,
-    topic_name: str,
+    topic: str,
     arrived: Path,
     kind: str,
     records: list[tuple[bytes | None, str]],
@@ -117,42 +117,40 @@ def test_guarantee_5_a_bad_record_becomes_a_dead_letter_and_all_others_arrive(
     bad = [(offset, *record) for offset, record in enumerate(records) if record[1]]
     good = [value or b'' for value, error in records if not error]
     expected = [value.decode() if kind == 'text' else value[8:-1].decode() for value in good]
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [value for value, _ in records], key=KEY, headers=HEADERS)
-    route = to_ros(topic_name, ROS_TOPIC, max_message_bytes=LIMIT_BYTES) | {'format': kind}
+    bench.produce(topic, [value for value, _ in records], key=KEY, headers=HEADERS)
+    route = to_ros(topic, ROS_TOPIC, max_message_bytes=LIMIT_BYTES) | {'format': kind}
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(bench.config([route])) as bridge:
         wait_for(arrived, expected, bridge)
-        wait_for_commit(bench, topic_name, len(records), bridge)
+        wait_for_commit(bench, topic, len(records), bridge)
         assert bridge.end() == 0
-    letters = bench.records(f'{topic_name}.dead-letters', len(bad))
+    letters = bench.records(f'{topic}.dead-letters', len(bad))
     for letter, (offset, value, error) in zip(letters, bad, strict=True):
-        check_letter(letter, value, offset, error, topic_name)
+        check_letter(letter, value, offset, error, topic)
     assert totals(bridge)['dead-lettered'] == len(bad)
     assert totals(bridge)['confirmed'] == len(good)
 
 
 def test_guarantee_5_a_dead_letter_too_large_for_its_topic_goes_without_its_value(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
     """Only that one: others keep theirs, however many come at once."""
     small, large = GARBAGE, GARBAGE * 10
     records = [b'first', *[small] * 20, large, *[small] * 20, b'last']
-    bench.create_topic(topic_name)
-    bench.create_topic(f'{topic_name}.dead-letters', max_message_bytes='5000')
-    bench.produce(topic_name, records, key=KEY, headers=HEADERS)
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
+    bench.create_topic(f'{topic}.dead-letters', max_message_bytes='5000')
+    bench.produce(topic, records, key=KEY, headers=HEADERS)
+    config = bench.config([to_ros(topic, ROS_TOPIC)])
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:
         wait_for(arrived, ['first', 'last'], bridge)
-        wait_for_commit(bench, topic_name, len(records), bridge)
+        wait_for_commit(bench, topic, len(records), bridge)
         assert bridge.end() == 0
-    letters = bench.records(f'{topic_name}.dead-letters', 41)
+    letters = bench.records(f'{topic}.dead-letters', 41)
     by_offset = {int(own_headers(letter)['dead_letter.offset']): letter for letter in letters}
     assert sorted(by_offset) == list(range(1, 42))
     stripped = by_offset.pop(21)
-    check_letter(stripped, None, 21, 'DecodeError', topic_name, 'value_bytes')
+    check_letter(stripped, None, 21, 'DecodeError', topic, 'value_bytes')
     assert own_headers(stripped)['dead_letter.value_bytes'] == str(len(large))
     for offset, letter in by_offset.items():
-        check_letter(letter, small, offset, 'DecodeError', topic_name)
+        check_letter(letter, small, offset, 'DecodeError', topic)
 
 
 def test_guarantee_5_a_dead_letter_that_its_topic_takes_keeps_its_value_whatever_its_size(
@@ -172,32 +170,30 @@ def test_guarantee_5_a_dead_letter_that_its_topic_takes_keeps_its_value_whatever
 
 
 def test_guarantee_6_with_on_error_drop_bad_records_are_counted(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [b'first', GARBAGE, None, b'last'])
-    config = bench.config([to_ros(topic_name, ROS_TOPIC, on_error='drop')])
+    bench.produce(topic, [b'first', GARBAGE, None, b'last'])
+    config = bench.config([to_ros(topic, ROS_TOPIC, on_error='drop')])
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:
         wait_for(arrived, ['first', 'last'], bridge)
-        wait_for_commit(bench, topic_name, 4, bridge)
+        wait_for_commit(bench, topic, 4, bridge)
         assert bridge.end() == 0
     assert totals(bridge)['dropped'] == 2
     assert totals(bridge)['confirmed'] == 2
 
 
 def test_with_on_error_stop_the_route_ends_at_the_bad_record_after_all_before_it(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [*words(700), GARBAGE, *words(700, start=701)])
-    config = bench.config([to_ros(topic_name, ROS_TOPIC, on_error='stop')])
+    bench.produce(topic, [*words(700), GARBAGE, *words(700, start=701)])
+    config = bench.config([to_ros(topic, ROS_TOPIC, on_error='stop')])
     with bench.subscriber(ROS_TOPIC, arrived):
         for _ in range(2):  # starting it again changes nothing
             with bench.bridge(config) as bridge:
                 assert bridge.wait(30) == 1
-            assert f'failed: {topic_name}[0]@700: ' in bridge.output()
+            assert f'failed: {topic}[0]@700: ' in bridge.output()
             assert 'stopped, as on_error says' in bridge.output()
-            assert bench.committed(bench.group, topic_name) == 700
+            assert bench.committed(bench.group, topic) == 700
             wait_for(arrived, texts(words(700)), bridge)
             totals(bridge)
         assert totals(bridge)['confirmed'] == 0

@@ -68,42 +68,40 @@ def test_a_first_start_begins_where_start_says(
 
 
 def test_guarantee_8_a_bridge_killed_at_its_first_start_has_its_place_in_the_topic(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
     """With `start: latest`: what came after the first start is not taken for old."""
-    route = to_ros(topic_name, ROS_TOPIC)
+    route = to_ros(topic, ROS_TOPIC)
     route['from']['start'] = 'latest'
     config = bench.config([route])
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, words(10))
+    bench.produce(topic, words(10))
     with bench.bridge(config) as bridge:
         bridge.wait_for('first start of this group')
         bridge.kill()
-    bench.produce(topic_name, words(20, start=10))
+    bench.produce(topic, words(20, start=10))
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:
         wait_for(arrived, texts(words(20, start=10)), bridge)
         assert bridge.end() == 0
 
 
 def test_guarantee_1_a_partition_added_while_running_is_read_from_its_beginning(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
     """Even with `start: latest`, which is about what was there at the first start."""
-    route = to_ros(topic_name, ROS_TOPIC)
+    route = to_ros(topic, ROS_TOPIC)
     route['from']['start'] = 'latest'
-    bench.create_topic(topic_name)
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(bench.config([route])) as bridge:
         bridge.wait_for('first start of this group')
         admin = bench.admin()
-        admin.create_partitions([NewPartitions(topic_name, 2)])[topic_name].result(patient(60))
+        admin.create_partitions([NewPartitions(topic, 2)])[topic].result(patient(60))
         # The broker hears of it from the controller, and refuses a record for it until then.
-        eventually(lambda: partitions(admin, topic_name) == 2, 60)
-        bench.produce(topic_name, words(100), partition=1)
+        eventually(lambda: partitions(admin, topic) == 2, 60)
+        bench.produce(topic, words(100), partition=1)
         wait_for(arrived, texts(words(100)), bridge)
-        bench.produce(topic_name, words(100, start=100), partition=0)
+        bench.produce(topic, words(100, start=100), partition=0)
         wait_for(arrived, texts(words(200)), bridge)
         assert bridge.end() == 0
-    assert [bench.committed(bench.group, topic_name, p) for p in range(2)] == [100, 100]
+    assert [bench.committed(bench.group, topic, p) for p in range(2)] == [100, 100]
 
 
 def partitions(admin: AdminClient, topic: str) -> int:
@@ -111,28 +109,27 @@ def partitions(admin: AdminClient, topic: str) -> int:
 
 
 def test_guarantee_1_records_deleted_before_they_were_read_are_counted_and_the_others_arrive(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, words(50))
+    config = bench.config([to_ros(topic, ROS_TOPIC)])
+    bench.produce(topic, words(50))
     with bench.subscriber(ROS_TOPIC, arrived):
         with bench.bridge(config) as bridge:
             wait_for(arrived, texts(words(50)), bridge)
             assert bridge.end() == 0
-        bench.produce(topic_name, words(50, start=50))
+        bench.produce(topic, words(50, start=50))
         admin = bench.admin()
-        below = TopicPartition(topic_name, 0, 70)
+        below = TopicPartition(topic, 0, 70)
         admin.delete_records([below])[below].result(patient(60))
         with bench.bridge(config) as bridge:
             wait_for(arrived, texts([*words(50), *words(30, start=70)]), bridge)
             assert bridge.end() == 0
     assert (
-        f'{topic_name}[0]: 20 records were deleted before the bridge read them '
+        f'{topic}[0]: 20 records were deleted before the bridge read them '
         '(offsets 50 to 69); it goes on at 70'
     ) in bridge.output()
     assert totals(bridge)['lost before the bridge'] == 20
-    assert bench.committed(bench.group, topic_name) == 100
+    assert bench.committed(bench.group, topic) == 100
 
 
 def test_guarantee_1_a_compacted_topic_is_committed_over_its_gaps_to_its_end(
@@ -164,22 +161,19 @@ def test_guarantee_1_a_compacted_topic_is_committed_over_its_gaps_to_its_end(
 
 
 def test_guarantee_1_a_topic_with_transactions_is_committed_over_their_marks_to_its_end(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
     """What was aborted does not arrive; the lag gets 0 although marks are no records.
 
     Also for the tools of Kafka, of what was aborted while the bridge was not there.
     """
-    bench.create_topic(topic_name)
-    producer = Producer(
-        {'bootstrap.servers': bench.bootstrap_servers, 'transactional.id': topic_name}
-    )
+    producer = Producer({'bootstrap.servers': bench.bootstrap_servers, 'transactional.id': topic})
     producer.init_transactions(20)
 
     def transaction(first: int, *, commit: bool) -> None:
         producer.begin_transaction()
         for value in words(10, start=first):
-            producer.produce(topic_name, value)
+            producer.produce(topic, value)
         producer.flush(10)
         (producer.commit_transaction if commit else producer.abort_transaction)(20)
 
@@ -187,20 +181,20 @@ def test_guarantee_1_a_topic_with_transactions_is_committed_over_their_marks_to_
     transaction(10, commit=False)
     transaction(20, commit=True)
     transaction(30, commit=False)
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
+    config = bench.config([to_ros(topic, ROS_TOPIC)])
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:
         wait_for(arrived, texts([*words(10), *words(10, start=20)]), bridge)
-        assert bounds(bench, topic_name) == (0, 44)
-        wait_for_commit(bench, topic_name, 44, bridge)
+        assert bounds(bench, topic) == (0, 44)
+        wait_for_commit(bench, topic, 44, bridge)
         transaction(40, commit=True)
         wait_for(arrived, texts([*words(10), *words(10, start=20), *words(10, start=40)]), bridge)
-        wait_for_commit(bench, topic_name, 55, bridge)
+        wait_for_commit(bench, topic, 55, bridge)
         bridge.wait_for('running: 30 confirmed')
         assert 'lag 0,' in bridge.output()
         assert bridge.end() == 0
     transaction(50, commit=False)
     with bench.bridge(config) as bridge:  # which finds nothing but marks
-        wait_for_commit(bench, topic_name, 66, bridge)
+        wait_for_commit(bench, topic, 66, bridge)
 
 
 def test_guarantee_1_a_topic_made_anew_while_running_is_read_from_its_beginning(

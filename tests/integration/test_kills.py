@@ -54,20 +54,19 @@ def arrived(tmp_path: Path) -> Path:
 
 
 def test_guarantees_1_and_8_a_killed_bridge_loses_nothing_and_repeats_only_uncommitted_records(
-    bench: Bench, topic_name: str, arrived: Path, leave: Leave
+    bench: Bench, topic: str, arrived: Path, leave: Leave
 ) -> None:
     count = 4000
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, numbered(count))
+    config = bench.config([to_ros(topic, ROS_TOPIC)])
+    bench.produce(topic, numbered(count))
     with bench.subscriber(ROS_TOPIC, arrived, *SLOW, *leave.options, samples=SAMPLES):
         leave.up_to(3000)
         with bench.bridge(config) as bridge:
             wait_for_lines(arrived, 500, bridge)
-            eventually(lambda: bench.committed(bench.group, topic_name) > 0, 60, bridge.output)
+            eventually(lambda: bench.committed(bench.group, topic) > 0, 60, bridge.output)
             bridge.kill()
         time.sleep(ON_ITS_WAY_S)
-        committed = bench.committed(bench.group, topic_name)
+        committed = bench.committed(bench.group, topic)
         leave.up_to(2 * count)
         with bench.bridge(config) as bridge:
             wait_for_all(arrived, count, bridge)
@@ -78,17 +77,16 @@ def test_guarantees_1_and_8_a_killed_bridge_loses_nothing_and_repeats_only_uncom
     # What comes again begins at the committed offset, so that all of it lies at or above.
     assert [after for _, after in steps_back(found)] in ([committed], [])
     assert 0 < committed <= 3000 + SAMPLES
-    assert bench.committed(bench.group, topic_name) == count
+    assert bench.committed(bench.group, topic) == count
 
 
 def test_guarantee_1_when_the_only_subscriber_is_killed_the_next_one_gets_what_was_in_flight(
-    bench: Bench, topic_name: str, arrived: Path, leave: Leave
+    bench: Bench, topic: str, arrived: Path, leave: Leave
 ) -> None:
     """Lost is at most what the dead subscriber's own DDS cache held, acknowledged but not read."""
     count, second = 3000, bench.place / 'second'
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)], kafka=bench.patient_kafka)
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, numbered(count))
+    config = bench.config([to_ros(topic, ROS_TOPIC)], kafka=bench.patient_kafka)
+    bench.produce(topic, numbered(count))
     options = (*leave.options, '--work', '0')
     with (
         bench.subscriber(ROS_TOPIC, arrived, *options, samples=SAMPLES, lease_s=8.0) as dying,
@@ -109,20 +107,19 @@ def test_guarantee_1_when_the_only_subscriber_is_killed_the_next_one_gets_what_w
 
 
 def test_guarantees_2_3_8_sigkill_costs_nothing_of_a_transient_local_history(
-    bench: Bench, topic_name: str, leave: Leave
+    bench: Bench, topic: str, leave: Leave
 ) -> None:
     count = 4000
-    bench.create_topic(topic_name)
-    config = bench.config([to_kafka('/orders', topic_name)], ros={'lease_s': 3})
+    config = bench.config([to_kafka('/orders', topic)], ros={'lease_s': 3})
     options = (*LATCHED, *leave.options, '--count', str(count), '--rate', '500')
     with bench.publisher('/orders', *options):
         leave.up_to(1500)
         with bench.bridge(config) as bridge:
-            eventually(lambda: last(bench, topic_name) >= 300, 60, bridge.output)
+            eventually(lambda: last(bench, topic) >= 300, 60, bridge.output)
             bridge.kill()
         leave.up_to(count)
         with bench.bridge(config) as bridge:
-            records = bench.records(topic_name, count)
+            records = bench.records(topic, count)
             assert bridge.end() == 0
     assert values(records) == numbered(count)
     assert seqs(records) == list(range(1, count + 1))
@@ -166,15 +163,14 @@ def test_guarantees_1_and_3_a_restart_of_the_broker_loses_nothing_and_repeats_no
 
 @pytest.mark.kills_kafka
 def test_guarantees_2_3_4_a_broker_that_is_away_holds_the_publisher_back_and_costs_nothing(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str, leave: Leave
+    own_bench: Bench, own_kafka: LocalKafka, own_topic: str, leave: Leave
 ) -> None:
     bench, count = own_bench, 15_000
-    config = bench.config([to_kafka('/orders', topic_name)])
-    bench.create_topic(topic_name)
+    config = bench.config([to_kafka('/orders', own_topic)])
     options = (*leave.options, '--count', str(count))
     with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
         leave.up_to(1000)
-        eventually(lambda: bench.reaches(topic_name, 1000), 60, bridge.output)
+        eventually(lambda: bench.reaches(own_topic, 1000), 60, bridge.output)
         bench.close()
         own_kafka.kill()
         leave.up_to(1000 + WINDOW)
@@ -185,7 +181,7 @@ def test_guarantees_2_3_4_a_broker_that_is_away_holds_the_publisher_back_and_cos
         own_kafka.start()
         bridge.wait_for('Kafka is back')
         publisher.wait_for('published')
-        records = bench.records(topic_name, count)
+        records = bench.records(own_topic, count)
         assert bridge.end() == 0
     assert totals(bridge, 'to_kafka')['confirmed'] == count
     assert values(records) == numbered(count)
@@ -194,15 +190,14 @@ def test_guarantees_2_3_4_a_broker_that_is_away_holds_the_publisher_back_and_cos
 
 @pytest.mark.kills_kafka
 def test_guarantees_2_3_4_6_robots_are_not_held_back_while_kafka_is_away_and_nothing_is_lost(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str, leave: Leave
+    own_bench: Bench, own_kafka: LocalKafka, own_topic: str, leave: Leave
 ) -> None:
     bench, count = own_bench, 4000
-    config = bench.config([spooled.route(bench, topic_name)])
-    bench.create_topic(topic_name)
+    config = bench.config([spooled.route(bench, own_topic)])
     options = (*leave.options, '--count', str(count), '--rate', str(spooled.RATE))
     with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
         leave.up_to(1000)
-        eventually(lambda: spooled.arrived(bench, topic_name) >= 500, 60, bridge.output)
+        eventually(lambda: spooled.arrived(bench, own_topic) >= 500, 60, bridge.output)
         own_kafka.kill()
         leave.up_to(count)
         publisher.wait_for('published')
@@ -212,11 +207,11 @@ def test_guarantees_2_3_4_6_robots_are_not_held_back_while_kafka_is_away_and_not
         eventually(lambda: spooled.on_disk(bench) > held, 60, bridge.output)
         own_kafka.start()
         # What it says of its spool may be of before: a busy machine can be too slow for Kafka.
-        eventually(lambda: spooled.arrived(bench, topic_name) >= count, 60, bridge.output)
+        eventually(lambda: spooled.arrived(bench, own_topic) >= count, 60, bridge.output)
         assert bridge.end() == 0
     found = totals(bridge, 'to_kafka')
     assert found['taken'] == found['confirmed'] == count
-    assert spooled.numbers(bench, topic_name) == list(range(count))
+    assert spooled.numbers(bench, own_topic) == list(range(count))
 
 
 def test_guarantee_8_one_of_two_takes_over_from_a_killed_bridge_and_nothing_of_a_history_is_lost(

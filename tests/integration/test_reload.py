@@ -64,18 +64,17 @@ def test_a_reload_under_load_loses_and_repeats_nothing_on_the_routes_that_stay(
 
 
 def test_a_bad_file_is_refused_with_every_mistake_and_all_goes_on(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    routes = there_and_back(topic_name)
-    returned = f'{topic_name}.returned'
-    bench.create_topic(topic_name)
+    routes = there_and_back(topic)
+    returned = f'{topic}.returned'
     bench.create_topic(returned)
     config = bench.config(routes)
     with bench.bridge(config) as process:
         process.wait_for('reads ', 60)
         process.wait_for('subscribes to', 60)
         it = Reloaded(bench, process, config)
-        bad = [to_ros(topic_name, 'no slash'), to_kafka('/orders', returned, format='xml')]
+        bad = [to_ros(topic, 'no slash'), to_kafka('/orders', returned, format='xml')]
         it.write(bad)
         it.ask()
         process.wait_for(REFUSED, 60)
@@ -88,7 +87,7 @@ def test_a_bad_file_is_refused_with_every_mistake_and_all_goes_on(
         it.ask()
         process.wait_for(REFUSED, 60, count=3)
         assert 'no such file' in process.output()
-        bench.produce(topic_name, numbered(10))
+        bench.produce(topic, numbered(10))
         eventually(partial(bench.reaches, returned, 10), 60, process.output)
         assert it.to(routes) == 'nothing has changed'
         assert process.end(40) == 0, process.output()

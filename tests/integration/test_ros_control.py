@@ -7,14 +7,13 @@ from ros_caller import caller
 
 
 def test_a_bridge_that_waits_for_a_manager_is_configured_activated_and_shut_down(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic: str, tmp_path: Path
 ) -> None:
     file = tmp_path / 'received'
     monitoring = {'listen': 'off', 'node': True, 'start': 'unconfigured'}
-    routes = [to_ros(topic_name, '/orders')]
+    routes = [to_ros(topic, '/orders')]
     config = bench.config(routes, monitoring=monitoring, kafka=bench.patient_kafka)
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [b'1', b'2'])
+    bench.produce(topic, [b'1', b'2'])
     with (
         bench.subscriber('/orders', file),
         bench.bridge(config) as bridge,

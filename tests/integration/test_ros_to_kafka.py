@@ -225,19 +225,18 @@ def test_what_a_keep_last_publisher_overwrites_is_counted_and_said_guarantee_2(
 
 
 def test_two_files_of_one_name_that_mirror_a_topic_skip_their_own_so_that_no_loop_closes(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    bench.create_topic(topic_name)
-    out = bench.config([to_kafka('/orders', topic_name)])
-    back = bench.config([to_ros(topic_name, '/orders', skip_own=True)])
+    out = bench.config([to_kafka('/orders', topic)])
+    back = bench.config([to_ros(topic, '/orders', skip_own=True)])
     with (
         bench.bridge(out) as first,
         bench.bridge(back) as second,
         bench.publisher('/orders', '--count', '500'),
     ):
-        records = bench.records(topic_name, 500)
-        bench.produce(topic_name, [b'from elsewhere'])
-        assert values(bench.records(topic_name, 502))[500:] == 2 * [b'from elsewhere']
+        records = bench.records(topic, 500)
+        bench.produce(topic, [b'from elsewhere'])
+        assert values(bench.records(topic, 502))[500:] == 2 * [b'from elsewhere']
         assert (first.end(), second.end()) == (0, 0)
     assert values(records) == numbered('', 500)
     assert re.search(r'502 taken, 1 confirmed.* 501 skipped', second.output())

@@ -50,18 +50,17 @@ def limit(bench: Bench, topic: str) -> None:
 
 @pytest.mark.parametrize('way', WAYS)
 def test_a_message_that_is_too_large_is_a_dead_letter_and_stops_no_other_guarantee_5(
-    bench: Bench, topic_name: str, way: str
+    bench: Bench, topic: str, way: str
 ) -> None:
-    bench.create_topic(topic_name)
     if way in {'max.message.bytes', 'batched'}:
-        limit(bench, topic_name)
+        limit(bench, topic)
     small = [b'%d' % number for number in range(400)]
     sent = [text(data) for data in small]
     sent.insert(200, text(b'x' * LARGE))
-    config = bench.config([too_large(way, topic_name)])
+    config = bench.config([too_large(way, topic)])
     with bench.bridge(config) as bridge, publish(bench, '/orders', sent) as publisher:
-        records = bench.records(topic_name, 400)
-        [letter] = bench.records(f'{topic_name}.dead-letters', 1)
+        records = bench.records(topic, 400)
+        [letter] = bench.records(f'{topic}.dead-letters', 1)
         gid = told(publisher, 'gid')
         assert bridge.end() == 0
     assert values(records) == small
@@ -72,30 +71,29 @@ def test_a_message_that_is_too_large_is_a_dead_letter_and_stops_no_other_guarant
     assert found['dead_letter.error'] == f'RecordTooLargeError: {size} bytes, {WAYS[way]}'
     assert found['dead_letter.source'] == '/orders'
     assert found['dead_letter.route'] == 'to_kafka'
-    assert found['dead_letter.topic'] == topic_name
+    assert found['dead_letter.topic'] == topic
     assert abs(time.time_ns() - int(found['dead_letter.time_ns'])) < 60e9
     assert (found['ros.gid'], found['ros.seq']) == (gid, '201')
     assert '401 taken, 400 confirmed, 1 dead-lettered, 0 given up' in bridge.output()
 
 
 def test_small_messages_in_a_batch_that_is_refused_are_no_dead_letters_guarantee_5(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     """The limit is lowered while the bridge runs, so its batches are larger. They lose order."""
-    bench.create_topic(topic_name)
     small = [b'%03d' % number for number in range(400)]
     sent = [text(data) for data in (*small[:200], b'x' * LARGE, *small[200:])]
-    made = to_kafka('/orders', topic_name)
+    made = to_kafka('/orders', topic)
     made['to']['properties'] = {'linger.ms': 5}
     with (
         bench.bridge(bench.config([made])) as bridge,
         publish(bench, '/orders', [text(b'first')]),
     ):
-        bench.records(topic_name, 1)  # the bridge has asked for the limit before it sent this one
-        limit(bench, topic_name)
+        bench.records(topic, 1)  # the bridge has asked for the limit before it sent this one
+        limit(bench, topic)
         with publish(bench, '/orders', sent):
-            records = bench.records(topic_name, 401)
-            letters = bench.records(f'{topic_name}.dead-letters', 1)
+            records = bench.records(topic, 401)
+            letters = bench.records(f'{topic}.dead-letters', 1)
             assert bridge.end() == 0
     assert sorted(values(records)) == [*small, b'first']
     assert [headers(letter)['ros.seq'] for letter in letters] == ['201']
@@ -120,21 +118,20 @@ def test_text_that_is_not_utf8_is_a_dead_letter_as_it_came_guarantee_5(
 
 
 def test_what_was_refused_of_a_history_is_no_second_dead_letter_after_a_restart_guarantee_5(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     sent = [text(b'before'), text(b'caf\xe9'), *(text(b'%d' % number) for number in range(2000))]
     latched = ('--durability', 'transient_local', '--readers', '0', '--rate', '50')
-    config = bench.config([to_kafka('/orders', topic_name)])
-    bench.create_topic(topic_name)
+    config = bench.config([to_kafka('/orders', topic)])
     with publish(bench, '/orders', sent, *latched):
         for letters in (1, 0):
-            reaches_more = partial(bench.reaches, topic_name, bench.end_offset(topic_name) + 9)
+            reaches_more = partial(bench.reaches, topic, bench.end_offset(topic) + 9)
             with bench.bridge(config) as bridge:
                 eventually(reaches_more, 60, bridge.output)
                 assert bridge.end() == 0
             assert totals(bridge, 'to_kafka')['dead-lettered'] == letters
-    assert bench.end_offset(f'{topic_name}.dead-letters') == 1
-    identity = identities(bench.records(topic_name, bench.end_offset(topic_name)))
+    assert bench.end_offset(f'{topic}.dead-letters') == 1
+    identity = identities(bench.records(topic, bench.end_offset(topic)))
     assert [seq for _, seq in identity] == [1, *range(3, len(identity) + 2)]
 
 

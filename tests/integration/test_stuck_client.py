@@ -27,16 +27,15 @@ def give_up(*_: object) -> None:
 
 def test_a_client_that_is_given_up_says_how_it_was_assigned_and_what_it_made_of_its_partitions(
     bench: Bench,
-    topic_name: str,
+    topic: str,
     unique: Callable[[str], str],
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [b'first'])
+    bench.produce(topic, [b'first'])
     servers = {'bootstrap.servers': bench.bootstrap_servers}
     properties = consumer_properties(servers, client_id='test', group=unique('group'))
-    source = KafkaSource(properties, topic_name, 'earliest', TopicIds(servers), LOG)
+    source = KafkaSource(properties, topic, 'earliest', TopicIds(servers), LOG)
     source.open(Nobody())
     caplog.set_level(logging.INFO, 'test.stuck')
     with contextlib.closing(source):
@@ -47,9 +46,7 @@ def test_a_client_that_is_given_up_says_how_it_was_assigned_and_what_it_made_of_
         with pytest.raises(RouteError):
             source.poll(10, 0.1)
     told = [record.getMessage() for record in caplog.records]
-    assert any('s ago: ' in line and f'{topic_name} [0]' in line for line in told), told
-    reported = [
-        line for line in told if line.startswith(f'the Kafka client reported: {topic_name}[0]')
-    ]
+    assert any('s ago: ' in line and f'{topic} [0]' in line for line in told), told
+    reported = [line for line in told if line.startswith(f'the Kafka client reported: {topic}[0]')]
     assert len(reported) == 1
     assert 'fetch_state active' in reported[0]

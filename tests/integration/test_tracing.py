@@ -14,32 +14,31 @@ def sampled(number: int, flags: str = '01') -> tuple[str, bytes]:
 
 
 def test_the_trace_of_a_producer_goes_on_in_the_bridge(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic: str, tmp_path: Path
 ) -> None:
     """A record that is not sampled has no span, one that cannot be delivered an error."""
-    bench.create_topic(topic_name)
     records = [(b'first', 1, '01'), (b'second', 2, '00'), (b'caf\xe9', 3, '01')]
     for value, number, flags in records:
         state = [('tracestate', b'vendor=7')]
-        bench.produce(topic_name, [value], headers=[sampled(number, flags), *state])
+        bench.produce(topic, [value], headers=[sampled(number, flags), *state])
     arrived = tmp_path / 'arrived'
     with collector() as there:
         tracing = {'sample': 1, 'endpoint': there.endpoint, 'service': 'robots'}
-        config = bench.config([to_ros(topic_name, ROS_TOPIC)], tracing=tracing)
+        config = bench.config([to_ros(topic, ROS_TOPIC)], tracing=tracing)
         with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:
             wait_for(arrived, ['first', 'second'], bridge)
-            wait_for_commit(bench, topic_name, 3, bridge)
+            wait_for_commit(bench, topic, 3, bridge)
             first, bad = sorted(there.wait_for(2), key=lambda span: span.parent_id)
             assert bridge.end(40) == 0
     assert len(there.spans) == 2
     assert (first.trace_id, first.parent_id, first.state) == (TRACE, f'{1:016x}', 'vendor=7')
-    assert (first.name, first.kind, first.failed) == (f'process {topic_name}', 'consumer', False)
+    assert (first.name, first.kind, first.failed) == (f'process {topic}', 'consumer', False)
     assert first.service['service.name'] == 'robots'
     expected: dict[str, str | int] = {
         'messaging.system': 'kafka',
         'messaging.operation.name': 'process',
         'messaging.operation.type': 'process',
-        'messaging.destination.name': topic_name,
+        'messaging.destination.name': topic,
         'messaging.destination.partition.id': '0',
         'messaging.kafka.offset': 0,
         'messaging.consumer.group.name': bench.group,
@@ -55,5 +54,5 @@ def test_the_trace_of_a_producer_goes_on_in_the_bridge(
     assert (bad.trace_id, bad.parent_id, bad.failed) == (TRACE, f'{3:016x}', True)
     assert bad.text == 'DecodeError: not UTF-8 at byte 3: 0xe9'
     assert bad.told['ros2_kafka_bridge.outcome'] == 'dead_lettered'
-    (letter,) = bench.records(f'{topic_name}.dead-letters', 1)
+    (letter,) = bench.records(f'{topic}.dead-letters', 1)
     assert headers(letter)['traceparent'] == sampled(3)[1].decode()

@@ -38,16 +38,15 @@ def unread(bench: Bench, config: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 @pytest.mark.parametrize('workers', [1, 2])
 def test_a_bridge_whose_log_nobody_reads_moves_all_and_ends(
-    bench: Bench, topic_name: str, workers: int
+    bench: Bench, topic: str, workers: int
 ) -> None:
-    returned = f'{topic_name}.returned'
-    bench.create_topic(topic_name)
+    returned = f'{topic}.returned'
     bench.create_topic(returned)
-    config = bench.config(there_and_back(topic_name), workers=workers, kafka=bench.patient_kafka)
-    bench.produce(topic_name, sized(COUNT))
+    config = bench.config(there_and_back(topic), workers=workers, kafka=bench.patient_kafka)
+    bench.produce(topic, sized(COUNT))
     with unread(bench, config) as process:
         eventually(partial(bench.reaches, returned, COUNT), 90, lambda: f'{process.poll()=}')
         process.terminate()
         assert process.wait(patient(END_S)) == 0
     assert values(bench.records(returned, COUNT)) == sized(COUNT)
-    assert bench.committed(bench.group, topic_name) == COUNT
+    assert bench.committed(bench.group, topic) == COUNT

@@ -25,17 +25,16 @@ def numbered(count: int) -> list[bytes]:
 
 
 def test_guarantee_7_records_through_two_workers_arrive_once_over_a_stop_in_mid_stream(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     """The first two are stopped while records go on to come; the next two have a backlog."""
-    returned = f'{topic_name}.returned'
-    config = bench.config(there_and_back(topic_name), workers=2, kafka=bench.patient_kafka)
-    bench.create_topic(topic_name)
+    returned = f'{topic}.returned'
+    config = bench.config(there_and_back(topic), workers=2, kafka=bench.patient_kafka)
     bench.create_topic(returned)
-    with stream(bench, topic_name) as records, bridge(bench, config) as process:
+    with stream(bench, topic) as records, bridge(bench, config) as process:
         eventually(partial(bench.reaches, returned, 1000), 60, process.output)
         assert process.end() == 0, process.output()
-        committed = bench.committed(bench.group, topic_name)
+        committed = bench.committed(bench.group, topic)
         assert bench.end_offset(returned) == committed
         records.wait_beyond(committed)
         records.end()
@@ -44,7 +43,7 @@ def test_guarantee_7_records_through_two_workers_arrive_once_over_a_stop_in_mid_
     assert process.output().count('stopping: draining') == 1
     wait_until_gone(*pids(process, 1), *pids(process, 2))
     count = records.sent + BACKLOG
-    bench.produce(topic_name, islice(sized(count), records.sent, None))
+    bench.produce(topic, islice(sized(count), records.sent, None))
     with bridge(bench, config) as process:
         received = values(bench.records(returned, count, timeout_s=90))
         assert process.end() == 0, process.output()
@@ -52,13 +51,12 @@ def test_guarantee_7_records_through_two_workers_arrive_once_over_a_stop_in_mid_
 
 
 def test_snapshots_of_a_worker_balance_under_load_and_the_last_one_comes_after_the_drain(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    returned = f'{topic_name}.returned'
-    bench.create_topic(topic_name)
+    returned = f'{topic}.returned'
     bench.create_topic(returned)
-    config = bench.config(there_and_back(topic_name), kafka=bench.patient_kafka)
-    with stream(bench, topic_name) as records, Watched(bench, config) as watched:
+    config = bench.config(there_and_back(topic), kafka=bench.patient_kafka)
+    with stream(bench, topic) as records, Watched(bench, config) as watched:
         heard = map(from_line, watched.lines())
         found = [next(heard)]
         while sum(to_kafka_.confirmed > 0 for _, to_kafka_ in found) < 3:
@@ -74,7 +72,7 @@ def test_snapshots_of_a_worker_balance_under_load_and_the_last_one_comes_after_t
         assert all(a.taken >= b.taken for a, b in zip(after, before, strict=True))
     assert states(found[-1]) == {State.STOPPED}
     to_ros_, to_kafka_ = found[-1]
-    assert to_ros_.confirmed == bench.committed(bench.group, topic_name)
+    assert to_ros_.confirmed == bench.committed(bench.group, topic)
     assert to_kafka_.confirmed == bench.end_offset(returned)
 
 
@@ -83,25 +81,24 @@ def states(snapshots: list[Snapshot]) -> set[State]:
 
 
 def test_a_worker_that_is_started_again_runs_what_the_file_held_at_the_start(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     """Though somebody edits the file just now, and a secret was mounted for the start alone."""
-    returned = f'{topic_name}.returned'
-    routes = there_and_back(topic_name)
+    returned = f'{topic}.returned'
+    routes = there_and_back(topic)
     named = bench.place / 'broker'
     named.write_text(bench.bootstrap_servers)
     config = bench.config(routes, workers=2, kafka={'bootstrap.servers': '${file:broker}'})
-    bench.create_topic(topic_name)
     bench.create_topic(returned)
-    bench.produce(topic_name, numbered(100))
+    bench.produce(topic, numbered(100))
     with bench.bridge(config) as process:
         eventually(partial(bench.reaches, returned, 100), 90, process.output)
-        eventually(lambda: bench.committed(bench.group, topic_name) == 100, 60, process.output)
+        eventually(lambda: bench.committed(bench.group, topic) == 100, 60, process.output)
         named.unlink()
         config.write_text('name: half of a')  # somebody edits it just now
         kill(process, 1)
-        bench.produce(topic_name, numbered(200)[100:])
-        eventually(lambda: bench.committed(bench.group, topic_name) == 200, 60, process.output)
+        bench.produce(topic, numbered(200)[100:])
+        eventually(lambda: bench.committed(bench.group, topic) == 200, 60, process.output)
         assert process.end(40) == 0, process.output()
     assert process.output().count(f'bridge {bench.name}, worker 1, runs') == 2
     assert values(bench.records(returned, 200)) == numbered(200)

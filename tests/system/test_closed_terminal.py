@@ -18,15 +18,12 @@ COMMAND = (sys.executable, '-m', 'ros2_kafka_bridge')
 
 
 @pytest.mark.parametrize('workers', [1, 2])
-def test_guarantee_7_a_closed_terminal_is_a_drain(
-    bench: Bench, topic_name: str, workers: int
-) -> None:
+def test_guarantee_7_a_closed_terminal_is_a_drain(bench: Bench, topic: str, workers: int) -> None:
     """As SIGTERM is; what that is worth in mid-stream is shown there (test_both_ways)."""
-    returned = f'{topic_name}.returned'
-    config = bench.config(there_and_back(topic_name), workers=workers)
-    bench.create_topic(topic_name)
+    returned = f'{topic}.returned'
+    config = bench.config(there_and_back(topic), workers=workers)
     bench.create_topic(returned)
-    bench.produce(topic_name, sized(10))
+    bench.produce(topic, sized(10))
     log = bench.place / 'stderr.log'
     with terminal(*COMMAND, 'run', str(config), environ=bench.environ, log=log) as it:
         eventually(partial(bench.reaches, returned, 10), 60, log.read_text)
@@ -34,23 +31,22 @@ def test_guarantee_7_a_closed_terminal_is_a_drain(
         assert it.program.wait(patient(END_S)) == 0, log.read_text()
     assert log.read_text().count('stopping: draining') == 1
     assert 'Traceback' not in log.read_text()
-    assert bench.committed(bench.group, topic_name) == 10
+    assert bench.committed(bench.group, topic) == 10
 
 
 @pytest.mark.parametrize('workers', [1, 2])
 def test_a_bridge_under_nohup_outlives_its_terminal(
-    bench: Bench, topic_name: str, workers: int
+    bench: Bench, topic: str, workers: int
 ) -> None:
-    returned = f'{topic_name}.returned'
-    config = bench.config(there_and_back(topic_name), workers=workers)
-    bench.create_topic(topic_name)
+    returned = f'{topic}.returned'
+    config = bench.config(there_and_back(topic), workers=workers)
     bench.create_topic(returned)
-    bench.produce(topic_name, [b'before'])
+    bench.produce(topic, [b'before'])
     command = ['nohup', *COMMAND, 'run', str(config)]
     with Process(command, bench.place / 'nohup.log', {'ROS_DOMAIN_ID': str(bench.domain)}) as it:
         eventually(partial(bench.reaches, returned, 1), 60, it.output)
         os.killpg(it.pid, signal.SIGHUP)
-        bench.produce(topic_name, [b'after'])
+        bench.produce(topic, [b'after'])
         eventually(partial(bench.reaches, returned, 2), 60, it.output)
         assert 'stopping' not in it.output()
         assert it.end(40) == 0

@@ -120,17 +120,16 @@ def _files(workspace: Workspace) -> list[Path]:
 
 
 def test_an_order_goes_there_and_back_through_the_executable(
-    workspace: Workspace, bench: Bench, topic_name: str, tmp_path: Path
+    workspace: Workspace, bench: Bench, topic: str, tmp_path: Path
 ) -> None:
-    returned = f'{topic_name}.returned'
-    config = bench.config([to_ros(topic_name, '/orders'), to_kafka('/orders', returned)])
-    bench.create_topic(topic_name)
+    returned = f'{topic}.returned'
+    config = bench.config([to_ros(topic, '/orders'), to_kafka('/orders', returned)])
     arguments = ['--ros-args', '-r', '__node:=shop', '-p', f'config:={config}']
     command = [str(workspace.executable), *arguments]
     with Process(
         command, tmp_path / 'log', {**workspace.environ, 'ROS_DOMAIN_ID': str(bench.domain)}
     ) as bridge:
-        bench.produce(topic_name, [b'one', b'two'])
+        bench.produce(topic, [b'one', b'two'])
         assert values(bench.records(returned, 2)) == [b'one', b'two'], bridge.output()
         assert bridge.end() == 0, bridge.output()
 

@@ -20,11 +20,10 @@ ALONE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}
 
 
 @pytest.fixture
-def config(bench: Bench, topic_name: str) -> Path:
+def config(bench: Bench, topic: str) -> Path:
     """A route to ROS, with 100 records to come."""
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, words(100))
-    return bench.config([to_ros(topic_name, ROS_TOPIC)])
+    bench.produce(topic, words(100))
+    return bench.config([to_ros(topic, ROS_TOPIC)])
 
 
 def stopped_reader(bridge: Process) -> int:
@@ -111,10 +110,9 @@ def test_guarantee_6c_check_says_it_before(bench: Bench, config: Path, ways: str
 
 
 def test_check_says_what_confirmation_none_gives_up_where_it_is_not_needed(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    bench.create_topic(topic_name)
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)], ros={'confirmation': 'none'})
+    config = bench.config([to_ros(topic, ROS_TOPIC)], ros={'confirmation': 'none'})
     status, out, _ = bench.command('check', str(config), '--connect')
     assert status == 0
     assert 'ros.confirmation: none: guarantee 1 falls' in out
@@ -122,15 +120,14 @@ def test_check_says_what_confirmation_none_gives_up_where_it_is_not_needed(
 
 
 def test_guarantee_6c_no_letter_is_marked_as_sent_that_nothing_confirms(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic: str, tmp_path: Path
 ) -> None:
     """Also where the routes themselves ask nobody."""
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [long(1)])
-    with bench.bridge(bench.config([route(topic_name, SMALL)])) as bridge:
-        assert len(bench.records(f'{topic_name}.dead-letters', 1)) == 1
+    bench.produce(topic, [long(1)])
+    with bench.bridge(bench.config([route(topic, SMALL)])) as bridge:
+        assert len(bench.records(f'{topic}.dead-letters', 1)) == 1
         assert bridge.end() == 0
-    config = bench.config([route(topic_name)], ros={'confirmation': 'none'})
+    config = bench.config([route(topic)], ros={'confirmation': 'none'})
     replay = ('dead-letters', 'replay', str(config), '--all', '--to', 'ros')
     with bench.subscriber(ROS_TOPIC, tmp_path / 'arrived'):
         status, out, errors = bench.command(*replay, **stranger(bench.place, 'lies'))

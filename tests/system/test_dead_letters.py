@@ -56,15 +56,14 @@ def start(bench: Bench, *arguments: str | Path) -> Process:
 
 
 def test_what_would_fail_again_stays_and_a_changed_format_takes_it(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     cdr = b'\0\1\0\0\4\0\0\0abc\0'
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [cdr, b'caf\xe9', None, long(1)], key=HOSTILE)
-    make_letters(bench, topic_name, 4)
-    bench.produce(f'{topic_name}.dead-letters', [HOSTILE], headers=[('dead_letter.error', b'\n')])
-    text = bench.config([route(topic_name)])
-    as_cdr = bench.config([route(topic_name) | {'format': 'cdr'}])
+    bench.produce(topic, [cdr, b'caf\xe9', None, long(1)], key=HOSTILE)
+    make_letters(bench, topic, 4)
+    bench.produce(f'{topic}.dead-letters', [HOSTILE], headers=[('dead_letter.error', b'\n')])
+    text = bench.config([route(topic)])
+    as_cdr = bench.config([route(topic) | {'format': 'cdr'}])
 
     listed = done(bench, 'list', text)
     assert not re.search(r'[\x00-\x09\x0b-\x1f\x7f\u202e]', listed)
@@ -77,27 +76,26 @@ def test_what_would_fail_again_stays_and_a_changed_format_takes_it(
     status, output, _ = run(bench, 'replay', text, '--all')
     assert status == 1
     assert output.count('would fail again: DecodeError: ') == 3
-    assert f'1 letter replayed to {topic_name}; 3 left as they are; 1 not dead' in output
+    assert f'1 letter replayed to {topic}; 3 left as they are; 1 not dead' in output
     status, output, _ = run(bench, 'replay', as_cdr, '--reason', 'DecodeError')
     assert (status, output.count('left: ')) == (1, 2)
-    found = [record.value() for record in bench.records(topic_name, 6)]
+    found = [record.value() for record in bench.records(topic, 6)]
     assert found[4:] == [long(1), cdr]
     assert '1 letter replayed' in done(bench, 'replay', text, '--reason', 'not UTF-8', '--force')
-    assert bench.records(topic_name, 7)[6].value() == b'caf\xe9'
+    assert bench.records(topic, 7)[6].value() == b'caf\xe9'
 
 
 def test_a_killed_replay_and_two_at_once_write_every_letter_exactly_once(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     count = 5000
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [long(number) for number in range(count)])
-    make_letters(bench, topic_name, count)
-    config = bench.config([route(topic_name)])
+    bench.produce(topic, [long(number) for number in range(count)])
+    make_letters(bench, topic, count)
+    config = bench.config([route(topic)])
     overview = Overview({'bootstrap.servers': bench.bootstrap_servers})
 
     def midway(number: int) -> Process:
-        replay = begun(bench, config, overview, topic_name)
+        replay = begun(bench, config, overview, topic)
         replay.send(signal.Signals(number))
         return replay
 
@@ -116,29 +114,28 @@ def test_a_killed_replay_and_two_at_once_write_every_letter_exactly_once(
         assert 'another has taken over' in first.output()
         assert 'the same command goes on with the rest' in first.output()
     assert left(bench, config) == 0
-    found = values(bench.records(topic_name, 2 * count))
+    found = values(bench.records(topic, 2 * count))
     assert Counter(found) == dict.fromkeys(map(long, range(count)), 2)
     assert found[count:] == found[:count]
 
 
 @pytest.mark.kills_kafka
 def test_a_replay_whose_broker_dies_says_so_and_the_next_one_goes_on(
-    own_bench: Bench, own_kafka: LocalKafka, topic_name: str
+    own_bench: Bench, own_kafka: LocalKafka, own_topic: str
 ) -> None:
     bench, count = own_bench, 3000
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [long(number) for number in range(count)])
-    make_letters(bench, topic_name, count)
-    config = bench.config([route(topic_name)])
+    bench.produce(own_topic, [long(number) for number in range(count)])
+    make_letters(bench, own_topic, count)
+    config = bench.config([route(own_topic)])
     overview = Overview({'bootstrap.servers': bench.bootstrap_servers})
-    with begun(bench, config, overview, topic_name) as replay:
+    with begun(bench, config, overview, own_topic) as replay:
         own_kafka.kill()
         assert replay.wait(180) == 1
         assert 'the same command goes on with the rest' in replay.output()
         assert 'Traceback' not in replay.output()
     own_kafka.start()
     done(bench, 'replay', config, '--all')
-    found = values(bench.records(topic_name, 2 * count))
+    found = values(bench.records(own_topic, 2 * count))
     assert found == [*map(long, range(count))] * 2
 
 
@@ -162,22 +159,21 @@ def left(bench: Bench, config: Path) -> int:
 
 
 def test_a_value_that_was_left_out_comes_from_its_first_topic_while_that_holds_it(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    letters = f'{topic_name}.dead-letters'
-    bench.create_topic(topic_name)
+    letters = f'{topic}.dead-letters'
     bench.create_topic(letters, max_message_bytes='1000')
-    bench.produce(topic_name, [b'x' * 5000, b'y' * 5000], key=b'key', headers=[('a', b'b')])
-    make_letters(bench, topic_name, 2)
-    config = bench.config([route(topic_name)])
+    bench.produce(topic, [b'x' * 5000, b'y' * 5000], key=b'key', headers=[('a', b'b')])
+    make_letters(bench, topic, 2)
+    config = bench.config([route(topic)])
     assert 'left out (5000 bytes)' in done(bench, 'show', config, f'{letters}[0]@0')
     admin = bench.admin()
-    [gone] = admin.delete_records([TopicPartition(topic_name, 0, 1)]).values()
+    [gone] = admin.delete_records([TopicPartition(topic, 0, 1)]).values()
     gone.result(60)
     status, output, _ = run(bench, 'replay', config, '--all')
     assert status == 1
     assert f'left: {letters}[0]@0: its value (5000 bytes) was left out, and' in output
-    [_, replayed] = bench.records(topic_name, 2)
+    [_, replayed] = bench.records(topic, 2)
     assert (replayed.key(), replayed.value()) == (b'key', b'y' * 5000)
     assert replayed.headers() == [('a', b'b')]
 
@@ -227,13 +223,12 @@ def test_a_refused_record_is_told_whenever_the_answer_comes_and_all_others_are_w
 
 
 def test_letters_go_straight_to_ros_once_a_subscriber_is_there(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
     count = 500
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [*map(long, range(count)), b'\xff'])
-    make_letters(bench, topic_name, count + 1)
-    config = bench.config([route(topic_name)])
+    bench.produce(topic, [*map(long, range(count)), b'\xff'])
+    make_letters(bench, topic, count + 1)
+    config = bench.config([route(topic)])
     with bench.subscriber(ROS_TOPIC, arrived) as subscriber:
         subscriber.wait_for('ready', 60)
         status, output, errors = run(bench, 'replay', config, '--all', '--to', 'ros')
@@ -241,25 +236,24 @@ def test_letters_go_straight_to_ros_once_a_subscriber_is_there(
         assert f'{count} letters replayed to ros:{ROS_TOPIC}; 1 left as they are' in output
         eventually(lambda: len(lines(arrived)) >= count, 60)
     assert lines(arrived) == [long(number).decode() for number in range(count)]
-    assert bench.end_offset(topic_name) == count + 1
+    assert bench.end_offset(topic) == count + 1
     status, output, _ = run(bench, 'replay', config, '--all')
     assert (status, f'{count} replayed before' in output) == (1, True)
 
 
 def test_letters_of_a_type_that_is_not_installed_wait_for_who_describes_it(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
     prefix = installed(bench.place, 'acme_crates', {'Crate': 'string label\nint32 kilos\n'})
-    letters, record = f'{topic_name}.dead-letters', b'{"label":"tea","kilos":3}'
-    bench.create_topic(topic_name)
+    letters, record = f'{topic}.dead-letters', b'{"label":"tea","kilos":3}'
     bench.create_topic(letters)
-    bench.produce(topic_name, [record, b'{"label":"tea"}'])
+    bench.produce(topic, [record, b'{"label":"tea"}'])
     for number, value in enumerate([record, b'{"label":"tea"}']):
-        origin = from_kafka('to_ros', topic_name, 0, number)
+        origin = from_kafka('to_ros', topic, 0, number)
         letter = explain(Outgoing(letters, None, value, []), DecodeError('once'), origin)
         bench.produce(letters, [value], headers=letter.headers)
     to = {'ros': '/crates', 'type': CRATE, 'qos': {'durability': 'transient_local'}}
-    crates = route(topic_name) | {'format': 'json', 'to': to}
+    crates = route(topic) | {'format': 'json', 'to': to}
     config = bench.config([crates])
 
     status, output, errors = run(bench, 'replay', config, '--all', '--to', 'ros')
@@ -277,7 +271,7 @@ def test_letters_of_a_type_that_is_not_installed_wait_for_who_describes_it(
     of_folder = bench.config([crates], ros={'message_path': [str(prefix / 'src')]})
     status, output, _ = run(bench, 'replay', of_folder, '--all', '--again')
     assert (status, output.count('would fail again')) == (1, 1)
-    assert f'1 letter replayed to {topic_name}' in output
+    assert f'1 letter replayed to {topic}' in output
 
 
 def test_a_message_of_ros_that_kafka_refused_goes_on_to_its_topic(

@@ -41,15 +41,14 @@ def of_kafka(bench: Bench, topic: str) -> list[str]:
     return ['--kafka', topic, '--bootstrap-servers', bench.bootstrap_servers]
 
 
-def test_the_records_of_a_topic_are_its_arrivals(bench: Bench, topic_name: str) -> None:
-    bench.create_topic(topic_name)
+def test_the_records_of_a_topic_are_its_arrivals(bench: Bench, topic: str) -> None:
     # Ten in one millisecond, ten times a second: a burst of ten.
-    produce(bench, topic_name, (n // 10 * 100 for n in range(3000)))
+    produce(bench, topic, (n // 10 * 100 for n in range(3000)))
     status, found, err = depth(
-        bench, *of_kafka(bench, topic_name), '--service', '1ms', '--loss', '0.01'
+        bench, *of_kafka(bench, topic), '--service', '1ms', '--loss', '0.01'
     )
     assert (status, err) == (0, '')
-    assert found['arrivals'] == f'Kafka topic {topic_name}'
+    assert found['arrivals'] == f'Kafka topic {topic}'
     assert found['load']['messages'] == 3000
     assert found['load']['seconds'] == pytest.approx(29.9)
     assert found['load']['peak'] == 8  # of ten one is served, and the tenth finds eight waiting
@@ -82,10 +81,9 @@ def test_partitions_are_one_stream_or_taken_alone(bench: Bench, topic_name: str)
     assert common['load']['rate'] == pytest.approx(500, rel=0.01)
 
 
-def test_timestamps_out_of_order_are_sorted_and_said(bench: Bench, topic_name: str) -> None:
-    bench.create_topic(topic_name)
-    produce(bench, topic_name, [30, 10, 20, 40])
-    _, found, _ = depth(bench, *of_kafka(bench, topic_name), '--service', '1ms')
+def test_timestamps_out_of_order_are_sorted_and_said(bench: Bench, topic: str) -> None:
+    produce(bench, topic, [30, 10, 20, 40])
+    _, found, _ = depth(bench, *of_kafka(bench, topic), '--service', '1ms')
     assert found['load']['seconds'] == pytest.approx(0.03)
     assert 'timestamps were not in order, and are sorted' in found['notes']
 
@@ -100,18 +98,17 @@ def test_times_of_the_broker_are_told_from_those_of_the_producer(
     assert 'LogAppendTime' in ' '.join(found['notes'])
 
 
-def test_the_brokers_may_come_from_a_configuration(bench: Bench, topic_name: str) -> None:
-    bench.create_topic(topic_name)
-    produce(bench, topic_name, range(0, 2000, 2))
+def test_the_brokers_may_come_from_a_configuration(bench: Bench, topic: str) -> None:
+    produce(bench, topic, range(0, 2000, 2))
     route = {
         'name': 'orders',
-        'from': {'kafka': topic_name},
+        'from': {'kafka': topic},
         'to': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
         'format': 'text',
     }
     config = bench.config([route])
     status, found, err = depth(
-        bench, '--kafka', topic_name, '--config', str(config), '--service', '0.1ms',
+        bench, '--kafka', topic, '--config', str(config), '--service', '0.1ms',
         '--loss', '0.01', '-X', 'client.id=asker',
     )  # fmt: skip
     assert (status, err) == (0, '')
@@ -119,21 +116,20 @@ def test_the_brokers_may_come_from_a_configuration(bench: Bench, topic_name: str
 
 
 def test_a_topic_without_records_or_that_is_not_there_is_a_sentence(
-    bench: Bench, topic_name: str, unique: Unique
+    bench: Bench, topic: str, unique: Unique
 ) -> None:
-    bench.create_topic(topic_name)
     service = ['--service', '1ms']
-    status, _, err = depth(bench, *of_kafka(bench, topic_name), *service)
+    status, _, err = depth(bench, *of_kafka(bench, topic), *service)
     assert status == 2
-    assert f'Kafka topic {topic_name}: 0 messages, of which no depth can be told' in err
+    assert f'Kafka topic {topic}: 0 messages, of which no depth can be told' in err
     missing = unique('missing')
     status, _, err = depth(bench, *of_kafka(bench, missing), *service)
     assert status == 2
     assert missing in err
     assert 'Unknown topic' in err
-    status, _, err = depth(bench, *of_kafka(bench, topic_name), *service, '--partition', '3')
+    status, _, err = depth(bench, *of_kafka(bench, topic), *service, '--partition', '3')
     assert status == 2
-    assert f'topic {topic_name} has no partition 3, only 0 to 0' in err
+    assert f'topic {topic} has no partition 3, only 0 to 0' in err
 
 
 def test_a_broker_that_is_away_is_a_sentence(bench: Bench) -> None:

@@ -67,17 +67,16 @@ def test_what_a_client_cannot_see_is_said_by_the_route_and_by_every_command(
 
 
 def test_a_super_client_learns_types_and_sees_all(
-    bench: Bench, topic_name: str, client: dict[str, Any]
+    bench: Bench, topic: str, client: dict[str, Any]
 ) -> None:
-    bench.create_topic(topic_name)
-    route = to_kafka('/status', topic_name)
+    route = to_kafka('/status', topic)
     del route['from']['type']
     file = bench.config([route])
     with (
         bench.bridge(file, **client | SUPER) as bridge,
         bench.publisher('/status', '--count', str(COUNT), **client),
     ):
-        assert len(values(bench.records(topic_name, COUNT))) == COUNT
+        assert len(values(bench.records(topic, COUNT))) == COUNT
         _, checked, _ = bench.command('check', str(file), '--connect', **client | SUPER)
         _, seen, _ = bench.command('topics', str(file), **client | SUPER)
         assert bridge.end() == 0

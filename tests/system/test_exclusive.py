@@ -202,22 +202,21 @@ def test_check_tells_what_a_lock_is_missing(bench: Bench, name: str) -> None:
 
 
 def test_one_of_two_bridges_runs_the_route_and_a_stop_hands_it_over_without_a_loss(
-    bench: Bench, topic_name: str, name: str
+    bench: Bench, topic: str, name: str
 ) -> None:
     """From a TRANSIENT_LOCAL publisher; what comes twice is left out by publisher and number."""
     count = 3000
-    bench.create_topic(topic_name)
-    config = bench.config([to_kafka('/orders', topic_name, exclusive=True)], name=name)
+    config = bench.config([to_kafka('/orders', topic, exclusive=True)], name=name)
     options = (*LATCHED, '--count', str(count), '--rate', '400')
     with bench.bridge(config) as first:
         first.wait_for('takes over: this bridge runs the route', 60)
         with bench.bridge(config) as second, bench.publisher('/orders', *options):
             second.wait_for('stands by: another bridge runs this route', 60)
-            eventually(lambda: bench.reaches(topic_name, 300), 60)
+            eventually(lambda: bench.reaches(topic, 300), 60)
             assert 'subscribes to' not in second.output()
             assert first.end() == 0
             second.wait_for('takes over', 60)
-            records = bench.records(topic_name, count)
+            records = bench.records(topic, count)
             assert second.end() == 0
     assert 'hands over' not in second.output()
     assert totals(first, 'to_kafka')['confirmed'] > 0
@@ -228,12 +227,11 @@ def test_one_of_two_bridges_runs_the_route_and_a_stop_hands_it_over_without_a_lo
 
 
 def test_a_stop_hands_over_without_a_loss_also_from_a_volatile_publisher(
-    bench: Bench, topic_name: str, name: str
+    bench: Bench, topic: str, name: str
 ) -> None:
     """The stopping bridge reads on until the other does."""
     count = 3000
-    bench.create_topic(topic_name)
-    config = bench.config([to_kafka('/orders', topic_name, exclusive=True)], name=name)
+    config = bench.config([to_kafka('/orders', topic, exclusive=True)], name=name)
     with bench.bridge(config) as first:
         first.wait_for('takes over: this bridge runs the route', 60)
         with (
@@ -241,11 +239,11 @@ def test_a_stop_hands_over_without_a_loss_also_from_a_volatile_publisher(
             bench.publisher('/orders', '--count', str(count), '--rate', '400'),
         ):
             second.wait_for('stands by: another bridge runs this route', 60)
-            eventually(lambda: bench.reaches(topic_name, 300), 60)
+            eventually(lambda: bench.reaches(topic, 300), 60)
             assert first.end() == 0
             second.wait_for('takes over', 60)
-            eventually(lambda: last_seq(bench, topic_name) == count, 60)
-            records = bench.records(topic_name, bench.end_offset(topic_name))
+            eventually(lambda: last_seq(bench, topic) == count, 60)
+            records = bench.records(topic, bench.end_offset(topic))
             assert second.end() == 0
     once = list(without_repeats(records))
     sent = [b'%d' % number for number in range(count)]
@@ -278,16 +276,15 @@ def test_a_bridge_that_stands_by_says_so_and_ends_at_once(bench: Bench, name: st
 
 
 def test_the_example_prints_each_order_once_also_over_its_own_restart(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    bench.create_topic(topic_name)
     state = bench.place / 'orders.seen'
-    options = ('--kafka', bench.bootstrap_servers, '--topic', topic_name, '--state', str(state))
+    options = ('--kafka', bench.bootstrap_servers, '--topic', topic, '--state', str(state))
 
     def printed(*orders: int) -> str:
         for order in orders:
             told = [('ros.gid', b'01' * 16), ('ros.seq', b'%d' % order)]
-            bench.produce(topic_name, [b'order %d' % order], headers=told)
+            bench.produce(topic, [b'order %d' % order], headers=told)
         done = subprocess.run(
             [sys.executable, EXAMPLE, *options, '--idle', '3'],
             capture_output=True,

@@ -30,11 +30,10 @@ SABOTAGED = (sys.executable, str(PEERS / 'sabotaged_bridge.py'))  # cold: it rep
     ('kind', 'durability'), [('refused', 'volatile'), ('fatal', 'transient_local')]
 )
 def test_guarantee_5_each_call_of_rclpy_and_confluent_kafka_may_fail_and_its_route_goes_on(
-    bench: Bench, topic_name: str, kind: str, durability: str
+    bench: Bench, topic: str, kind: str, durability: str
 ) -> None:
-    back, until, read = f'{topic_name}.back', bench.place / 'until', bench.place / 'read'
-    routes = [to_ros(topic_name, '/back'), to_kafka('/numbers', back, exclusive=True)]
-    bench.create_topic(topic_name)
+    back, until, read = f'{topic}.back', bench.place / 'until', bench.place / 'read'
+    routes = [to_ros(topic, '/back'), to_kafka('/numbers', back, exclusive=True)]
     bench.create_topic(back)
     sent = itertools.count()
     lives: list[list[bytes]] = []
@@ -46,10 +45,10 @@ def test_guarantee_5_each_call_of_rclpy_and_confluent_kafka_may_fail_and_its_rou
         log = bench.place / f'{name}.log'
         with Process(command, log, bench.environ) as bridge:
             while 'done\n' not in bridge.output() and bridge.running:
-                bench.produce(topic_name, [b'%d' % next(sent) for _ in range(10)])
+                bench.produce(topic, [b'%d' % next(sent) for _ in range(10)])
                 time.sleep(0.25)
             count = next(sent)
-            bench.produce(topic_name, [b'%d' % count])
+            bench.produce(topic, [b'%d' % count])
             eventually(lambda: numbers(count + 1) <= arrived(read), 60, bridge.output)
             assert bridge.end() == 0, bridge.output()
         # What a VOLATILE publisher sends between two lives is nobody's.

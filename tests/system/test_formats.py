@@ -36,11 +36,11 @@ def registry() -> Iterator[RegistryServer]:
 
 
 def test_a_registry_that_goes_away_in_mid_stream_makes_the_route_wait_and_loses_nothing(
-    bench: Bench, topic_name: str, registry: RegistryServer
+    bench: Bench, topic: str, registry: RegistryServer
 ) -> None:
     layout = layout_of(STRING)
     sent = [cdr(STRING, data=f'{number}') for number in range(6)]
-    scope = Scope(topic_name, schema=SchemaSettings(), registry={'url': registry.url})
+    scope = Scope(topic, schema=SchemaSettings(), registry={'url': registry.url})
     encode = FORMATS['avro'].make_encode(layout, scope)
     known = [encode(one) or b'' for one in sent]
     # The same fields under another id: a second version, which only the registry knows.
@@ -48,12 +48,11 @@ def test_a_registry_that_goes_away_in_mid_stream_makes_the_route_wait_and_loses_
     with closing(SchemaRegistryClient({'url': registry.url})) as client:
         second = client.register_schema('x-value', schema)
     unknown = [b'\0' + second.to_bytes(4, 'big') + value[5:] for value in known]
-    bench.create_topic(topic_name)
     config = bench.config(
         [
             {
                 'name': 'a',
-                'from': {'kafka': topic_name, 'start': 'earliest'},
+                'from': {'kafka': topic, 'start': 'earliest'},
                 'to': {'ros': '/out', 'type': STRING},
                 'format': 'avro',
             }
@@ -61,35 +60,34 @@ def test_a_registry_that_goes_away_in_mid_stream_makes_the_route_wait_and_loses_
         schema_registry={'url': registry.url, 'max.retries': 0},
     )
     with reader_of(bench, STRING), bench.bridge(config) as bridge:
-        bench.produce(topic_name, known[:2])
+        bench.produce(topic, known[:2])
         assert received(bench, 2, bridge, STRING) == sent[:2]
         registry.stop()
-        bench.produce(topic_name, [known[2], unknown[3], known[4], unknown[5]])
+        bench.produce(topic, [known[2], unknown[3], known[4], unknown[5]])
         bridge.wait_for('tried again in')
         bridge.wait_for('reads ', count=2)
         assert f'Schema Registry {registry.url}' in bridge.output()
-        eventually(lambda: bench.committed(f'{bench.name}.a', topic_name) == 3, 60, bridge.output)
+        eventually(lambda: bench.committed(f'{bench.name}.a', topic) == 3, 60, bridge.output)
         registry.start()
         received(bench, 6, bridge, STRING)
-        eventually(lambda: bench.committed(f'{bench.name}.a', topic_name) == 6, 60, bridge.output)
+        eventually(lambda: bench.committed(f'{bench.name}.a', topic) == 6, 60, bridge.output)
         assert bridge.end() == 0, bridge.output()
     assert received(bench, 6, bridge, STRING) == sent
 
 
 def test_a_registry_that_is_away_at_the_start_holds_the_publishers_back_and_loses_nothing(
-    bench: Bench, topic_name: str, registry: RegistryServer
+    bench: Bench, topic: str, registry: RegistryServer
 ) -> None:
     registry.stop()
     sent = [cdr(STRING, data=f'{number}') for number in range(50)]
     file = bench.place / 'sent'
     file.write_text(''.join(f'{one.hex()}\n' for one in sent))
-    bench.create_topic(topic_name)
     config = bench.config(
         [
             {
                 'name': 'a',
                 'from': {'ros': '/in', 'type': STRING},
-                'to': {'kafka': topic_name},
+                'to': {'kafka': topic},
                 'format': 'protobuf',
             }
         ],
@@ -102,9 +100,9 @@ def test_a_registry_that_is_away_at_the_start_holds_the_publishers_back_and_lose
         publisher.wait_for('published 50', 60)
         bridge.wait_for('tried again in', 60)
         registry.start()
-        found = values(bench.records(topic_name, 50))
+        found = values(bench.records(topic, 50))
         assert bridge.end() == 0, bridge.output()
-    scope = Scope(topic_name, schema=SchemaSettings(), registry={'url': registry.url})
+    scope = Scope(topic, schema=SchemaSettings(), registry={'url': registry.url})
     decode = FORMATS['protobuf'].make_decode(layout_of(STRING), scope)
     assert [decode(value) for value in found] == sent
 
@@ -164,12 +162,11 @@ def test_a_custom_message_is_carried_and_that_of_another_version_is_a_dead_lette
 
 
 def test_a_route_waits_while_a_subscriber_of_another_version_would_misread_it(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     built = versions(bench.place)
     sent = [json.dumps({**SAID, 'broken': number % 2 == 0}).encode() for number in range(100)]
-    bench.create_topic(topic_name)
-    source, sink = {'kafka': topic_name, 'start': 'earliest'}, {'ros': '/out', 'type': CRANE}
+    source, sink = {'kafka': topic, 'start': 'earliest'}, {'ros': '/out', 'type': CRANE}
     route = {'name': 'to_ros', 'from': source, 'to': sink, 'format': 'json'}
 
     def reader(version: str) -> Process:
@@ -187,13 +184,13 @@ def test_a_route_waits_while_a_subscriber_of_another_version_would_misread_it(
         environ = built['ours'].environ
         bridge = stack.enter_context(bench.bridge(bench.config([route]), python=None, **environ))
         bridge.wait_for('subscribes to it as')
-        bench.produce(topic_name, sent)
+        bench.produce(topic, sent)
         bridge.wait_for(f'would misread {CRANE}: install the same version of the package')
         assert not lines(bench.place / 'ours.read')
         old.end()
         bridge.wait_for('100 confirmed')
         assert bridge.end() == 0
-    scope = Scope(topic_name)
+    scope = Scope(topic)
     decode = FORMATS['json'].make_decode(built['ours'].layout, scope)
     encode = FORMATS['json'].make_encode(built['ours'].layout, scope)
     read = [encode(bytes.fromhex(line)) for line in lines(bench.place / 'ours.read')]

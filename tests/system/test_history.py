@@ -18,22 +18,21 @@ def told(seq: int) -> HeaderList:
 
 
 def test_a_history_longer_than_the_first_look_is_not_repeated_by_a_restart(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     count = FIRST_RECORDS + 2000
-    bench.create_topic(topic_name)
-    config = bench.config([to_kafka('/orders', topic_name)])
+    config = bench.config([to_kafka('/orders', topic)])
     history = ('--durability', 'transient_local', '--depth', str(count), '--count', str(count))
     with bench.publisher('/orders', *history, '--readers', '0') as publisher:
         publisher.wait_for('published', 60)
         for run in range(2):
             with bench.bridge(config) as bridge:
-                eventually(lambda: bench.reaches(topic_name, count), 60, bridge.output)
+                eventually(lambda: bench.reaches(topic, count), 60, bridge.output)
                 if run:
-                    bridge.wait_for(f'looked through the last {count} records of {topic_name}', 60)
+                    bridge.wait_for(f'looked through the last {count} records of {topic}', 60)
                 assert bridge.end() == 0
             assert totals(bridge, 'to_kafka')['confirmed'] == (0 if run else count)
-        records = bench.records(topic_name, count)
+        records = bench.records(topic, count)
     assert values(records) == [b'%d' % number for number in range(count)]
     assert [int(headers(record)['ros.seq']) for record in records] == list(range(1, count + 1))
 

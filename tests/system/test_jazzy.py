@@ -38,14 +38,13 @@ def test_jazzy_has_all_that_the_bridge_uses_of_rclpy(jazzy: Path) -> None:
 
 
 def test_orders_through_both_directions_on_jazzy_arrive_once_and_in_order(
-    bench: Bench, jazzy: Path, topic_name: str
+    bench: Bench, jazzy: Path, topic: str
 ) -> None:
     sent = [f'order {number}'.encode() for number in range(COUNT)]
-    returned = f'{topic_name}.returned'
-    routes = [to_ros(topic_name, '/orders'), to_kafka('/orders', returned)]
-    bench.create_topic(topic_name)
+    returned = f'{topic}.returned'
+    routes = [to_ros(topic, '/orders'), to_kafka('/orders', returned)]
     with bench.bridge(bench.config(routes), python=jazzy) as bridge:
-        bench.produce(topic_name, list(sent))
+        bench.produce(topic, list(sent))
         records = bench.records(returned, COUNT)
         assert bridge.end() == 0
     assert values(records) == sent

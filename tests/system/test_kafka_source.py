@@ -56,16 +56,15 @@ def write(bench: Bench, topic: str, ended: threading.Event, sent: list[int]) -> 
 
 
 def test_guarantee_1_what_is_deleted_faster_than_it_is_read_is_counted_once_and_said_rarely(
-    bench: Bench, topic_name: str, caplog: pytest.LogCaptureFixture
+    bench: Bench, topic: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [b'first'])
+    bench.produce(topic, [b'first'])
     ended, sent = threading.Event(), [1]
-    writer = threading.Thread(target=write, args=(bench, topic_name, ended, sent))
+    writer = threading.Thread(target=write, args=(bench, topic, ended, sent))
 
     def trim_often() -> None:
         while not ended.is_set():
-            trim(bench, topic_name)
+            trim(bench, topic)
 
     trimmer = threading.Thread(target=trim_often)
     taken = 0
@@ -79,7 +78,7 @@ def test_guarantee_1_what_is_deleted_faster_than_it_is_read_is_counted_once_and_
         partition = source._offsets.get(0)  # none before it is assigned
         return partition is not None and partition.end == end
 
-    with opened(bench, topic_name) as source:
+    with opened(bench, topic) as source:
         eventually(
             lambda: read_to(1), 30
         )  # what is deleted before a first start was never its own
@@ -95,7 +94,7 @@ def test_guarantee_1_what_is_deleted_faster_than_it_is_read_is_counted_once_and_
             thread.join(patient(60))
             assert not thread.is_alive()
         end = sum(sent)
-        assert bench.end_offset(topic_name) == end
+        assert bench.end_offset(topic) == end
         eventually(lambda: read_to(end), 60)
         assert taken + source.lost_upstream == end
     assert source.lost_upstream > 0
@@ -113,14 +112,13 @@ def poll_until_it_raises(consumer: Consumer, source: KafkaSource) -> None:
 
 
 def test_a_source_whose_name_in_the_group_was_taken_closes_and_reads_on_when_opened_again(
-    bench: Bench, topic_name: str, unique: Callable[[str], str]
+    bench: Bench, topic: str, unique: Callable[[str], str]
 ) -> None:
     """As when a broker dies between taking a member in and telling it, and the next one, too."""
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [b'first'])
+    bench.produce(topic, [b'first'])
     servers = {'bootstrap.servers': bench.bootstrap_servers}
     properties = consumer_properties(servers, client_id='test', group=unique('group'))
-    source = KafkaSource(properties, topic_name, 'earliest', TopicIds(servers), LOG)
+    source = KafkaSource(properties, topic, 'earliest', TopicIds(servers), LOG)
     source.open(Nobody())
     taken: list[bytes | None] = []
 
@@ -133,11 +131,11 @@ def test_a_source_whose_name_in_the_group_was_taken_closes_and_reads_on_when_ope
     assert source.commit_now(20)
     source._member._anew_at_s = time.monotonic()
     with contextlib.closing(Consumer(source._member._properties)) as usurper:
-        usurper.subscribe([topic_name])
+        usurper.subscribe([topic])
         with pytest.raises(RouteError, match='taken a late request for another member'):
             poll_until_it_raises(usurper, source)
         source.close()
-    bench.produce(topic_name, [b'second'])
+    bench.produce(topic, [b'second'])
     taken.clear()
     source.open(Nobody())
     eventually(lambda: read(1), 60)
@@ -158,18 +156,17 @@ def forgets_all_brokers(source: KafkaSource, _: Consumer) -> None:
 @pytest.mark.parametrize('useless', [is_shut_out, forgets_all_brokers])
 def test_a_client_of_no_use_has_another_and_what_was_confirmed_does_not_come_again(
     bench: Bench,
-    topic_name: str,
+    topic: str,
     unique: Callable[[str], str],
     useless: Callable[[KafkaSource, Consumer], None],
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [b'first', b'second'])
+    bench.produce(topic, [b'first', b'second'])
     servers = {'bootstrap.servers': bench.bootstrap_servers}
     group = unique('group')
     source = KafkaSource(
         consumer_properties(servers, client_id='test', group=group),
-        topic_name,
+        topic,
         'earliest',
         TopicIds(servers),
         LOG,
@@ -187,17 +184,17 @@ def test_a_client_of_no_use_has_another_and_what_was_confirmed_does_not_come_aga
     source._health.on_error(KafkaError(KafkaError._ALL_BROKERS_DOWN))
     source.advance({0: 2})
     source.commit()  # which Kafka is not told: it is away
-    assert bench.committed(group, topic_name) == 1
+    assert bench.committed(group, topic) == 1
     with contextlib.closing(Consumer(source._member._properties)) as usurper:
         useless(source, usurper)
         eventually(lambda: not read(3) and 'begins anew with another' in caplog.text, 60)
-    bench.produce(topic_name, [b'third'])
+    bench.produce(topic, [b'third'])
     eventually(lambda: read(3), 60)
     source.advance({0: 3})
     eventually(lambda: source.commit_now(20), 60)
     source.close()
     assert taken == [b'first', b'second', b'third']
-    assert bench.committed(group, topic_name) == 3
+    assert bench.committed(group, topic) == 3
 
 
 def poll_on(source: KafkaSource) -> None:
@@ -236,21 +233,20 @@ def test_a_client_that_does_not_read_what_its_partition_holds_is_given_up(
 
 
 def test_a_partition_that_ends_with_the_mark_of_a_transaction_is_read_to_its_end(
-    bench: Bench, topic_name: str, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, topic: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.kafka.watchdog._STUCK_LOOK_S', 1.0)
-    bench.create_topic(topic_name)
     with Producer(
-        {'bootstrap.servers': bench.bootstrap_servers, 'transactional.id': topic_name}
+        {'bootstrap.servers': bench.bootstrap_servers, 'transactional.id': topic}
     ) as producer:
         producer.init_transactions(30)
         producer.begin_transaction()
-        producer.produce(topic_name, b'done')
+        producer.produce(topic, b'done')
         producer.commit_transaction(30)
         producer.begin_transaction()
-        producer.produce(topic_name, b'not yet')
+        producer.produce(topic, b'not yet')
         producer.flush(30)
-        with opened(bench, topic_name) as source:
+        with opened(bench, topic) as source:
             taken: list[bytes | None] = []
             until_s = time.monotonic() + 8
             while time.monotonic() < until_s:  # several looks, none of which finds it stuck

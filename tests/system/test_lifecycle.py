@@ -34,39 +34,37 @@ def free_port() -> int:
 
 
 def test_a_watched_bridge_has_one_worker_for_both_ways_which_drains_in_order(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    returned = f'{topic_name}.returned'
+    returned = f'{topic}.returned'
     sent = numbered(5000)
-    routes = there_and_back(topic_name, max_rate=500)
+    routes = there_and_back(topic, max_rate=500)
     config = bench.config(routes, monitoring=OFF, kafka=bench.patient_kafka)
-    bench.create_topic(topic_name)
     bench.create_topic(returned)
-    bench.produce(topic_name, list(sent))
+    bench.produce(topic, list(sent))
     with bench.bridge(config) as process:
         eventually(partial(bench.reaches, returned, 500), 90, process.output)
         (worker,) = pids(process, 1)
         (monitor,) = monitors(process)
         assert process.end(40) == 0, process.output()
-    committed = bench.committed(bench.group, topic_name)
+    committed = bench.committed(bench.group, topic)
     assert 0 < committed < len(sent)
     assert values(bench.records(returned, committed)) == sent[:committed]
     wait_until_gone(worker, monitor)
 
 
 def test_a_killed_monitor_is_started_again_and_the_routes_never_notice(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    returned = f'{topic_name}.returned'
-    config = bench.config(there_and_back(topic_name), monitoring=OFF)
-    bench.create_topic(topic_name)
+    returned = f'{topic}.returned'
+    config = bench.config(there_and_back(topic), monitoring=OFF)
     bench.create_topic(returned)
     with bench.bridge(config) as process:
         process.wait_for('reads ', 60)
         process.wait_for('subscribes to', 60)
         for times in range(1, 4):
             os.kill(monitors(process)[-1], signal.SIGKILL)
-            bench.produce(topic_name, numbered(100 * times)[100 * (times - 1) :])
+            bench.produce(topic, numbered(100 * times)[100 * (times - 1) :])
             eventually(partial(bench.reaches, returned, 100 * times), 60, process.output)
             process.wait_for('the monitor is process', 60, count=times + 1)
         assert process.end(40) == 0, process.output()
@@ -76,10 +74,9 @@ def test_a_killed_monitor_is_started_again_and_the_routes_never_notice(
 
 
 def test_a_killed_supervisor_leaves_neither_workers_nor_monitor_behind(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    config = bench.config(there_and_back(topic_name), monitoring=OFF)
-    bench.create_topic(topic_name)
+    config = bench.config(there_and_back(topic), monitoring=OFF)
     with bench.bridge(config) as process:
         process.wait_for('subscribes to', 60)
         process.kill()
@@ -106,15 +103,14 @@ def test_a_port_in_use_or_an_address_of_nobody_ends_with_2_before_anything_start
 
 
 def test_a_paused_route_stays_paused_when_its_worker_is_killed_and_over_a_reload(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    routes = [to_ros(topic_name, '/a', min_subscribers=0), to_kafka('/b', f'{topic_name}.b')]
+    routes = [to_ros(topic, '/a', min_subscribers=0), to_kafka('/b', f'{topic}.b')]
     config = bench.config(routes, monitoring=OFF)
-    bench.create_topic(topic_name)
-    bench.create_topic(f'{topic_name}.b')
-    bench.produce(topic_name, numbered(10))
+    bench.create_topic(f'{topic}.b')
+    bench.produce(topic, numbered(10))
     with bench.bridge(config) as process:
-        eventually(lambda: bench.committed(bench.group, topic_name) == 10, 90, process.output)
+        eventually(lambda: bench.committed(bench.group, topic) == 10, 90, process.output)
         request(process, Do.PAUSE, 'to_ros')
         process.wait_for('to_ros: paused by an operator', 20)
         os.kill(pids(process, 1)[0], signal.SIGKILL)
@@ -123,24 +119,23 @@ def test_a_paused_route_stays_paused_when_its_worker_is_killed_and_over_a_reload
         it = Reloaded(bench, process, config, monitoring=OFF)
         changed = {**routes[0], 'max_rate': 100}
         assert it.to([changed, routes[1]]) == 'restarted to_ros'
-        bench.produce(topic_name, numbered(20)[10:])
+        bench.produce(topic, numbered(20)[10:])
         said = process.output().count('to_ros: paused (paused by an operator): ')
         process.wait_for('to_ros: paused (paused by an operator): ', 60, count=said + 2)
-        assert bench.committed(bench.group, topic_name) == 10
+        assert bench.committed(bench.group, topic) == 10
         request(process, Do.RESUME, 'to_ros')
-        eventually(lambda: bench.committed(bench.group, topic_name) == 20, 60, process.output)
+        eventually(lambda: bench.committed(bench.group, topic) == 20, 60, process.output)
         assert process.end(40) == 0, process.output()
 
 
 def test_deactivate_drains_all_routes_and_activate_goes_on_without_a_loss(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     sent = numbered(6000)
-    returned = f'{topic_name}.returned'
-    routes = there_and_back(topic_name, max_rate=300)
-    bench.create_topic(topic_name)
+    returned = f'{topic}.returned'
+    routes = there_and_back(topic, max_rate=300)
     bench.create_topic(returned)
-    bench.produce(topic_name, list(sent))
+    bench.produce(topic, list(sent))
     config = bench.config(routes, monitoring=OFF, workers=2, kafka=bench.patient_kafka)
     with bench.bridge(config) as process:
         for times in (1, 2):
@@ -152,7 +147,7 @@ def test_deactivate_drains_all_routes_and_activate_goes_on_without_a_loss(
             process.wait_for('deactivate: inactive: the routes were drained', 60, count=times)
             assert gone(pids(process, 1)[-1])
             assert gone(pids(process, 2)[-1])
-            committed = bench.committed(bench.group, topic_name)
+            committed = bench.committed(bench.group, topic)
             assert committed == bench.end_offset(returned) < len(sent)
             request(process, Do.ACTIVATE)
         records = bench.records(returned, len(sent), timeout_s=120)
@@ -161,11 +156,10 @@ def test_deactivate_drains_all_routes_and_activate_goes_on_without_a_loss(
 
 
 def test_an_unconfigured_bridge_waits_and_reads_its_file_when_it_is_configured(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     more: dict[str, Any] = {'monitoring': {**OFF, 'start': 'unconfigured'}}
-    config = bench.config([to_ros(topic_name, '/a', min_subscribers=0)], **more)
-    bench.create_topic(topic_name)
+    config = bench.config([to_ros(topic, '/a', min_subscribers=0)], **more)
     with bench.bridge(config) as process:
         process.wait_for('the monitor is process', 60)
         right = config.read_bytes()
@@ -188,12 +182,11 @@ def test_an_unconfigured_bridge_waits_and_reads_its_file_when_it_is_configured(
 
 
 def test_the_address_answers_while_the_bridge_runs_and_is_free_after_it(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     port = free_port()
-    routes = [to_ros(topic_name, '/a', min_subscribers=0)]
+    routes = [to_ros(topic, '/a', min_subscribers=0)]
     config = bench.config(routes, monitoring={'listen': f'127.0.0.1:{port}', 'node': False})
-    bench.create_topic(topic_name)
 
     def state() -> dict[str, Any]:
         with urllib.request.urlopen(f'http://127.0.0.1:{port}/api/state', timeout=60) as answer:

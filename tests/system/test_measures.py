@@ -90,13 +90,12 @@ def test_the_measures_fit_the_counters_at_every_moment_under_load(
 
 
 def test_records_that_cannot_be_read_are_errors_with_their_place(
-    bench: Bench, driven: Driven, topic_name: str, tmp_path: Path
+    bench: Bench, driven: Driven, topic: str, tmp_path: Path
 ) -> None:
     arrived = tmp_path / 'arrived'
-    bench.create_topic(topic_name)
     with bench.subscriber(ROS_TOPIC, arrived):
-        driven.start([to_ros(topic_name, ROS_TOPIC, on_error='drop')])
-        bench.produce(topic_name, [*words(3), b'\xff', b'\xff', *words(2, start=3)])
+        driven.start([to_ros(topic, ROS_TOPIC, on_error='drop')])
+        bench.produce(topic, [*words(3), b'\xff', b'\xff', *words(2, start=3)])
         eventually(lambda: len(lines(arrived)) == 5, 30, driven.output)
         eventually(lambda: driven.last('to_ros').confirmed == 5, 20, driven.output)
         assert driven.process.end() == 0
@@ -104,7 +103,7 @@ def test_records_that_cannot_be_read_are_errors_with_their_place(
     assert last.measures.errors == {'DecodeError': 2}
     [trouble] = last.measures.troubles
     assert trouble.times == 2
-    assert trouble.text.startswith(f'{topic_name}[0]@4: ')
+    assert trouble.text.startswith(f'{topic}[0]@4: ')
     assert last.measures.bytes_taken == last.measures.bytes_confirmed + 2
 
 
@@ -128,12 +127,11 @@ def test_a_route_that_fails_tells_why_and_how_often(
 
 
 def test_endpoints_that_do_not_match_are_counted_until_they_go(
-    bench: Bench, driven: Driven, topic_name: str, tmp_path: Path
+    bench: Bench, driven: Driven, topic: str, tmp_path: Path
 ) -> None:
-    bench.create_topic(topic_name)
     routes = [
-        to_ros(topic_name, ROS_TOPIC),
-        to_kafka('/volatile', topic_name) | {'from': {
+        to_ros(topic, ROS_TOPIC),
+        to_kafka('/volatile', topic) | {'from': {
             'ros': '/volatile', 'type': 'std_msgs/msg/String',
             'qos': {'durability': 'transient_local'},
         }},
@@ -160,12 +158,11 @@ def test_endpoints_that_do_not_match_are_counted_until_they_go(
 
 
 def test_what_waits_on_disk_is_measured(
-    bench: Bench, driven: Driven, topic_name: str, tmp_path: Path
+    bench: Bench, driven: Driven, topic: str, tmp_path: Path
 ) -> None:
-    bench.create_topic(topic_name)
     spool = {'path': str(tmp_path / 'spool'), 'mode': 'always'}
     # What comes back from disk counts by its record's value: here that is the message itself.
-    driven.start([to_kafka(ROS_TOPIC, topic_name, spool=spool) | {'format': 'cdr'}])
+    driven.start([to_kafka(ROS_TOPIC, topic, spool=spool) | {'format': 'cdr'}])
     with bench.publisher(ROS_TOPIC, '--count', '5000', '--rate', '1000', '--size', '100') as one:
         one.wait_for('published 5000', 60)
     eventually(lambda: driven.last('to_kafka').confirmed == 5000, 60, driven.output)

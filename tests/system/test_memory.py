@@ -25,18 +25,17 @@ MOST_BYTES: Final = 12.0
 
 @pytest.mark.timeout(600)
 def test_a_bridge_holds_no_more_for_each_message_that_it_has_moved(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    returned = f'{topic_name}.returned'
-    config = bench.config([to_ros(topic_name, '/orders'), to_kafka('/orders', returned)])
-    bench.create_topic(topic_name)
+    returned = f'{topic}.returned'
+    config = bench.config([to_ros(topic, '/orders'), to_kafka('/orders', returned)])
     seen: list[Vitals] = []
     # Not forked from the tests: what it shares with them would become its own by and by.
     with bench.bridge(config, python=Path(sys.executable)) as bridge:
         for moved in range(ROUND, (WARM_UP + ROUNDS + 1) * ROUND, ROUND):
-            bench.produce(topic_name, [b'order %d' % moved] * ROUND)
+            bench.produce(topic, [b'order %d' % moved] * ROUND)
             eventually(partial(bench.reaches, returned, moved), WAIT_S, bridge.output)
-            eventually(partial(_is_confirmed, bench, topic_name, moved), WAIT_S, bridge.output)
+            eventually(partial(_is_confirmed, bench, topic, moved), WAIT_S, bridge.output)
             seen.append(vitals(bridge.pid))
         assert bridge.end() == 0
     warm = seen[WARM_UP:]

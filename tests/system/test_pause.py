@@ -22,14 +22,13 @@ def driven(bench: Bench) -> Iterator[Driven]:
 
 
 def test_a_paused_route_to_ros_publishes_nothing_and_goes_on_where_it_was(
-    bench: Bench, driven: Driven, topic_name: str, tmp_path: Path
+    bench: Bench, driven: Driven, topic: str, tmp_path: Path
 ) -> None:
     arrived = tmp_path / 'arrived'
-    bench.create_topic(topic_name)
-    route = to_ros(topic_name, ROS_TOPIC, max_rate=2000)
+    route = to_ros(topic, ROS_TOPIC, max_rate=2000)
     with bench.subscriber(ROS_TOPIC, arrived):
         driven.start([route])
-        bench.produce(topic_name, words(COUNT))
+        bench.produce(topic, words(COUNT))
         eventually(lambda: len(lines(arrived)) > 1000, 30, driven.output)
         driven.order('pause to_ros')
         driven.wait_for_state('to_ros', 'paused')
@@ -37,9 +36,7 @@ def test_a_paused_route_to_ros_publishes_nothing_and_goes_on_where_it_was(
         eventually(partial(settled, driven), 20, driven.output)
         confirmed = driven.last('to_ros').confirmed
         assert 1000 < confirmed < COUNT
-        eventually(
-            lambda: bench.committed(bench.group, topic_name) == confirmed, 20, driven.output
-        )
+        eventually(lambda: bench.committed(bench.group, topic) == confirmed, 20, driven.output)
         eventually(lambda: len(lines(arrived)) == confirmed, 20, driven.output)
         driven.wait_for_snapshots(20)
         assert len(lines(arrived)) == confirmed
@@ -88,17 +85,16 @@ def test_a_paused_route_stays_in_its_group_and_tells_how_far_it_is_behind(
 
 @pytest.mark.parametrize('start', ['latest', 'earliest'])
 def test_a_route_that_begins_paused_takes_nothing_before_it_is_resumed(
-    bench: Bench, driven: Driven, topic_name: str, tmp_path: Path, start: str
+    bench: Bench, driven: Driven, topic: str, tmp_path: Path, start: str
 ) -> None:
     arrived = tmp_path / 'arrived'
-    bench.create_topic(topic_name)
-    route = to_ros(topic_name, ROS_TOPIC)
-    route['from'] = {'kafka': topic_name, 'start': start}
+    route = to_ros(topic, ROS_TOPIC)
+    route['from'] = {'kafka': topic, 'start': start}
     with bench.subscriber(ROS_TOPIC, arrived):
         driven.start([route], 'to_ros')
         driven.wait_for_state('to_ros', 'paused')
         driven.process.wait_for('first start of this group')
-        bench.produce(topic_name, words(50))
+        bench.produce(topic, words(50))
         driven.wait_for_snapshots(15)
         assert lines(arrived) == []
         driven.order('resume to_ros')
@@ -107,27 +103,26 @@ def test_a_route_that_begins_paused_takes_nothing_before_it_is_resumed(
 
 
 def test_a_paused_route_from_ros_holds_its_publisher_back(
-    bench: Bench, driven: Driven, topic_name: str
+    bench: Bench, driven: Driven, topic: str
 ) -> None:
-    bench.create_topic(topic_name)
-    route = to_kafka(ROS_TOPIC, topic_name)
+    route = to_kafka(ROS_TOPIC, topic)
     route['from'] |= {'max_samples': 500}
     driven.start([route])
     with bench.publisher(ROS_TOPIC, '--count', str(COUNT), '--rate', '4000') as publisher:
-        eventually(partial(bench.reaches, topic_name, 1000), 60, driven.output)
+        eventually(partial(bench.reaches, topic, 1000), 60, driven.output)
         driven.order('pause to_kafka')
         driven.wait_for_state('to_kafka', 'paused')
         eventually(lambda: driven.last('to_kafka').in_flight == 0, 20, driven.output)
-        end = bench.end_offset(topic_name)
+        end = bench.end_offset(topic)
         driven.wait_for_snapshots(30)
-        assert bench.end_offset(topic_name) == end == driven.last('to_kafka').confirmed
+        assert bench.end_offset(topic) == end == driven.last('to_kafka').confirmed
         assert driven.last('to_kafka').measures.matched == 1
         assert 'published' not in publisher.output()
         driven.order('resume to_kafka')
         publisher.wait_for(f'published {COUNT}', 60)
-        eventually(partial(bench.reaches, topic_name, COUNT), 60, driven.output)
+        eventually(partial(bench.reaches, topic, COUNT), 60, driven.output)
         assert driven.process.end() == 0
-    assert values(bench.records(topic_name, COUNT)) == words(COUNT)
+    assert values(bench.records(topic, COUNT)) == words(COUNT)
     last = driven.last('to_kafka')
     assert (last.confirmed, last.lost_upstream) == (COUNT, 0)
     assert all(snapshot.balanced for snapshot in driven.snapshots('to_kafka'))
@@ -141,20 +136,19 @@ def test_a_paused_route_from_ros_holds_its_publisher_back(
 def test_a_paused_route_costs_other_publishers_what_they_send_meanwhile(
     bench: Bench,
     driven: Driven,
-    topic_name: str,
+    topic: str,
     tmp_path: Path,
     options: tuple[str, ...],
     *,
     all_counted: bool,
 ) -> None:
     until = tmp_path / 'until'
-    bench.create_topic(topic_name)
-    route = to_kafka(ROS_TOPIC, topic_name)
+    route = to_kafka(ROS_TOPIC, topic)
     route['from'] |= {'max_samples': 500}
     driven.start([route])
     options = (*options, '--rate', '2000', '--until', str(until))
     with bench.publisher(ROS_TOPIC, *options) as publisher:
-        eventually(partial(bench.reaches, topic_name, 500), 60, driven.output)
+        eventually(partial(bench.reaches, topic, 500), 60, driven.output)
         driven.order('pause to_kafka')
         driven.wait_for_state('to_kafka', 'paused')
         driven.wait_for_snapshots(30)
@@ -171,30 +165,28 @@ def test_a_paused_route_costs_other_publishers_what_they_send_meanwhile(
 
 
 def test_a_stop_takes_what_a_paused_route_has_left_in_ros(
-    bench: Bench, driven: Driven, topic_name: str
+    bench: Bench, driven: Driven, topic: str
 ) -> None:
-    bench.create_topic(topic_name)
-    driven.start([to_kafka(ROS_TOPIC, topic_name)])
+    driven.start([to_kafka(ROS_TOPIC, topic)])
     driven.wait_for_state('to_kafka', 'running')
     driven.order('pause to_kafka')
     driven.wait_for_state('to_kafka', 'paused')
     with bench.publisher(ROS_TOPIC, '--count', '100', '--prefix', 'late ') as publisher:
         publisher.wait_for('published 100')
         driven.wait_for_snapshots(10)
-        assert bench.end_offset(topic_name) == 0
+        assert bench.end_offset(topic) == 0
         assert driven.process.end() == 0
-    received = values(bench.records(topic_name, 100))
+    received = values(bench.records(topic, 100))
     assert received == [b'late %d' % number for number in range(100)]
 
 
 def test_pausing_one_route_leaves_the_others_alone(
-    bench: Bench, driven: Driven, topic_name: str, tmp_path: Path
+    bench: Bench, driven: Driven, topic: str, tmp_path: Path
 ) -> None:
     arrived = tmp_path / 'arrived'
-    other = f'{topic_name}.other'
-    bench.create_topic(topic_name)
+    other = f'{topic}.other'
     bench.create_topic(other)
-    routes = [to_ros(topic_name, '/one', name='one'), to_ros(other, ROS_TOPIC, name='two')]
+    routes = [to_ros(topic, '/one', name='one'), to_ros(other, ROS_TOPIC, name='two')]
     with bench.subscriber(ROS_TOPIC, arrived):
         driven.start(routes)
         driven.order('pause one')

@@ -78,18 +78,17 @@ def test_a_reload_under_load_loses_and_repeats_nothing_on_the_routes_that_stay(
 
 @pytest.mark.parametrize('more', kinds()[2:])
 def test_a_bad_file_is_refused_with_every_mistake_and_all_goes_on(
-    bench: Bench, topic_name: str, more: dict[str, Any]
+    bench: Bench, topic: str, more: dict[str, Any]
 ) -> None:
-    routes = there_and_back(topic_name)
-    returned = f'{topic_name}.returned'
-    bench.create_topic(topic_name)
+    routes = there_and_back(topic)
+    returned = f'{topic}.returned'
     bench.create_topic(returned)
     config = bench.config(routes, **more)
     with bench.bridge(config) as process:
         process.wait_for('reads ', 60)
         process.wait_for('subscribes to', 60)
         it = Reloaded(bench, process, config, **more)
-        bad = [to_ros(topic_name, 'no slash'), to_kafka('/orders', returned, format='xml')]
+        bad = [to_ros(topic, 'no slash'), to_kafka('/orders', returned, format='xml')]
         it.write(bad)
         it.ask()
         process.wait_for(REFUSED, 60)
@@ -102,7 +101,7 @@ def test_a_bad_file_is_refused_with_every_mistake_and_all_goes_on(
         it.ask()
         process.wait_for(REFUSED, 60, count=3)
         assert 'no such file' in process.output()
-        bench.produce(topic_name, numbered(10))
+        bench.produce(topic, numbered(10))
         eventually(partial(bench.reaches, returned, 10), 60, process.output)
         assert it.to(routes) == 'nothing has changed'
         assert process.end(40) == 0, process.output()
@@ -112,14 +111,13 @@ def test_a_bad_file_is_refused_with_every_mistake_and_all_goes_on(
 
 @pytest.mark.parametrize('more', kinds()[:2])
 def test_a_changed_route_takes_its_new_settings_and_keeps_its_place(
-    bench: Bench, topic_name: str, more: dict[str, Any]
+    bench: Bench, topic: str, more: dict[str, Any]
 ) -> None:
     """Orders go there and back, while each way changes in turn, and then both at once."""
-    returned = f'{topic_name}.returned'
-    bench.create_topic(topic_name)
+    returned = f'{topic}.returned'
     bench.create_topic(returned)
-    bench.produce(topic_name, numbered(COUNT))
-    forth, back = there_and_back(topic_name, max_rate=200)
+    bench.produce(topic, numbered(COUNT))
+    forth, back = there_and_back(topic, max_rate=200)
     config = bench.config([forth, back], kafka=bench.patient_kafka, **more)
     with bench.bridge(config) as process:
         it = Reloaded(bench, process, config, kafka=bench.patient_kafka, **more)
@@ -136,11 +134,10 @@ def test_a_changed_route_takes_its_new_settings_and_keeps_its_place(
     wait_until_gone(*pids(process, 1), *pids(process, 2))
 
 
-def test_another_name_restarts_every_route(bench: Bench, topic_name: str) -> None:
-    routes = [to_ros(topic_name, '/a', min_subscribers=0), to_kafka('/b', f'{topic_name}.b')]
-    bench.create_topic(topic_name)
-    bench.create_topic(f'{topic_name}.b')
-    bench.produce(topic_name, numbered(10))
+def test_another_name_restarts_every_route(bench: Bench, topic: str) -> None:
+    routes = [to_ros(topic, '/a', min_subscribers=0), to_kafka('/b', f'{topic}.b')]
+    bench.create_topic(f'{topic}.b')
+    bench.produce(topic, numbered(10))
     config = bench.config(routes)
     with bench.bridge(config) as process:
         process.wait_for('reads ', 60)
@@ -149,23 +146,22 @@ def test_another_name_restarts_every_route(bench: Bench, topic_name: str) -> Non
         assert it.to(routes, name=other) == 'restarted to_ros, to_kafka'
         assert f'reload: name: {bench.name} -> {other}' in process.output()
         group = f'{other}.to_ros'
-        eventually(lambda: bench.committed(group, topic_name) == 10, 60, process.output)
+        eventually(lambda: bench.committed(group, topic) == 10, 60, process.output)
         assert it.to(routes) == 'restarted to_ros, to_kafka', 'and back, without the first process'
         assert process.end(40) == 0, process.output()
 
 
 @pytest.mark.parametrize('more', kinds()[::2])
 def test_a_link_that_leads_to_another_file_is_a_changed_file(
-    bench: Bench, topic_name: str, tmp_path: Path, more: dict[str, Any]
+    bench: Bench, topic: str, tmp_path: Path, more: dict[str, Any]
 ) -> None:
     """As a ConfigMap of Kubernetes is changed, and a release."""
-    bench.create_topic(topic_name)
     link = tmp_path / 'bridge.yaml'
-    first = bench.config([to_ros(topic_name, '/a', max_rate=10)], **more)
+    first = bench.config([to_ros(topic, '/a', max_rate=10)], **more)
     link.symlink_to(first)
     with bench.bridge(link) as process:
         process.wait_for('to_ros: reads', 60)
-        second = bench.config([to_ros(topic_name, '/a', max_rate=20)], **more)
+        second = bench.config([to_ros(topic, '/a', max_rate=20)], **more)
         link.unlink()
         link.symlink_to(second)
         first.unlink()
@@ -174,9 +170,8 @@ def test_a_link_that_leads_to_another_file_is_a_changed_file(
         assert process.end(40) == 0, process.output()
 
 
-def test_secrets_are_masked_in_what_a_reload_says(bench: Bench, topic_name: str) -> None:
-    bench.create_topic(topic_name)
-    routes = [to_ros(topic_name, '/a', min_subscribers=0)]
+def test_secrets_are_masked_in_what_a_reload_says(bench: Bench, topic: str) -> None:
+    routes = [to_ros(topic, '/a', min_subscribers=0)]
     config = bench.config(routes)
     kafka = {'bootstrap.servers': bench.bootstrap_servers}
     with bench.bridge(config) as process:
@@ -191,9 +186,8 @@ def test_secrets_are_masked_in_what_a_reload_says(bench: Bench, topic_name: str)
     assert 'secret' not in process.output().replace('client secret', '')
 
 
-def test_what_counts_from_the_next_start_on_is_said(bench: Bench, topic_name: str) -> None:
-    bench.create_topic(topic_name)
-    routes = [to_ros(topic_name, '/a', min_subscribers=0)]
+def test_what_counts_from_the_next_start_on_is_said(bench: Bench, topic: str) -> None:
+    routes = [to_ros(topic, '/a', min_subscribers=0)]
     config = bench.config(routes, monitoring=OFF)
     with bench.bridge(config) as process:
         process.wait_for('reads ', 60)
@@ -206,14 +200,13 @@ def test_what_counts_from_the_next_start_on_is_said(bench: Bench, topic_name: st
     assert process.output().count('reads ') == 1
 
 
-def test_two_hang_ups_at_once_and_one_in_a_drain_do_no_harm(bench: Bench, topic_name: str) -> None:
-    routes = [to_ros(topic_name, '/a', min_subscribers=0)]
+def test_two_hang_ups_at_once_and_one_in_a_drain_do_no_harm(bench: Bench, topic: str) -> None:
+    routes = [to_ros(topic, '/a', min_subscribers=0)]
     config = bench.config(routes)
-    bench.create_topic(topic_name)
     with bench.bridge(config) as process:
         process.wait_for('reads ', 60)
         it = Reloaded(bench, process, config)
-        it.write([*routes, to_ros(topic_name, '/b', name='b', min_subscribers=0)])
+        it.write([*routes, to_ros(topic, '/b', name='b', min_subscribers=0)])
         it.ask()
         it.ask()
         process.wait_for('b: reads', 60)
@@ -223,13 +216,12 @@ def test_two_hang_ups_at_once_and_one_in_a_drain_do_no_harm(bench: Bench, topic_
     assert process.output().count('started b') == 1
 
 
-def test_a_stop_in_the_middle_of_a_reload_is_a_drain(bench: Bench, topic_name: str) -> None:
+def test_a_stop_in_the_middle_of_a_reload_is_a_drain(bench: Bench, topic: str) -> None:
     # So slow that there is much left, however long it takes to come to the stop.
-    forth, back = there_and_back(topic_name, max_rate=60)
-    returned = f'{topic_name}.returned'
-    bench.create_topic(topic_name)
+    forth, back = there_and_back(topic, max_rate=60)
+    returned = f'{topic}.returned'
     bench.create_topic(returned)
-    bench.produce(topic_name, numbered(COUNT))
+    bench.produce(topic, numbered(COUNT))
     config = bench.config([forth, back], kafka=bench.patient_kafka)
     with bench.bridge(config) as process:
         eventually(partial(bench.reaches, returned, 100), 90, process.output)
@@ -238,17 +230,16 @@ def test_a_stop_in_the_middle_of_a_reload_is_a_drain(bench: Bench, topic_name: s
         it.ask()
         process.wait_for('is process', 60)
         assert process.end(60) == 0, process.output()
-    committed = bench.committed(bench.group, topic_name)
+    committed = bench.committed(bench.group, topic)
     assert 0 < committed < COUNT
     assert values(bench.records(returned, committed)) == numbered(COUNT)[:committed]
     wait_until_gone(*pids(process, 1))
 
 
 def test_a_reload_that_the_system_has_no_room_for_is_refused_and_the_next_one_is_done(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    routes = [to_ros(topic_name, '/a', min_subscribers=0)]
-    bench.create_topic(topic_name)
+    routes = [to_ros(topic, '/a', min_subscribers=0)]
     config = bench.config(routes)
     with bench.bridge(config) as process:
         process.wait_for('to_ros: running', 60)
@@ -256,7 +247,7 @@ def test_a_reload_that_the_system_has_no_room_for_is_refused_and_the_next_one_is
         free = next(number for number in range(len(used) + 1) if number not in used)
         before = resource.prlimit(process.pid, resource.RLIMIT_NOFILE)
         it = Reloaded(bench, process, config)
-        added = to_ros(topic_name, '/b', name='b', min_subscribers=0)
+        added = to_ros(topic, '/b', name='b', min_subscribers=0)
         it.write([*routes, added])
         resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (free, before[1]))
         it.ask()
@@ -268,15 +259,14 @@ def test_a_reload_that_the_system_has_no_room_for_is_refused_and_the_next_one_is
 
 
 def test_a_killed_first_process_leaves_none_of_the_workers_behind(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    routes = [to_ros(topic_name, '/a', min_subscribers=0)]
+    routes = [to_ros(topic, '/a', min_subscribers=0)]
     config = bench.config(routes)
-    bench.create_topic(topic_name)
     with bench.bridge(config) as process:
         process.wait_for('reads ', 60)
         it = Reloaded(bench, process, config)
-        it.to([*routes, to_ros(topic_name, '/b', name='b', min_subscribers=0)])
+        it.to([*routes, to_ros(topic, '/b', name='b', min_subscribers=0)])
         process.wait_for('b: reads', 60)
         (worker,) = pids(process, 1)
         assert not gone(worker)
@@ -286,51 +276,49 @@ def test_a_killed_first_process_leaves_none_of_the_workers_behind(
 
 
 def test_an_exclusive_route_and_its_spool_go_from_the_old_process_to_the_new(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic: str, tmp_path: Path
 ) -> None:
-    route = to_kafka('/numbers', topic_name, exclusive=True, spool={'path': str(tmp_path / 's')})
-    bench.create_topic(topic_name)
+    route = to_kafka('/numbers', topic, exclusive=True, spool={'path': str(tmp_path / 's')})
     latched = ('--durability', 'transient_local', '--readers', '0', '--count', str(COUNT))
     config = bench.config([route])
     with (
         bench.publisher('/numbers', *latched, '--rate', RATE),
         bench.bridge(config) as process,
     ):
-        eventually(partial(bench.reaches, topic_name, 100), 90, process.output)
+        eventually(partial(bench.reaches, topic, 100), 90, process.output)
         it = Reloaded(bench, process, config)
         for number in (900, 901):
             assert it.to([{**route, 'max_in_flight': number}]) == 'restarted to_kafka'
-            goal = min(COUNT, bench.end_offset(topic_name) + 100)
-            eventually(partial(bench.reaches, topic_name, goal), 90, process.output)
-        records = bench.records(topic_name, COUNT, timeout_s=120)
+            goal = min(COUNT, bench.end_offset(topic) + 100)
+            eventually(partial(bench.reaches, topic, goal), 90, process.output)
+        records = bench.records(topic, COUNT, timeout_s=120)
         assert process.end(40) == 0, process.output()
     assert values(records) == numbered(COUNT)
     assert 'ERROR' not in process.output()
 
 
 def test_what_a_volatile_publisher_sends_in_a_hand_over_may_be_missing_but_nothing_comes_twice(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic: str, tmp_path: Path
 ) -> None:
     """The limit that docs/reload.md states."""
     until = tmp_path / 'until'
-    route = to_kafka('/numbers', topic_name)
-    bench.create_topic(topic_name)
+    route = to_kafka('/numbers', topic)
     config = bench.config([route])
     with (
         bench.bridge(config) as process,
         bench.publisher('/numbers', '--until', str(until), '--rate', RATE) as publisher,
     ):
-        eventually(partial(bench.reaches, topic_name, 300), 90, process.output)
+        eventually(partial(bench.reaches, topic, 300), 90, process.output)
         it = Reloaded(bench, process, config)
         for number in (900, 901):
             assert it.to([{**route, 'max_in_flight': number}]) == 'restarted to_kafka'
-            goal = bench.end_offset(topic_name) + 300
-            eventually(partial(bench.reaches, topic_name, goal), 60, process.output)
+            goal = bench.end_offset(topic) + 300
+            eventually(partial(bench.reaches, topic, goal), 60, process.output)
         until.touch()
         publisher.wait_for('published ', 60)
         count = how_many(publisher)
-        eventually(lambda: last(bench, topic_name) == count - 1, 60, process.output)
-        records = bench.records(topic_name, bench.end_offset(topic_name))
+        eventually(lambda: last(bench, topic) == count - 1, 60, process.output)
+        records = bench.records(topic, bench.end_offset(topic))
         found = [int(value) for value in values(records)]
         assert process.end(40) == 0, process.output()
     missing = count - len(found)
@@ -347,9 +335,8 @@ def _pid_of(process: Process, worker: int) -> int:
     return pids(process, worker)[-1]
 
 
-def test_the_worker_of_a_removed_route_ends(bench: Bench, topic_name: str) -> None:
-    routes = [to_ros(topic_name, f'/{n}', name=n, min_subscribers=0) for n in ('a', 'b')]
-    bench.create_topic(topic_name)
+def test_the_worker_of_a_removed_route_ends(bench: Bench, topic: str) -> None:
+    routes = [to_ros(topic, f'/{n}', name=n, min_subscribers=0) for n in ('a', 'b')]
     config = bench.config(routes, workers=2)
     with bench.bridge(config) as process:
         process.wait_for('reads ', 60, count=2)

@@ -52,12 +52,11 @@ def sane(bridge: Process) -> bool:
 
 
 def test_a_bridge_comes_up_active_and_deactivate_drains_and_commits_under_load(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic: str, tmp_path: Path
 ) -> None:
     sent = [f'{number}'.encode() for number in range(COUNT)]
     file = tmp_path / 'received'
-    config = monitored(bench, [to_ros(topic_name, '/orders', max_rate=2000)])
-    bench.create_topic(topic_name)
+    config = monitored(bench, [to_ros(topic, '/orders', max_rate=2000)])
     with (
         bench.subscriber('/orders', file),
         bench.bridge(config) as bridge,
@@ -65,13 +64,13 @@ def test_a_bridge_comes_up_active_and_deactivate_drains_and_commits_under_load(
     ):
         eventually(lambda: node.state == 'active', 60, bridge.output)
         assert not node.change('configure')  # its client is there before the load begins
-        bench.produce(topic_name, list(sent))
+        bench.produce(topic, list(sent))
         for part in (1000, COUNT // 2):
             eventually(lambda part=part: len(lines(file)) > part, 60, bridge.output)  # type: ignore[misc]
             assert node.change('deactivate'), bridge.output()
             assert node.state == 'inactive'
             assert len(lines(file)) < COUNT, 'it was not under load any more'
-            committed = bench.committed(bench.group, topic_name)
+            committed = bench.committed(bench.group, topic)
             eventually(lambda n=committed: len(lines(file)) == n, 60, bridge.output)  # type: ignore[misc]
             assert node.wait_for('bridge', WARN, 'activate').values
             assert len(lines(file)) == committed
@@ -196,11 +195,8 @@ def test_parameters_show_the_bridge_and_what_stands_in_its_file_cannot_be_set(
         assert bridge.end() == 0, bridge.output()
 
 
-def test_services_and_parameters_follow_the_routes_over_a_reload(
-    bench: Bench, topic_name: str
-) -> None:
-    config = monitored(bench, [to_ros(topic_name, '/a', 'a'), to_ros(topic_name, '/b', 'b')])
-    bench.create_topic(topic_name)
+def test_services_and_parameters_follow_the_routes_over_a_reload(bench: Bench, topic: str) -> None:
+    config = monitored(bench, [to_ros(topic, '/a', 'a'), to_ros(topic, '/b', 'b')])
     with bench.bridge(config) as bridge, caller(bench.domain, bench.node) as node:
         eventually(lambda: 'b/pause' in node.services(), 60, bridge.output)
         edit(config, 'name: b\n', 'name: c\n')
@@ -340,25 +336,24 @@ def test_a_stop_during_a_transition_ends_without_a_crash(
     assert sane(bridge), bridge.output()
 
 
-def test_on_jazzy_the_node_does_the_same(bench: Bench, topic_name: str, tmp_path: Path) -> None:
+def test_on_jazzy_the_node_does_the_same(bench: Bench, topic: str, tmp_path: Path) -> None:
     assert JAZZY.exists(), 'make test makes .venv-jazzy'
     file = tmp_path / 'received'
-    config = monitored(bench, [to_ros(topic_name, '/orders')])
-    bench.create_topic(topic_name)
+    config = monitored(bench, [to_ros(topic, '/orders')])
     with (
         bench.subscriber('/orders', file),
         bench.bridge(config, python=JAZZY) as bridge,
         caller(bench.domain, bench.node) as node,
     ):
         eventually(lambda: node.state == 'active', 60, bridge.output)
-        wait_until_it_reads(bridge, topic_name)
+        wait_until_it_reads(bridge, topic)
         assert not node.change('configure')
         assert node.change('deactivate'), bridge.output()
         assert node.change('activate'), bridge.output()
         assert node.trigger('to_ros/pause')[0]
         node.wait_for('to_ros', WARN, 'paused')
         assert node.assign('routes.to_ros.paused', value=False)[0]
-        bench.produce(topic_name, [b'1'])
+        bench.produce(topic, [b'1'])
         eventually(lambda: lines(file) == ['1'], 60, bridge.output)
         assert bridge.end() == 0, bridge.output()
     assert sane(bridge), bridge.output()

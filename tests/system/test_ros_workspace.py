@@ -135,7 +135,7 @@ def add_program(file: Path, text: str) -> None:
 
 @pytest.mark.timeout(600)
 def test_an_order_goes_there_and_back_through_a_workspace_made_by_the_page(
-    machine: Machine, bench: Bench, topic_name: str, tmp_path: Path
+    machine: Machine, bench: Bench, topic: str, tmp_path: Path
 ) -> None:
     build, run = fenced('docs/ros-workspace.md', 'bash')
     for word in machine.exchanged:
@@ -145,17 +145,16 @@ def test_an_order_goes_there_and_back_through_a_workspace_made_by_the_page(
         stdin=subprocess.DEVNULL, timeout=patient(BUILT_S),
     )  # fmt: skip
     assert built.returncode == 0, built.stdout + built.stderr
-    returned = f'{topic_name}.returned'
+    returned = f'{topic}.returned'
     config = bench.config(
-        [to_ros(topic_name, '/orders'), to_kafka('/orders', returned)],
+        [to_ros(topic, '/orders'), to_kafka('/orders', returned)],
         monitoring={'listen': '127.0.0.1:0'},
     )
-    bench.create_topic(topic_name)
     # `exec`: what is ended below is the bridge, not the terminal.
     lines = run.replace('ros2 run', 'exec ros2 run').replace('FILE', str(config))
     command = machine.terminal(lines, ROS_DOMAIN_ID=str(bench.domain))
     with Process(command, tmp_path / 'bridge.log') as bridge:
         bridge.wait_for('runs 2 routes')
-        bench.produce(topic_name, [b'one', b'two'])
+        bench.produce(topic, [b'one', b'two'])
         assert values(bench.records(returned, 2)) == [b'one', b'two'], bridge.output()
         assert bridge.end() == 0, bridge.output()

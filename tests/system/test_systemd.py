@@ -64,18 +64,17 @@ def _service(bench: Bench, config: Path, address: str, watchdog_usec: str) -> Pr
 
 @pytest.mark.parametrize('more', [{}, {'monitoring': OFF}], ids=['one process', 'watched'])
 def test_systemd_hears_of_the_start_each_reload_the_stop_and_that_the_bridge_lives(
-    bench: Bench, topic_name: str, tmp_path: Path, more: dict[str, Any]
+    bench: Bench, topic: str, tmp_path: Path, more: dict[str, Any]
 ) -> None:
-    routes = [to_ros(topic_name, '/a', min_subscribers=0)]
+    routes = [to_ros(topic, '/a', min_subscribers=0)]
     config = bench.config(routes, **more)
-    bench.create_topic(topic_name)
     address = str(tmp_path / 'notify')
     began_usec = time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000
     with manager(address) as it, _service(bench, config, address, '1000000') as process:
         it.hears('READY=1')
         it.hears('WATCHDOG=1', count=3)
         reloaded = Reloaded(bench, process, config, **more)
-        added = to_ros(topic_name, '/b', name='b', min_subscribers=0)
+        added = to_ros(topic, '/b', name='b', min_subscribers=0)
         reloaded.to([*routes, added])
         it.hears('READY=1', count=2)
         order = [line for line in it.lines('') if line in {'READY=1', 'RELOADING=1'}]
@@ -84,7 +83,7 @@ def test_systemd_hears_of_the_start_each_reload_the_stop_and_that_the_bridge_liv
         assert int(usec.partition('=')[2]) > began_usec
         worker = pids(process, 1)[0]
         assert b'NOTIFY_SOCKET' not in Path(f'/proc/{worker}/environ').read_bytes()
-        reloaded.write([to_ros(topic_name, 'bad')])
+        reloaded.write([to_ros(topic, 'bad')])
         reloaded.ask()
         it.hears('READY=1', count=3)
         # Told when something changes, at most every ten seconds: one has just begun.
@@ -94,11 +93,10 @@ def test_systemd_hears_of_the_start_each_reload_the_stop_and_that_the_bridge_liv
 
 
 def test_a_route_that_is_stuck_gives_no_sign_of_life(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic: str, tmp_path: Path
 ) -> None:
     """Its worker stands still, and what it has said last is that its route was seen long ago."""
-    config = bench.config([to_ros(topic_name, '/a', min_subscribers=0)], monitoring=OFF)
-    bench.create_topic(topic_name)
+    config = bench.config([to_ros(topic, '/a', min_subscribers=0)], monitoring=OFF)
     address = str(tmp_path / 'notify')
     with manager(address) as it, _service(bench, config, address, '400000') as process:
         it.hears('READY=1')

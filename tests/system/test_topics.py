@@ -44,26 +44,23 @@ def test_without_a_file_names_that_correspond_are_pointed_out(
     assert row(pairs, in_topic) == expected
 
 
-def test_rates_are_counted_on_request_and_json_is_for_programs(
-    bench: Bench, topic_name: str
-) -> None:
-    bench.create_topic(topic_name)
-    file = bench.config([to_kafka('/status', topic_name)])
+def test_rates_are_counted_on_request_and_json_is_for_programs(bench: Bench, topic: str) -> None:
+    file = bench.config([to_kafka('/status', topic)])
     with (
         bench.bridge(file) as bridge,
         bench.publisher('/status', '--count', '100000', '--rate', '100') as publisher,
     ):
         bridge.wait_for('subscribes to /status')
-        bench.records(topic_name, 50)
+        bench.records(topic, 50)
         status, out, err = bench.command('topics', str(file), '--rates', '3', '--json')
         assert publisher.running
         assert bridge.end() == 0
     assert (status, err) == (0, '')
     view = json.loads(out)
     assert of(view['ros'], '/status')['rate'] > 1
-    assert of(view['kafka'], topic_name)['rate'] > 1
-    assert of(view['kafka'], topic_name)['records'] > 0
-    assert of(view['kafka'], topic_name)['routes'] == [{'route': 'to_kafka', 'does': 'writes'}]
+    assert of(view['kafka'], topic)['rate'] > 1
+    assert of(view['kafka'], topic)['records'] > 0
+    assert of(view['kafka'], topic)['routes'] == [{'route': 'to_kafka', 'does': 'writes'}]
     assert of(view['ros'], '/status')['routes'] == [{'route': 'to_kafka', 'does': 'takes'}]
     [match] = of(view['ros'], '/status')['matches']
     assert match['route'] == 'to_kafka'
@@ -72,18 +69,17 @@ def test_rates_are_counted_on_request_and_json_is_for_programs(
 
 
 def test_counting_is_no_subscriber_that_a_waiting_bridge_would_deliver_to(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [b'the only order'])
-    file = bench.config([to_ros(topic_name, '/waiting_orders')])
+    bench.produce(topic, [b'the only order'])
+    file = bench.config([to_ros(topic, '/waiting_orders')])
     with bench.bridge(file) as bridge:
         bridge.wait_for('reads ')
         status, out, _ = bench.command('topics', str(file), '--rates', '2')
         assert status == 0
         assert row(out, '/waiting_orders').endswith(' ? to_ros publishes')
         assert bridge.end() == 0
-    assert bench.committed(bench.group, topic_name) <= 0, 'it was delivered to nobody'
+    assert bench.committed(bench.group, topic) <= 0, 'it was delivered to nobody'
 
 
 def test_two_types_on_one_topic_are_both_named(bench: Bench) -> None:

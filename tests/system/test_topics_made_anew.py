@@ -84,23 +84,20 @@ class Unseen(TopicIds):
 
 
 def test_guarantee_1_what_is_committed_to_a_topic_made_anew_unseen_counts_no_more_over_a_stop(
-    bench: Bench, topic_name: str, caplog: pytest.LogCaptureFixture
+    bench: Bench, topic: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     """The bridge ends, or is killed, before it has noticed; the group has an offset of the new."""
-    bench.create_topic(topic_name)
-    with Reader(bench, topic_name, 'latest', ids=Unseen) as reader:
+    with Reader(bench, topic, 'latest', ids=Unseen) as reader:
         reads_group(reader, caplog)
-        reader.until(len(fill(bench, topic_name, 'old', {0: 20})))
-        make_anew(bench, topic_name)
-        now = fill(bench, topic_name, 'new', {0: 50})
+        reader.until(len(fill(bench, topic, 'old', {0: 20})))
+        make_anew(bench, topic)
+        now = fill(bench, topic, 'new', {0: 50})
         assert len(reader.until(50)) == 50, '20 of the old one, and 30 of the new'
-    assert committed(bench, topic_name).offset == 50
-    with Reader(bench, topic_name, 'latest') as reader:
+    assert committed(bench, topic).offset == 50
+    with Reader(bench, topic, 'latest') as reader:
         assert sorted(reader.until(50)) == now
-    assert f'{topic_name} was made anew' in caplog.text
-    assert topic_id(bench, topic_name) == TopicId.of_metadata(
-        committed(bench, topic_name).metadata
-    )
+    assert f'{topic} was made anew' in caplog.text
+    assert topic_id(bench, topic) == TopicId.of_metadata(committed(bench, topic).metadata)
 
 
 def test_guarantee_1_a_reader_that_has_not_noticed_spoils_nothing_for_the_other(
@@ -169,15 +166,14 @@ def test_guarantee_1_a_topic_made_anew_again_and_again_is_read_each_time(
     pytest.param('{"cluster_id":"$","topic_id":"another"}', 0, id='of a topic that is gone'),
 ])  # fmt: skip
 def test_guarantee_1_an_offset_counts_but_for_one_of_a_topic_that_is_gone(
-    bench: Bench, topic_name: str, caplog: pytest.LogCaptureFixture, metadata: str, first: int
+    bench: Bench, topic: str, caplog: pytest.LogCaptureFixture, metadata: str, first: int
 ) -> None:
-    bench.create_topic(topic_name)
-    fill(bench, topic_name, 'new', {0: 20})
-    metadata = metadata.replace('$', topic_id(bench, topic_name).cluster_id)
-    places = [TopicPartition(topic_name, 0, 15, metadata)]
-    with contextlib.closing(consumer(bench, topic_name)) as tool:
+    fill(bench, topic, 'new', {0: 20})
+    metadata = metadata.replace('$', topic_id(bench, topic).cluster_id)
+    places = [TopicPartition(topic, 0, 15, metadata)]
+    with contextlib.closing(consumer(bench, topic)) as tool:
         tool.commit(offsets=places, asynchronous=False)
-    with Reader(bench, topic_name, 'latest') as reader:
+    with Reader(bench, topic, 'latest') as reader:
         assert reader.until(20 - first) == [f'new 0.{n}' for n in range(first, 20)]
     assert ('cluster elsewhere, and this is cluster' in caplog.text) == ('elsewhere' in metadata)
 
@@ -202,20 +198,19 @@ def test_guarantee_1_offsets_that_a_tool_has_set_are_obeyed(
 
 @pytest.mark.parametrize('start', ['latest', 'earliest'])
 def test_a_topic_made_anew_while_nobody_reads_it_begins_where_start_says(
-    bench: Bench, topic_name: str, caplog: pytest.LogCaptureFixture, start: str
+    bench: Bench, topic: str, caplog: pytest.LogCaptureFixture, start: str
 ) -> None:
     """Kafka deletes the offsets of a group with the topic: nothing tells that it is not new."""
-    bench.create_topic(topic_name)
-    with Reader(bench, topic_name, start) as reader:
+    with Reader(bench, topic, start) as reader:
         reads_group(reader, caplog)
-        reader.until(len(fill(bench, topic_name, 'old', {0: 20})))
-    make_anew(bench, topic_name)
-    now = fill(bench, topic_name, 'new', {0: 50})
-    assert committed(bench, topic_name).offset < 0
+        reader.until(len(fill(bench, topic, 'old', {0: 20})))
+    make_anew(bench, topic)
+    now = fill(bench, topic, 'new', {0: 50})
+    assert committed(bench, topic).offset < 0
     caplog.clear()
-    with Reader(bench, topic_name, start) as reader:
+    with Reader(bench, topic, start) as reader:
         reads_group(reader, caplog)
-        later = fill(bench, topic_name, 'later', {0: 1})
+        later = fill(bench, topic, 'later', {0: 1})
         expected = [*now, *later] if start == 'earliest' else later
         assert sorted(reader.until(len(expected))) == sorted(expected)
     assert ('does not read the 50 records' in caplog.text) == (start == 'latest')
@@ -247,19 +242,18 @@ def test_guarantee_1_a_topic_made_anew_is_read_though_its_leader_has_changed_bef
 @pytest.mark.parametrize('partitions', [1, 3])
 def test_guarantee_1_who_takes_over_reads_a_topic_that_was_made_anew_from_its_beginning(
     bench: Bench,
-    topic_name: str,
+    topic: str,
     caplog: pytest.LogCaptureFixture,
     partitions: int,
     protocol: dict[str, Any],
 ) -> None:
     """Kafka deletes the offsets of the group with the topic, and this one has read nothing."""
-    bench.create_topic(topic_name)
     with contextlib.ExitStack() as stack:
-        first = stack.enter_context(Reader(bench, topic_name, 'latest', **protocol))
+        first = stack.enter_context(Reader(bench, topic, 'latest', **protocol))
         reads_group(first, caplog)
-        second = stack.enter_context(Reader(bench, topic_name, 'latest', **protocol))
+        second = stack.enter_context(Reader(bench, topic, 'latest', **protocol))
         known = time.monotonic() + patient(5)
-        fill(bench, topic_name, 'old', {0: 20})
+        fill(bench, topic, 'old', {0: 20})
 
         def both_read() -> bool:
             first.read()
@@ -267,8 +261,8 @@ def test_guarantee_1_who_takes_over_reads_a_topic_that_was_made_anew_from_its_be
             return len(first.values) + len(second.values) == 20 and time.monotonic() > known
 
         eventually(both_read, 60)
-        make_anew(bench, topic_name, partitions)
-        now = set(fill(bench, topic_name, 'new', dict.fromkeys(range(partitions), 20)))
+        make_anew(bench, topic, partitions)
+        now = set(fill(bench, topic, 'new', dict.fromkeys(range(partitions), 20)))
         reader, other = (second, first) if first.values else (first, second)
         other.die()
 

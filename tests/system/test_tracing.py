@@ -171,13 +171,12 @@ def test_a_collector_that_is_away_is_said_and_holds_nothing_up(
 
 
 def test_the_span_of_a_message_that_waited_on_disk_has_the_time_of_its_waiting(
-    own_bench: Bench, own_kafka: Any, topic_name: str, there: Collector
+    own_bench: Bench, own_kafka: Any, own_topic: str, there: Collector
 ) -> None:
     """Also where it was another life of the bridge that took it."""
-    own_bench.create_topic(topic_name)
     spool = {'path': str(own_bench.place / 'spool')}
     config = own_bench.config(
-        [to_kafka('/words', topic_name, spool=spool)],
+        [to_kafka('/words', own_topic, spool=spool)],
         tracing={'sample': 1, 'endpoint': there.endpoint},
     )
     with own_bench.bridge(config) as bridge:
@@ -194,7 +193,7 @@ def test_the_span_of_a_message_that_waited_on_disk_has_the_time_of_its_waiting(
     with own_bench.bridge(config) as bridge:
         spans = there.wait_for(21)
         assert bridge.end(40) == 0
-    records = own_bench.records(topic_name, 21)
+    records = own_bench.records(own_topic, 21)
     contexts = [parse(headers(record)['traceparent']) for record in records]
     by_id = {span.span_id: span for span in spans}
     waited = [by_id[context.span_id] for context in contexts if context][1:]
@@ -211,22 +210,21 @@ def _longest_s(spans: list[Seen]) -> float:
 
 
 def test_a_line_about_a_bad_record_says_in_fields_which_one_it_is(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
     """One of many, and summed: also what is another error, and the rest at the end."""
-    bench.create_topic(topic_name)
     label = [('ros.gid', b'00ff' * 8), ('ros.seq', b'9')]
-    bench.produce(topic_name, [b'caf\xe9'] * 100, headers=[*sampled(), *label])
-    bench.produce(topic_name, [None, b'last'])
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
+    bench.produce(topic, [b'caf\xe9'] * 100, headers=[*sampled(), *label])
+    bench.produce(topic, [None, b'last'])
+    config = bench.config([to_ros(topic, ROS_TOPIC)])
     with (
         bench.subscriber(ROS_TOPIC, arrived),
         bench.run(config, '--log-format', 'json') as bridge,
     ):
         wait_for(arrived, ['last'], bridge)
-        wait_for_commit(bench, topic_name, 102, bridge)
+        wait_for_commit(bench, topic, 102, bridge)
         assert bridge.end(40) == 0
-    found = said(bridge, topic=topic_name, error='DecodeError')
+    found = said(bridge, topic=topic, error='DecodeError')
     assert all('pid' in line and line['thread'] == 'to_ros' for line in found[:-1])
     *alone, null, rest = found
     assert [line['offset'] for line in alone] == list(range(5))
@@ -256,12 +254,11 @@ def test_a_line_about_a_message_that_cannot_be_written_names_its_publisher(
 
 
 def test_a_record_that_ends_its_route_is_named_in_the_line_that_says_so(
-    bench: Bench, topic_name: str, arrived: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [b'first'])
-    bench.produce(topic_name, [b'caf\xe9'], headers=sampled())
-    config = bench.config([to_ros(topic_name, ROS_TOPIC, on_error='stop')])
+    bench.produce(topic, [b'first'])
+    bench.produce(topic, [b'caf\xe9'], headers=sampled())
+    config = bench.config([to_ros(topic, ROS_TOPIC, on_error='stop')])
     with (
         bench.subscriber(ROS_TOPIC, arrived),
         bench.run(config, '--log-format', 'json') as bridge,
@@ -269,14 +266,13 @@ def test_a_record_that_ends_its_route_is_named_in_the_line_that_says_so(
         assert bridge.wait(60) == 1
     (line,) = said(bridge, error='DecodeError')
     assert line['message'].startswith('failed: ')
-    assert (line['topic'], line['offset'], line['trace_id']) == (topic_name, 1, TRACE)
+    assert (line['topic'], line['offset'], line['trace_id']) == (topic, 1, TRACE)
 
 
-def test_the_text_of_a_line_names_the_trace(bench: Bench, topic_name: str, arrived: Path) -> None:
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [b'caf\xe9'], headers=sampled())
-    config = bench.config([to_ros(topic_name, ROS_TOPIC)])
+def test_the_text_of_a_line_names_the_trace(bench: Bench, topic: str, arrived: Path) -> None:
+    bench.produce(topic, [b'caf\xe9'], headers=sampled())
+    config = bench.config([to_ros(topic, ROS_TOPIC)])
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:
         bridge.wait_for('not UTF-8', 60)
         assert bridge.end(40) == 0
-    assert f'{topic_name}[0]@0: not UTF-8 at byte 3: 0xe9 (trace {TRACE})' in bridge.output()
+    assert f'{topic}[0]@0: not UTF-8 at byte 3: 0xe9 (trace {TRACE})' in bridge.output()

@@ -25,21 +25,20 @@ from ros2_kafka_bridge.ros.node import open_node
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=['Ctrl-C', 'systemd'])
 def test_guarantee_7_a_signal_that_reaches_every_process_in_mid_stream_is_one_drain(
-    bench: Bench, topic_name: str, number: signal.Signals
+    bench: Bench, topic: str, number: signal.Signals
 ) -> None:
-    returned = f'{topic_name}.returned'
-    config = bench.config(there_and_back(topic_name), workers=2, kafka=bench.patient_kafka)
-    bench.create_topic(topic_name)
+    returned = f'{topic}.returned'
+    config = bench.config(there_and_back(topic), workers=2, kafka=bench.patient_kafka)
     bench.create_topic(returned)
     command = [sys.executable, '-m', 'ros2_kafka_bridge', 'run', str(config)]
     log = bench.place / 'terminal.log'
-    with stream(bench, topic_name) as records, Process(command, log) as process:
+    with stream(bench, topic) as records, Process(command, log) as process:
         eventually(partial(bench.reaches, returned, 1500), 60, process.output)
         for worker in (1, 2):
             assert os.getpgid(pids(process, worker)[0]) == process.pid
         os.killpg(process.pid, number)
         assert process.wait(40) == 0, process.output()
-        committed = bench.committed(bench.group, topic_name)
+        committed = bench.committed(bench.group, topic)
         records.wait_beyond(committed)
         records.end()
     assert 'Traceback' not in process.output()
@@ -52,13 +51,12 @@ ALL_HAS_COME = re.compile(
 
 
 def test_a_second_signal_ends_all_workers_at_once(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic: str, tmp_path: Path
 ) -> None:
-    routes = there_and_back(topic_name, drain_s=300, min_subscribers=2)
+    routes = there_and_back(topic, drain_s=300, min_subscribers=2)
     config = bench.config(routes, workers=2)
-    bench.create_topic(topic_name)
-    bench.create_topic(f'{topic_name}.returned')
-    bench.produce(topic_name, sized(3000))
+    bench.create_topic(f'{topic}.returned')
+    bench.produce(topic, sized(3000))
     leave = Leave(tmp_path)
     leave.up_to(100)
     with (
@@ -110,24 +108,20 @@ def client_ids(group: ConsumerGroupDescription) -> list[str]:
     return [member.client_id for member in group.members]
 
 
-def test_workers_share_the_routes_that_are_asked_for(bench: Bench, topic_name: str) -> None:
-    routes = [*there_and_back(topic_name), to_ros(topic_name, '/other', name='other')]
+def test_workers_share_the_routes_that_are_asked_for(bench: Bench, topic: str) -> None:
+    routes = [*there_and_back(topic), to_ros(topic, '/other', name='other')]
     config = bench.config(routes, workers=2)
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, sized(10))
+    bench.produce(topic, sized(10))
     with bench.run(config, '--routes', 'to_ros,to_kafka') as process:
-        assert len(bench.records(f'{topic_name}.returned', 10)) == 10
+        assert len(bench.records(f'{topic}.returned', 10)) == 10
         assert process.end(40) == 0
     assert len(pids(process, 1)) == len(pids(process, 2)) == 1
     assert ' other' not in process.output()
 
 
-def test_a_status_line_of_each_route_comes_once_for_all_workers(
-    bench: Bench, topic_name: str
-) -> None:
-    config = bench.config(there_and_back(topic_name), workers=2)
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, sized(10))
+def test_a_status_line_of_each_route_comes_once_for_all_workers(bench: Bench, topic: str) -> None:
+    config = bench.config(there_and_back(topic), workers=2)
+    bench.produce(topic, sized(10))
     with bench.bridge(config) as process:
         process.wait_for('to_ros: running: 10 confirmed, ', timeout_s=60)
         process.wait_for('to_kafka: running: 10 confirmed, ', timeout_s=60)
@@ -168,14 +162,13 @@ def test_a_route_that_failed_for_good_is_not_started_again_and_the_others_go_on(
 
 
 def test_when_all_routes_have_failed_for_good_the_bridge_ends_with_1(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
     routes = [
-        to_ros(topic_name, f'/{name}', name=name, on_error='stop', min_subscribers=0)
+        to_ros(topic, f'/{name}', name=name, on_error='stop', min_subscribers=0)
         for name in ('a', 'b')
     ]
-    bench.create_topic(topic_name)
-    bench.produce(topic_name, [b'\xff'])
+    bench.produce(topic, [b'\xff'])
     with bench.bridge(bench.config(routes, workers=2)) as process:
         assert process.wait(60) == 1
     assert process.output().count('failed for good') == 2
@@ -200,10 +193,9 @@ def test_what_runs_for_long_has_only_the_libraries_that_move_messages_and_keeps_
 
 
 def test_a_bridge_runs_in_any_directory_whatever_modules_lie_there(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, topic: str, tmp_path: Path
 ) -> None:
-    config = bench.config(there_and_back(topic_name), workers=2)
-    bench.create_topic(topic_name)
+    config = bench.config(there_and_back(topic), workers=2)
     for name in ('json', 'selectors', 'rclpy', 'ros2_kafka_bridge'):
         (tmp_path / f'{name}.py').write_text('raise RuntimeError("not this one")')
     program = str(Path(sys.executable).with_name('ros2-kafka-bridge'))
@@ -215,12 +207,11 @@ def test_a_bridge_runs_in_any_directory_whatever_modules_lie_there(
 
 
 def test_a_signal_in_the_start_ends_the_bridge_without_a_traceback(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    bench.create_topic(topic_name)
-    bench.create_topic(f'{topic_name}.returned')
+    bench.create_topic(f'{topic}.returned')
     for workers, number in product((1, 2), (signal.SIGINT, signal.SIGTERM)):
-        config = bench.config(there_and_back(topic_name), workers=workers)
+        config = bench.config(there_and_back(topic), workers=workers)
         program = b'process.worker' if workers == 1 else b'process.supervisor'
         with bench.run(config) as process:
             eventually(partial(runs, process, b'ros2_kafka_bridge.' + program), 60)
@@ -231,10 +222,9 @@ def test_a_signal_in_the_start_ends_the_bridge_without_a_traceback(
 
 @pytest.mark.parametrize('workers', [1, 2])
 def test_a_reload_that_is_asked_for_in_the_start_is_done_after_it(
-    bench: Bench, topic_name: str, workers: int
+    bench: Bench, topic: str, workers: int
 ) -> None:
-    config = bench.config(there_and_back(topic_name), workers=workers)
-    bench.create_topic(topic_name)
+    config = bench.config(there_and_back(topic), workers=workers)
     program = b'process.worker' if workers == 1 else b'process.supervisor'
     with bench.run(config) as process:
         eventually(partial(runs, process, b'ros2_kafka_bridge.' + program), 60)
@@ -252,24 +242,23 @@ def runs(process: Process, module: bytes) -> bool:
 
 
 def test_a_reader_of_snapshots_that_is_gone_or_never_reads_holds_no_worker_up(
-    bench: Bench, topic_name: str
+    bench: Bench, topic: str
 ) -> None:
-    bench.create_topic(topic_name)
-    bench.create_topic(f'{topic_name}.returned')
-    routes = there_and_back(topic_name)
+    bench.create_topic(f'{topic}.returned')
+    routes = there_and_back(topic)
     with Watched(bench, bench.config(routes)) as gone_reader:
         gone_reader.stop_reading()
-        bench.produce(topic_name, sized(1000))
-        eventually(lambda: bench.reaches(f'{topic_name}.returned', 1000), 60)
+        bench.produce(topic, sized(1000))
+        eventually(lambda: bench.reaches(f'{topic}.returned', 1000), 60)
         time.sleep(2.5)  # it finds out when it sends
-        bench.produce(topic_name, sized(1000))
-        eventually(lambda: bench.reaches(f'{topic_name}.returned', 2000), 60)
+        bench.produce(topic, sized(1000))
+        eventually(lambda: bench.reaches(f'{topic}.returned', 2000), 60)
         assert gone_reader.end() == 0, gone_reader.log.read_text()
 
     with Watched(bench, bench.config(routes)) as never_reads:
         fill(never_reads.process.pid)
-        bench.produce(topic_name, sized(1000))
-        eventually(lambda: bench.reaches(f'{topic_name}.returned', 3000), 60)
+        bench.produce(topic, sized(1000))
+        eventually(lambda: bench.reaches(f'{topic}.returned', 3000), 60)
         assert never_reads.end() == 0, never_reads.log.read_text()
 
 
