@@ -291,3 +291,10 @@ def own_topic(own_bench: Bench, topic_name: str) -> str:
     """The same in a Kafka of one's own."""
     own_bench.create_topic(topic_name)
     return topic_name
+
+
+@pytest.fixture
+def returned(bench: Bench, topic_name: str) -> str:
+    """Another topic: where what went to ROS comes back."""
+    bench.create_topic(name := f'{topic_name}.returned')
+    return name

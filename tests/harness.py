@@ -8,15 +8,13 @@ import subprocess
 import sys
 import time
 import uuid
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from confluent_kafka import Consumer, KafkaError, KafkaException, Message, Producer, TopicPartition
-from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
-    AdminClient,
-    NewTopic,
-)
+from confluent_kafka.admin import AdminClient
+from confluent_kafka.cimpl import NewTopic  # which `admin` does not name in its __all__
 from patience import eventually, patient
 from ruamel.yaml import YAML
 from warm import Warm
@@ -144,6 +142,15 @@ class Bench:
         program = self._programs.command(self._name(), str(python), *command, **own, **environ)
         return _started(program)
 
+    @contextlib.contextmanager
+    def drained(
+        self, config: Path, *, python: Path | None = None, **environ: str
+    ) -> Iterator[Process]:
+        """Start the bridge; where the test is through with it, it drains, and ends with 0."""
+        with self.bridge(config, python=python, **environ) as bridge:
+            yield bridge
+            assert bridge.end(60) == 0, bridge.output()
+
     def run(self, config: Path, *options: str, **environ: str) -> Process:
         """Start the bridge by the command line."""
         return _started(self._programs.bridge(self._name(), config, *options, **environ))
@@ -199,8 +206,8 @@ class Bench:
     def _begin(self, *arguments: str, **environ: str) -> Process:
         if self._programs.host is not None or not READ_AT_THE_START.isdisjoint(environ):
             return self._start(*arguments, **environ)
-        program = self._programs._replace(begin=Warm).command(self._name(), *arguments, **environ)
-        return _started(program)
+        warm = self._programs._replace(begin=Warm)
+        return _started(warm.command(self._name(), *arguments, **environ))
 
     def _start(self, *arguments: str, **environ: str) -> Process:
         return _started(self._programs.python(self._name(), *arguments, **environ))
@@ -214,15 +221,16 @@ class Bench:
 
     # Kafka
 
-    def create_topic(self, topic: str, partitions: int = 1, **config: str) -> None:
-        """Create a topic; config keys with `_` for `.`."""
+    def create_topic(self, *topics: str, partitions: int = 1, **config: str) -> None:
+        """Create topics; config keys with `_` for `.`."""
         properties = {key.replace('_', '.'): value for key, value in config.items()}
-        new = NewTopic(topic, num_partitions=partitions, replication_factor=1, config=properties)
+        new = [NewTopic(it, partitions, replication_factor=1, config=properties) for it in topics]
         admin = self.admin()  # kept: its futures fail when it goes
-        admin.create_topics([new])[topic].result(patient(PATIENCE_S))
-        # Until its leader has begun, it may pass over the first record of a test's producer.
-        for partition in range(partitions):
-            self.end_offset(topic, partition)
+        for topic, done in admin.create_topics(new).items():
+            done.result(patient(PATIENCE_S))
+            # Until its leader has begun, it may pass over the first record of a test's producer.
+            for partition in range(partitions):
+                self.end_offset(topic, partition)
 
     def admin(self) -> AdminClient:
         """A client for administration."""
@@ -250,14 +258,13 @@ class Bench:
         self._producers.append(producer)
 
     def _new_producer(self) -> Producer:
-        config = {
+        return Producer({
             'bootstrap.servers': self.bootstrap_servers,
             'enable.idempotence': True,
             'message.max.bytes': 20_000_000,
             'reconnect.backoff.max.ms': 500,
             'log_level': 0,
-        }
-        return Producer(config)
+        })  # fmt: skip
 
     def records(self, topic: str, count: int, timeout_s: float = 60.0) -> list[Message]:
         """Read a topic from its beginning until `count` records came, and a little longer."""

@@ -38,7 +38,7 @@ def test_guarantees_1_2_3_a_leader_killed_in_mid_stream_loses_and_doubles_nothin
     taken = Leave(tmp_path, 'taken')
     with (
         bench.subscriber(DOWN, arrived, *taken.options, samples=SAMPLES),
-        bench.bridge(config) as bridge,
+        bench.drained(config) as bridge,
     ):
         bridge.wait_for(f'reads {down}[0]', timeout_s=90)
 
@@ -63,7 +63,6 @@ def test_guarantees_1_2_3_a_leader_killed_in_mid_stream_loses_and_doubles_nothin
             cluster.start(lost)
             for name in (down, up, '__consumer_offsets'):
                 cluster.wait_until_in_sync(name)
-        assert bridge.end() == 0
     expected = [value.decode() for stream in range(2) for value in numbers(stream)]
     # The coordinator of the group may have died with the leader: then the group gives the bridge
     # up after 6 s, and what was not committed is read again.

@@ -85,8 +85,7 @@ def traffic(
     """Numbers through a bridge on the edge, between Kafka at the site and nodes on the robot."""
     robot, edge = site.on(hosts.robot), site.on(hosts.edge)
     down, up = f'{topic}.down', f'{topic}.up'
-    site.create_topic(down)
-    site.create_topic(up)
+    site.create_topic(down, up)
     ros = {} if lease_s is None else {'lease_s': lease_s}
     kafka = {**edge.patient_kafka, 'session.timeout.ms': session_s * 1000}
     config = edge.config([to_ros(down, DOWN), to_kafka(UP, up)], ros=ros, kafka=kafka)

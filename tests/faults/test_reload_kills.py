@@ -31,14 +31,13 @@ def test_guarantees_1_2_8_workers_that_are_killed_in_a_reload_lose_nothing(
     arrived, written = tmp_path / 'arrived', f'{topic_name}.written'
     forth = to_ros(topic_name, '/there', max_rate=RATE)
     back = to_kafka('/latched', written)
-    for topic in (topic_name, written):
-        bench.create_topic(topic)
+    bench.create_topic(topic_name, written)
     bench.produce(topic_name, numbered(COUNT))
     config = bench.config([forth, back], workers=2)
     with (
         bench.subscriber('/there', arrived),
         bench.publisher('/latched', *LATCHED, '--rate', str(RATE)),
-        bench.bridge(config) as process,
+        bench.drained(config) as process,
     ):
         eventually(lambda: len(lines(arrived)) > 300, 90, process.output)
         eventually(partial(bench.reaches, written, 300), 90, process.output)
@@ -62,7 +61,6 @@ def test_guarantees_1_2_8_workers_that_are_killed_in_a_reload_lose_nothing(
         process.wait_for('reloaded: restarted to_ros, to_kafka', 120)
         records = bench.records(written, COUNT, timeout_s=180)
         eventually(lambda: str(COUNT - 1) in lines(arrived)[-1:], 180, process.output)
-        assert process.end(40) == 0, process.output()
     assert values(records) == numbered(COUNT), 'nothing is lost, repeated or out of order'
     assert {int(line) for line in lines(arrived)} == set(range(COUNT))
     assert bench.committed(bench.group, topic_name) == COUNT
@@ -72,7 +70,7 @@ def test_guarantees_1_2_8_workers_that_are_killed_in_a_reload_lose_nothing(
 def test_a_killed_check_refuses_the_reload_and_all_goes_on(bench: Bench, topic: str) -> None:
     routes = [to_ros(topic, '/a', min_subscribers=0)]
     config = bench.config(routes, monitoring=OFF)
-    with bench.bridge(config) as process:
+    with bench.drained(config) as process:
         process.wait_for('reads ', 60)
         it = Reloaded(bench, process, config, monitoring=OFF)
         it.write([*routes, to_ros(topic, '/b', name='b', min_subscribers=0)])
@@ -82,7 +80,6 @@ def test_a_killed_check_refuses_the_reload_and_all_goes_on(bench: Bench, topic: 
         assert 'worker 2' not in process.output()
         it.ask()
         process.wait_for('reloaded: started b', 60)
-        assert process.end(40) == 0, process.output()
 
 
 def _kill_check(supervisor: int) -> bool:
@@ -101,8 +98,7 @@ def test_guarantee_7_a_supervisor_that_is_killed_in_a_reload_leaves_a_drained_br
         to_kafka('/orders', f'{topic_name}.r'),
     )
     sent = numbered(20_000)
-    for topic in (topic_name, f'{topic_name}.r'):
-        bench.create_topic(topic)
+    bench.create_topic(topic_name, f'{topic_name}.r')
     bench.produce(topic_name, list(sent))
     more: dict[str, Any] = {'monitoring': OFF, 'kafka': bench.patient_kafka}
     config = bench.config([forth, back], **more)

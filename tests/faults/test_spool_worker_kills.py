@@ -75,7 +75,7 @@ def test_kills_of_worker_and_supervisor_cost_nothing_on_a_disk_that_one_has_guar
         alone = pids(bridge, ITS)[-1]
         os.kill(alone, signal.SIGSTOP)  # or it has put the spool away before the next one begins
         bridge.kill()
-        with bench.bridge(config) as again:
+        with bench.drained(config) as again:
             again.wait_for(f'another process uses this spool (pid {alone})')
             assert has_open(spool) == {alone}
             os.kill(alone, signal.SIGCONT)
@@ -85,7 +85,6 @@ def test_kills_of_worker_and_supervisor_cost_nothing_on_a_disk_that_one_has_guar
             own_kafka.start()
             again.wait_for('the spool is empty again')
             eventually(lambda: on_disk(bench) == 0, 60, again.output)
-            assert again.end() == 0, again.output()
     assert bridge.output().count('the supervisor has gone: draining') == 2
     found = numbers(bench, own_topic)
     once = list(dict.fromkeys(found))

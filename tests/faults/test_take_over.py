@@ -197,7 +197,7 @@ def test_guarantee_8_the_partitions_of_a_killed_bridge_are_read_by_the_other(
 
     with (
         bench.subscriber('/numbers', arrived, *leave.options, samples=SAMPLES),
-        bench.bridge(config) as survivor,
+        bench.drained(config) as survivor,
     ):
         survivor.wait_for(f'reads {topic_name}[0, 1, 2, 3]', 60)
         with bench.bridge(config) as dying:
@@ -212,7 +212,6 @@ def test_guarantee_8_the_partitions_of_a_killed_bridge_are_read_by_the_other(
         leave.up_to(2 * partitions * each)
         eventually(lambda: all(found[-1:] == [each - 1] for found in numbers()), 90)
         tell('SIGKILL until every partition is read to its end', now_s() - killed_s)
-        assert survivor.end() == 0
     for found in numbers():
         assert found[0] == 0
         steps_back(found)

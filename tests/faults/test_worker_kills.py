@@ -29,7 +29,7 @@ def test_guarantees_1_2_8_a_killed_worker_is_started_again_and_nothing_is_lost(
     with (
         bench.subscriber('/there', arrived, *to_take.options, samples=SAMPLES),
         bench.publisher('/latched', *LATCHED, *to_publish.options),
-        bench.bridge(bench.config(routes, workers=2)) as process,
+        bench.drained(bench.config(routes, workers=2)) as process,
     ):
         to_take.up_to(1000)
         wait_for_lines(arrived, 500, process, timeout_s=90)
@@ -51,7 +51,6 @@ def test_guarantees_1_2_8_a_killed_worker_is_started_again_and_nothing_is_lost(
         to_take.up_to(2 * COUNT)
         records = bench.records(written, COUNT, timeout_s=120)
         wait_for_all(arrived, COUNT, process, timeout_s=120)
-        assert process.end(40) == 0, process.output()
     assert values(records) == numbered(COUNT), 'nothing is lost, repeated or out of order'
     assert set(numbers(arrived)) == set(range(COUNT))
     assert bench.committed(bench.group, topic) == COUNT
@@ -67,8 +66,7 @@ def test_a_route_that_failed_for_good_stays_so_when_its_worker_is_killed_right_a
         to_ros(good, '/good', name='good', min_subscribers=0),
         to_kafka('/other', f'{topic_name}.other'),
     ]
-    bench.create_topic(bad)
-    bench.create_topic(good)
+    bench.create_topic(bad, good)
     with bench.bridge(bench.config(routes, workers=2)) as process:
         process.wait_for('good: reads', 90)
         process.wait_for('bad: reads', 90)
@@ -83,11 +81,9 @@ def test_a_route_that_failed_for_good_stays_so_when_its_worker_is_killed_right_a
 
 
 def test_guarantee_7_when_the_supervisor_is_killed_its_workers_drain_in_order_and_end(
-    bench: Bench, topic: str
+    bench: Bench, topic: str, returned: str
 ) -> None:
-    returned = f'{topic}.returned'
     config = bench.config(there_and_back(topic), workers=2, kafka=bench.patient_kafka)
-    bench.create_topic(returned)
     with stream(bench, topic) as records, bench.bridge(config) as process:
         eventually(partial(bench.reaches, returned, 1500), 90, process.output)
         workers = [*pids(process, 1), *pids(process, 2)]

@@ -55,13 +55,12 @@ def test_guarantee_6b_broken_packages_are_not_imported_and_their_routes_run(
         reader_of(bench, POINT, '/points'),
         publish(bench, '/odom', [odometry], *latched, message_type=ODOMETRY),
         publish(bench, '/joints', [moved], *latched, message_type=JOINTS),
-        bench.bridge(bench.config(routes, workers=2), PYTHONPATH=site) as bridge,
+        bench.drained(bench.config(routes, workers=2), PYTHONPATH=site) as bridge,
     ):
         bench.produce(points, [b'{"x": 1.5, "y": 0, "z": -2}'])
         assert received(bench, 1, bridge, POINT) == [cdr(POINT, x=1.5, z=-2.0)]
         assert values(bench.records(odom, 1)) == [odometry]
         assert values(bench.records(joints, 1)) == [moved]
-        assert bridge.end() == 0
     assert 'cannot be loaded' not in bridge.output()
 
 
@@ -78,10 +77,9 @@ def test_a_type_with_a_field_that_is_a_keyword_of_python_goes_there_and_back(
         to_ros(there, '/moves', format='json') | {'to': end},
         to_kafka('/moves', back, format='json') | {'from': end},
     ]
-    with bench.bridge(bench.config(routes), AMENT_PREFIX_PATH=str(tmp_path)) as bridge:
+    with bench.drained(bench.config(routes), AMENT_PREFIX_PATH=str(tmp_path)):
         bench.produce(there, [b'{"from": 1.5, "to": "dock"}'])
         assert values(bench.records(back, 1)) == [b'{"from":1.5,"to":"dock"}']
-        assert bridge.end() == 0
 
 
 def test_check_says_of_a_broken_package_that_nobody_imports_that_its_route_runs(

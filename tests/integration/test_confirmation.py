@@ -28,12 +28,11 @@ def test_guarantee_6c_where_acknowledgements_are_lies_nothing_is_committed_by_th
     bench.produce(topic, words(10))
     config = bench.config([to_ros(topic, ROS_TOPIC), route('/back', back, None, 'back')])
     lies = stranger(bench.place, 'lies')
-    with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config, **lies) as bridge:
+    with bench.subscriber(ROS_TOPIC, arrived), bench.drained(config, **lies) as bridge:
         bridge.wait_for(f'to_ros: failed: {LIES}')
         with publish(bench, '/back', [text(b'a')], '--durability', 'transient_local'):
             assert values(bench.records(back, 1)) == [text(b'a')]
         assert bench.committed(bench.group, topic) < 0
-        assert bridge.end() == 0
 
 
 def test_guarantee_6c_with_confirmation_none_offsets_follow_and_nothing_counts_as_confirmed(
@@ -42,9 +41,8 @@ def test_guarantee_6c_with_confirmation_none_offsets_follow_and_nothing_counts_a
     bench.produce(topic, words(100))
     config = bench.config([to_ros(topic, ROS_TOPIC)], ros={'confirmation': 'none'})
     lies = stranger(bench.place, 'lies')
-    with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config, **lies) as bridge:
+    with bench.subscriber(ROS_TOPIC, arrived), bench.drained(config, **lies) as bridge:
         bridge.wait_for('ros.confirmation: none: guarantee 1 falls')
         wait_for(arrived, texts(words(100)), bridge)
         wait_for_commit(bench, topic, 100, bridge)
-        assert bridge.end() == 0
     assert (totals(bridge)['confirmed'], totals(bridge)['only published']) == (0, 100)

@@ -42,9 +42,8 @@ def test_letters_are_listed_shown_and_replayed_once_with_the_commands_of_the_doc
     was = [('trace', HOSTILE), ('trace', b'again'), ('none', None), ('bridge.origin', b'other')]
     bench.create_topic(topic_name, partitions=2)
     bench.produce(topic_name, [b'good', long(1)], key=b'key', headers=was, partition=1)
-    with bench.bridge(bench.config([route(topic_name, SMALL)])) as bridge:
+    with bench.drained(bench.config([route(topic_name, SMALL)])) as bridge:
         wait_for_commit(bench, topic_name, 2, bridge, partition=1)
-        assert bridge.end() == 0
     config = bench.config([route(topic_name)])
 
     listed, chosen, shown, planned, replayed = run_docs(bench, config, topic_name)

@@ -190,7 +190,7 @@ def test_a_bad_record_becomes_a_dead_letter_that_names_the_field_or_both_hashes(
         'min_subscribers': 0,
     }
     config = bench.config([route, trusting])
-    with reader_of(bench, FLOAT64), bench.bridge(config) as bridge:
+    with reader_of(bench, FLOAT64), bench.drained(config) as bridge:
         bench.produce(topic_name, [b'{"data": 1}', b'{"data": "one"}', b'{}', b'\xff', None])
         bench.produce(topic_name, [b'{"data": 2}'], headers=[('ros.type_hash', own.encode())])
         told = [('ros.type', FLOAT64.encode()), ('ros.type_hash', other.encode())]
@@ -202,7 +202,6 @@ def test_a_bad_record_becomes_a_dead_letter_that_names_the_field_or_both_hashes(
         letters = bench.records(f'{topic_name}.dead-letters', 5)
         assert bench.reaches(topic_name, 8)
         assert len(bench.records(f'{topic_name}.b', 4)) == 4
-        assert bridge.end() == 0, bridge.output()
     assert came == [cdr(FLOAT64, data=float(number)) for number in (1, 2, 4)]
     errors = [headers(letter)['dead_letter.error'] for letter in letters]
     assert errors[0] == 'DecodeError: $.data: expected float, got str'

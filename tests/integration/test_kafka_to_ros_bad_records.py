@@ -119,10 +119,9 @@ def test_guarantee_5_a_bad_record_becomes_a_dead_letter_and_all_others_arrive(
     expected = [value.decode() if kind == 'text' else value[8:-1].decode() for value in good]
     bench.produce(topic, [value for value, _ in records], key=KEY, headers=HEADERS)
     route = to_ros(topic, ROS_TOPIC, max_message_bytes=LIMIT_BYTES) | {'format': kind}
-    with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(bench.config([route])) as bridge:
+    with bench.subscriber(ROS_TOPIC, arrived), bench.drained(bench.config([route])) as bridge:
         wait_for(arrived, expected, bridge)
         wait_for_commit(bench, topic, len(records), bridge)
-        assert bridge.end() == 0
     letters = bench.records(f'{topic}.dead-letters', len(bad))
     for letter, (offset, value, error) in zip(letters, bad, strict=True):
         check_letter(letter, value, offset, error, topic)
@@ -139,10 +138,9 @@ def test_guarantee_5_a_dead_letter_too_large_for_its_topic_goes_without_its_valu
     bench.create_topic(f'{topic}.dead-letters', max_message_bytes='5000')
     bench.produce(topic, records, key=KEY, headers=HEADERS)
     config = bench.config([to_ros(topic, ROS_TOPIC)])
-    with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:
+    with bench.subscriber(ROS_TOPIC, arrived), bench.drained(config) as bridge:
         wait_for(arrived, ['first', 'last'], bridge)
         wait_for_commit(bench, topic, len(records), bridge)
-        assert bridge.end() == 0
     letters = bench.records(f'{topic}.dead-letters', 41)
     by_offset = {int(own_headers(letter)['dead_letter.offset']): letter for letter in letters}
     assert sorted(by_offset) == list(range(1, 42))
@@ -161,10 +159,9 @@ def test_guarantee_5_a_dead_letter_that_its_topic_takes_keeps_its_value_whatever
     bench.create_topic(f'{topic_name}.dead-letters', max_message_bytes='4000000')
     bench.produce(topic_name, [b'first', large, b'last'], key=KEY, headers=HEADERS)
     config = bench.config([to_ros(topic_name, ROS_TOPIC)])
-    with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:
+    with bench.subscriber(ROS_TOPIC, arrived), bench.drained(config) as bridge:
         wait_for(arrived, ['first', 'last'], bridge)
         wait_for_commit(bench, topic_name, 3, bridge)
-        assert bridge.end() == 0
     [letter] = bench.records(f'{topic_name}.dead-letters', 1)
     check_letter(letter, large, 1, 'RecordTooLargeError: 3000000 bytes', topic_name)
 
@@ -174,10 +171,9 @@ def test_guarantee_6_with_on_error_drop_bad_records_are_counted(
 ) -> None:
     bench.produce(topic, [b'first', GARBAGE, None, b'last'])
     config = bench.config([to_ros(topic, ROS_TOPIC, on_error='drop')])
-    with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:
+    with bench.subscriber(ROS_TOPIC, arrived), bench.drained(config) as bridge:
         wait_for(arrived, ['first', 'last'], bridge)
         wait_for_commit(bench, topic, 4, bridge)
-        assert bridge.end() == 0
     assert totals(bridge)['dropped'] == 2
     assert totals(bridge)['confirmed'] == 2
 
@@ -216,15 +212,14 @@ def test_guarantee_5_a_dead_letter_topic_without_permission_fails_its_route_alon
     forbidden, same = AclBinding(*rule), AclBindingFilter(*rule)
     admin = bench.admin()
     admin.create_acls([forbidden])[forbidden].result(patient(60))
-    for topic in (topic_name, other):
-        bench.create_topic(topic)
+    bench.create_topic(topic_name, other)
     bench.produce(topic_name, [b'0', GARBAGE, b'1'], key=KEY, headers=HEADERS)
     bench.produce(other, words(100))
     config = bench.config([to_ros(topic_name, ROS_TOPIC), to_ros(other, '/others', 'others')])
     with (
         bench.subscriber(ROS_TOPIC, arrived),
         bench.subscriber('/others', others),
-        bench.bridge(config) as bridge,
+        bench.drained(config) as bridge,
     ):
         bridge.wait_for('to_ros: failed: ', count=2)
         assert f'the dead-letter topic {letters} cannot be written: ' in bridge.output()
@@ -235,7 +230,6 @@ def test_guarantee_5_a_dead_letter_topic_without_permission_fails_its_route_alon
         wait_for_commit(bench, topic_name, 3, bridge)
         bench.produce(other, words(100, start=100))
         wait_for(others, texts(words(200)), bridge)
-        assert bridge.end() == 0
     assert 'others: failed' not in bridge.output()
     assert set(lines(arrived)) == {'0', '1'}
     [letter] = bench.records(letters, 1)

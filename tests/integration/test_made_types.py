@@ -54,9 +54,8 @@ def there_and_back(topic: str) -> list[dict[str, Any]]:
 def assert_carries(bench: Bench, topic: str, line: str, **environ: Any) -> str:
     """A bridge says a line, carries a message there and back, and ends; returns what it said."""
     bench.create_topic(f'{topic}.there')
-    with bench.bridge(bench.config(there_and_back(topic)), **environ) as bridge:
+    with bench.drained(bench.config(there_and_back(topic)), **environ) as bridge:
         bridge.wait_for(line)
         bench.produce(f'{topic}.there', [b'order'])
         assert values(bench.records(f'{topic}.back', 1)) == [b'order']
-        assert bridge.end() == 0
     return bridge.output()

@@ -28,8 +28,7 @@ node = rclpy.create_node('mine')
 def returned(bench: Bench, topic_name: str) -> str:
     """Where what is in `topic_name` comes back to."""
     topic = f'{topic_name}.returned'
-    bench.create_topic(topic_name)
-    bench.create_topic(topic)
+    bench.create_topic(topic_name, topic)
     return topic
 
 

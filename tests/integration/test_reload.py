@@ -26,8 +26,7 @@ def test_a_reload_under_load_loses_and_repeats_nothing_on_the_routes_that_stay(
     arrived, written, until = tmp_path / 'arrived', f'{topic_name}.written', tmp_path / 'until'
     other = f'{topic_name}.other'
     stay = [to_ros(topic_name, '/stays', max_rate=300), to_kafka('/numbers', written)]
-    for topic in (topic_name, written, other):
-        bench.create_topic(topic)
+    bench.create_topic(topic_name, written, other)
     kafka = bench.patient_kafka
     config = bench.config(stay, kafka=kafka)
     sent = 0
@@ -64,13 +63,11 @@ def test_a_reload_under_load_loses_and_repeats_nothing_on_the_routes_that_stay(
 
 
 def test_a_bad_file_is_refused_with_every_mistake_and_all_goes_on(
-    bench: Bench, topic: str
+    bench: Bench, topic: str, returned: str
 ) -> None:
     routes = there_and_back(topic)
-    returned = f'{topic}.returned'
-    bench.create_topic(returned)
     config = bench.config(routes)
-    with bench.bridge(config) as process:
+    with bench.drained(config) as process:
         process.wait_for('reads ', 60)
         process.wait_for('subscribes to', 60)
         it = Reloaded(bench, process, config)
@@ -90,6 +87,5 @@ def test_a_bad_file_is_refused_with_every_mistake_and_all_goes_on(
         bench.produce(topic, numbered(10))
         eventually(partial(bench.reaches, returned, 10), 60, process.output)
         assert it.to(routes) == 'nothing has changed'
-        assert process.end(40) == 0, process.output()
     assert 'Traceback' not in process.output()
     assert process.output().count('subscribes to') == 1

@@ -85,9 +85,8 @@ def test_a_route_without_a_type_waits_for_the_one_that_the_graph_shows(
 def test_a_route_that_still_waits_for_its_type_stops_at_once_when_asked(
     bench: Bench, topic_name: str
 ) -> None:
-    with bench.bridge(bench.config([route('/odom', topic_name, None, 'odometry')])) as bridge:
+    with bench.drained(bench.config([route('/odom', topic_name, None, 'odometry')])) as bridge:
         bridge.wait_for('runs 1 route on')
-        assert bridge.end() == 0
 
 
 # Bytes

@@ -38,10 +38,8 @@ def unread(bench: Bench, config: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 @pytest.mark.parametrize('workers', [1, 2])
 def test_a_bridge_whose_log_nobody_reads_moves_all_and_ends(
-    bench: Bench, topic: str, workers: int
+    bench: Bench, topic: str, returned: str, workers: int
 ) -> None:
-    returned = f'{topic}.returned'
-    bench.create_topic(returned)
     config = bench.config(there_and_back(topic), workers=workers, kafka=bench.patient_kafka)
     bench.produce(topic, sized(COUNT))
     with unread(bench, config) as process:

@@ -278,8 +278,7 @@ def test_a_person_runs_a_real_bridge_from_the_page(
     browser: Browser, bench: Bench, unique: Unique, tmp_path: Path
 ) -> None:
     orders, returned = unique('orders'), unique('returned')
-    for topic in (orders, returned):
-        bench.create_topic(topic)
+    bench.create_topic(orders, returned)
     port = free_port()
     monitoring = {'listen': f'127.0.0.1:{port}', 'token': TOKEN, 'node': False}
     routes = [to_ros(orders, '/orders'), to_kafka('/orders', returned)]

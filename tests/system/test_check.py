@@ -15,8 +15,7 @@ Unique = Callable[[str], str]
 # What it shows of routes is kept in the gate by tests/unit/ros/test_matching.py.
 def test_routes_of_one_file_count_for_each_other(bench: Bench, unique: Unique) -> None:
     orders, returned = unique('orders'), unique('returned')
-    bench.create_topic(orders)
-    bench.create_topic(returned)
+    bench.create_topic(orders, returned)
     back = {'name': 'back', 'from': {'ros': '/orders'}, 'to': {'kafka': returned}}
     file = bench.config([to_ros(orders, '/orders', name='out'), {**back, 'format': 'text'}])
     status, out, _ = bench.command('check', str(file), '--connect')

@@ -18,11 +18,11 @@ COMMAND = (sys.executable, '-m', 'ros2_kafka_bridge')
 
 
 @pytest.mark.parametrize('workers', [1, 2])
-def test_guarantee_7_a_closed_terminal_is_a_drain(bench: Bench, topic: str, workers: int) -> None:
+def test_guarantee_7_a_closed_terminal_is_a_drain(
+    bench: Bench, topic: str, returned: str, workers: int
+) -> None:
     """As SIGTERM is; what that is worth in mid-stream is shown there (test_both_ways)."""
-    returned = f'{topic}.returned'
     config = bench.config(there_and_back(topic), workers=workers)
-    bench.create_topic(returned)
     bench.produce(topic, sized(10))
     log = bench.place / 'stderr.log'
     with terminal(*COMMAND, 'run', str(config), environ=bench.environ, log=log) as it:
@@ -36,11 +36,9 @@ def test_guarantee_7_a_closed_terminal_is_a_drain(bench: Bench, topic: str, work
 
 @pytest.mark.parametrize('workers', [1, 2])
 def test_a_bridge_under_nohup_outlives_its_terminal(
-    bench: Bench, topic: str, workers: int
+    bench: Bench, topic: str, returned: str, workers: int
 ) -> None:
-    returned = f'{topic}.returned'
     config = bench.config(there_and_back(topic), workers=workers)
-    bench.create_topic(returned)
     bench.produce(topic, [b'before'])
     command = ['nohup', *COMMAND, 'run', str(config)]
     with Process(command, bench.place / 'nohup.log', {'ROS_DOMAIN_ID': str(bench.domain)}) as it:

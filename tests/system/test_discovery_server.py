@@ -31,8 +31,7 @@ def test_what_a_client_cannot_see_is_said_by_the_route_and_by_every_command(
     bench: Bench, topic_name: str, client: dict[str, Any]
 ) -> None:
     typed, untyped = f'{topic_name}.typed', f'{topic_name}.untyped'
-    bench.create_topic(typed)
-    bench.create_topic(untyped)
+    bench.create_topic(typed, untyped)
     route = to_kafka('/status', untyped, 'untyped')
     del route['from']['type']
     file = bench.config([route])

@@ -44,8 +44,7 @@ def test_orders_come_in_and_status_goes_out(own_bench: Bench) -> None:
     bench = own_bench
     orders = [b'order %d' % number for number in range(50)]
     status = [b'done %d' % number for number in range(50)]
-    for topic in ('orders', 'robots.status'):
-        bench.create_topic(topic)
+    bench.create_topic('orders', 'robots.status')
     bench.produce('orders', orders)
     received = bench.place / 'received'
     with (
@@ -83,8 +82,7 @@ def test_a_map_and_fixed_transforms_reach_who_comes_later(own_bench: Bench) -> N
     site = serialize_message(grid)
     # The package of tf2_msgs/TFMessage is not among the wheels of ROS 2; the route takes any type.
     transforms = [serialize_message(TransformStamped(child_frame_id=f'f{n}')) for n in range(5)]
-    for topic in ('site-1.map', 'site-1.tf_static'):
-        bench.create_topic(topic)
+    bench.create_topic('site-1.map', 'site-1.tf_static')
     latched = ('--durability', 'transient_local', '--readers', '0')
     map_type, tf_type = 'nav_msgs/msg/OccupancyGrid', 'geometry_msgs/msg/TransformStamped'
     with (

@@ -59,7 +59,7 @@ def test_a_registry_that_goes_away_in_mid_stream_makes_the_route_wait_and_loses_
         ],
         schema_registry={'url': registry.url, 'max.retries': 0},
     )
-    with reader_of(bench, STRING), bench.bridge(config) as bridge:
+    with reader_of(bench, STRING), bench.drained(config) as bridge:
         bench.produce(topic, known[:2])
         assert received(bench, 2, bridge, STRING) == sent[:2]
         registry.stop()
@@ -71,7 +71,6 @@ def test_a_registry_that_goes_away_in_mid_stream_makes_the_route_wait_and_loses_
         registry.start()
         received(bench, 6, bridge, STRING)
         eventually(lambda: bench.committed(f'{bench.name}.a', topic) == 6, 60, bridge.output)
-        assert bridge.end() == 0, bridge.output()
     assert received(bench, 6, bridge, STRING) == sent
 
 

@@ -26,11 +26,10 @@ def test_a_history_longer_than_the_first_look_is_not_repeated_by_a_restart(
     with bench.publisher('/orders', *history, '--readers', '0') as publisher:
         publisher.wait_for('published', 60)
         for run in range(2):
-            with bench.bridge(config) as bridge:
+            with bench.drained(config) as bridge:
                 eventually(lambda: bench.reaches(topic, count), 60, bridge.output)
                 if run:
                     bridge.wait_for(f'looked through the last {count} records of {topic}', 60)
-                assert bridge.end() == 0
             assert totals(bridge, 'to_kafka')['confirmed'] == (0 if run else count)
         records = bench.records(topic, count)
     assert values(records) == [b'%d' % number for number in range(count)]

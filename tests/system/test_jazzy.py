@@ -43,10 +43,9 @@ def test_orders_through_both_directions_on_jazzy_arrive_once_and_in_order(
     sent = [f'order {number}'.encode() for number in range(COUNT)]
     returned = f'{topic}.returned'
     routes = [to_ros(topic, '/orders'), to_kafka('/orders', returned)]
-    with bench.bridge(bench.config(routes), python=jazzy) as bridge:
+    with bench.drained(bench.config(routes), python=jazzy) as bridge:
         bench.produce(topic, list(sent))
         records = bench.records(returned, COUNT)
-        assert bridge.end() == 0
     assert values(records) == sent
     told = headers(records[0])
     assert told['ros.type'] == 'std_msgs/msg/String'
@@ -65,8 +64,7 @@ def test_a_jazzy_bridge_waits_for_a_slow_subscriber_and_loses_nothing(
     bench.produce(topic_name, list(sent))
     with (
         bench.subscriber('/orders', file, '--work', '0.001', samples=10),
-        bench.bridge(bench.config([to_ros(topic_name, '/orders')]), python=jazzy) as bridge,
+        bench.drained(bench.config([to_ros(topic_name, '/orders')]), python=jazzy) as bridge,
     ):
         eventually(lambda: len(lines(file)) >= len(sent), 60, bridge.output)
-        assert bridge.end() == 0
     assert lines(file) == [value.decode() for value in sent]

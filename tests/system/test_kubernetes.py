@@ -76,7 +76,7 @@ def test_orders_and_letters_of_both_ways_go_through_with_the_rights_of_its_user(
 ) -> None:
     [user] = manifest('user.yaml')
     for topic in manifest('topics.yaml'):
-        bench.create_topic(topic['metadata']['name'], topic['spec']['partitions'])
+        bench.create_topic(topic['metadata']['name'], partitions=topic['spec']['partitions'])
     secured.allow(user['metadata']['name'], list(rights(user)))
     file = configured(bench, secured)
     status, out, err = bench.command('check', str(file), '--connect', timeout_s=60)

@@ -32,7 +32,7 @@ def test_a_bridge_that_stops_leaves_its_partitions_to_the_other_one_long_before_
     own: Mapping[str, str],
 ) -> None:
     """A broker that decides waits 45 s for a member with a name, also where that has left."""
-    bench.create_topic(topic_name, PARTITIONS)
+    bench.create_topic(topic_name, partitions=PARTITIONS)
     servers = {'bootstrap.servers': bench.bootstrap_servers}
     session = {} if own else {'session.timeout.ms': 45_000}
     properties = consumer_properties(

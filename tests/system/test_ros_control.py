@@ -283,10 +283,9 @@ def test_another_node_of_the_same_name_is_warned_of(bench: Bench, topic_name: st
     config = monitored(bench, [to_ros(topic_name, '/orders')])
     with (
         open_node(bench.name, bench.domain, Histories({}, {})),
-        bench.bridge(config) as bridge,
+        bench.drained(config) as bridge,
     ):
         bridge.wait_for(f'another node is called {bench.node}', 60)
-        assert bridge.end() == 0, bridge.output()
 
 
 def test_malformed_requests_end_nothing(bench: Bench, topic_name: str) -> None:

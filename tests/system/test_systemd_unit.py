@@ -25,8 +25,7 @@ def test_the_unit_carries_both_ways_is_restarted_reloads_and_stops(
     bench: Bench, topic_name: str, machine: Machine
 ) -> None:
     back = f'{topic_name}.back'
-    for topic in (topic_name, back):
-        bench.create_topic(topic)
+    bench.create_topic(topic_name, back)
     _write(bench, machine, 'warehouse', topic_name, to_ros(topic_name, '/orders'))
     _write(bench, machine, 'back', topic_name, to_kafka('/orders', back, spool=SPOOL))
     _install(machine)

@@ -34,8 +34,7 @@ class Tutorial:
         self.commands.remove(f'{LOCAL_KAFKA} --topics {" ".join(topics)}')
         self._bench, self._place = bench, place
         self._brokers = ('--bootstrap-servers', bench.bootstrap_servers)
-        for topic in topics:
-            bench.create_topic(topic)
+        bench.create_topic(*topics)
 
     def line(self, command: str, *more: str) -> str:
         """A command of the page as it is typed here."""

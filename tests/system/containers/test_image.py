@@ -185,8 +185,7 @@ def test_without_a_file_it_says_where_one_belongs(docker: Engine, tmp_path: Path
 def test_on_a_base_with_a_ros_2_that_one_is_used_and_a_workspace_on_top(
     on_ros: str, bench: Bench, docker: Engine
 ) -> None:
-    for topic in ('orders', 'back'):
-        bench.create_topic(topic)
+    bench.create_topic('orders', 'back')
     setup = bench.place / 'local_setup.bash'
     setup.write_text('export TOPIC=back\n')
     files = configured(bench, to_ros('orders', '/orders'), to_kafka('/orders', '${TOPIC}'))
