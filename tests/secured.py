@@ -18,16 +18,16 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     ResourceType,
     ScramCredentialInfo,
     ScramMechanism,
-    UserScramCredentialDeletion,
     UserScramCredentialUpsertion,
 )
 from cryptography.hazmat.primitives import serialization
-from harness import Bench, Process, eventually, to_kafka, to_ros
+from harness import Bench, Process, eventually, to_kafka, to_ros, values
 from patience import patient
 from ruamel.yaml import YAML
 from token_endpoint import TokenEndpoint
 
 from ros2_kafka_bridge.testing.local_kafka import HOST, LocalKafka, free_port
+from ros2_kafka_bridge.testing.orders import encode, orders
 
 TOKEN_S: Final = 8
 RENEW_S: Final = 3
@@ -36,6 +36,9 @@ _PATIENCE_S: Final = 20
 USER: Final = 'warehouse-1'
 PASSWORD: Final = 'swordfish-5dd1'  # noqa: S105 (of a test)
 CLIENT_SECRET: Final = 'open-sesame-90ab'  # noqa: S105 (of a test)
+WRONG: Final = 'not-the-password-31b0'
+OTHER: Final = 'another-password-4be7'
+SECRETS: Final = (PASSWORD, CLIENT_SECRET, WRONG, OTHER)
 
 
 class Right(NamedTuple):
@@ -88,6 +91,13 @@ def topic_right(name: str, operation: str) -> Right:
 def group_right(name: str, *, prefixed: bool = False) -> Right:
     """READ on a group, or on all that begin with the name."""
     return Right(ResourceType.GROUP, name, AclOperation.READ, prefixed)
+
+
+def let_in(secured: 'SecuredKafka', bench: Bench, name: str = 'orders', user: str = USER) -> Round:
+    """A round that a bridge may go as this user, with the rights of docs/security.md alone."""
+    goods = make_round(bench, name)
+    secured.allow(user, goods.rights(bench.name))
+    return goods
 
 
 class Listener(NamedTuple):
@@ -188,11 +198,8 @@ class SecuredKafka:
         """Add a SCRAM user, or change its password."""
         info = ScramCredentialInfo(ScramMechanism.SCRAM_SHA_512, 4096)
         change = UserScramCredentialUpsertion(user, info, password.encode())
-        self._alter_user(user, change)
-
-    def remove_user(self, user: str) -> None:
-        """Take a SCRAM user away."""
-        self._alter_user(user, UserScramCredentialDeletion(user, ScramMechanism.SCRAM_SHA_512))
+        admin = self.admin
+        admin.alter_user_scram_credentials([change])[user].result(patient(_PATIENCE_S))
 
     def allow(self, user: str, rights: Sequence[Right]) -> None:
         """Give permissions, and wait until the broker applies them."""
@@ -210,10 +217,6 @@ class SecuredKafka:
         for future in admin.delete_acls(wanted).values():
             assert future.result(patient(_PATIENCE_S)), 'there was no such permission'
         eventually(lambda: not any(_found(admin, one) for one in wanted), _PATIENCE_S)
-
-    def _alter_user(self, user: str, change: Any) -> None:
-        admin = self.admin
-        admin.alter_user_scram_credentials([change])[user].result(patient(_PATIENCE_S))
 
     # The node
 
@@ -303,13 +306,35 @@ def mended(properties: dict[str, Any], **changes: Any) -> dict[str, Any]:
 
 @contextmanager
 def watched(
-    bench: Bench, config: Path, secrets: Sequence[str], *options: str, **environ: Any
+    bench: Bench,
+    routes: list[dict[str, Any]],
+    kafka: dict[str, Any],
+    *options: str,
+    **environ: str,
 ) -> Iterator[Process]:
-    """A bridge that keeps its secrets: from its output, and from `ps`, with its children."""
-    with bench.run(config, *options, **environ) as bridge:
+    """A bridge that keeps its secrets: from its output, and from `ps`, with its children.
+
+    At the end it drains.
+    """
+    with bench.run(bench.config(routes, kafka=kafka), *options, **environ) as bridge:
         yield bridge
-        shown = ''.join(_command_lines(bridge.pid)) + bridge.output()
-        assert not [secret for secret in secrets if secret in shown], 'a secret was shown'
+        shown = ''.join(_command_lines(bridge.pid))
+        assert bridge.end() == 0, bridge.output()
+        shown += bridge.output()
+        assert not [secret for secret in SECRETS if secret in shown], 'a secret was shown'
+
+
+def carries_orders(secured: SecuredKafka, bench: Bench, way: str) -> None:
+    """A bridge that gets in this way takes orders to ROS and back, and complains of nothing."""
+    goods = let_in(secured, bench)
+    source = orders(seed=5)
+    sent = [encode(next(source)) for _ in range(500)]
+    bench.produce(goods.source, sent)
+    kafka = secured.properties(way, bench.place)
+    with watched(bench, goods.routes, kafka, KAFKA_PASSWORD=PASSWORD) as bridge:
+        assert values(bench.records(goods.returned, len(sent))) == sent
+    assert 'ERROR' not in bridge.output()
+    assert 'Kafka is away' not in bridge.output()
 
 
 def _command_lines(pid: int) -> Iterator[str]:
@@ -323,10 +348,11 @@ def _command_lines(pid: int) -> Iterator[str]:
 
 @contextmanager
 def running(place: Path) -> Iterator[SecuredKafka]:
-    """A secured Kafka with its token endpoint."""
+    """A secured Kafka with its token endpoint, which knows the password of `USER`."""
     with TokenEndpoint(USER, TOKEN_S) as tokens:
         secured = SecuredKafka(place, tokens)
         with secured.node:
+            secured.set_password(USER, PASSWORD)
             yield secured
 
 

@@ -4,20 +4,22 @@ Each of these is one clear error that names its cure, said once for each try; no
 disturbed; nothing is lost once it is mended. No secret is ever shown.
 """
 
-import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from harness import Bench, Process, eventually, values
 from secured import (
-    CLIENT_SECRET,
+    OTHER,
     PASSWORD,
     USER,
+    WRONG,
     Right,
     Round,
     SecuredKafka,
     group_right,
+    let_in,
     make_round,
     mended,
     running,
@@ -26,15 +28,13 @@ from secured import (
 )
 
 COUNT = 300
-WRONG = 'not-the-password-31b0'
-OTHER = 'another-password-4be7'
-SECRETS = (PASSWORD, CLIENT_SECRET, WRONG, OTHER)
+CREDENTIALS = 'check sasl.username and sasl.password'
+NO_CERTIFICATE = 'the broker refuses the certificate of this bridge'
 
 
 @pytest.fixture(scope='module')
 def secured(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SecuredKafka]:
     with running(tmp_path_factory.mktemp('secured')) as kafka:
-        kafka.set_password(USER, PASSWORD)
         yield kafka
 
 
@@ -45,24 +45,25 @@ def bench(tmp_path: Path, secured: SecuredKafka, ros_domain: int) -> Bench:
 
 
 @pytest.fixture
-def name() -> str:
-    """A name of the bridge, and of its user, that nobody else uses."""
-    return f'bridge-{uuid.uuid4().hex[:8]}'
+def as_user(secured: SecuredKafka, bench: Bench) -> dict[str, Any]:
+    """How a user comes in that is named as the bridge is, and that nobody else uses."""
+    secured.set_password(bench.name, PASSWORD)
+    return mended(secured.properties('SCRAM', bench.place), sasl_username=bench.name)
 
 
-def numbered(count: int, first: int = 0) -> list[bytes]:
-    return [b'%d' % number for number in range(first, first + count)]
+def send(bench: Bench, goods: Round, count: int = COUNT, first: int = 0) -> None:
+    bench.produce(goods.source, [b'%d' % number for number in range(first, first + count)])
 
 
-def all_arrive(bench: Bench, topic: str, sent: Sequence[bytes]) -> None:
+def all_arrive(bench: Bench, goods: Round, count: int = COUNT) -> None:
     """Every record comes, in order; a hand-over may repeat some."""
 
     def arrived() -> list[bytes]:
-        found = values(bench.records(topic, bench.end_offset(topic)))
+        found = values(bench.records(goods.returned, bench.end_offset(goods.returned)))
         return list(dict.fromkeys(found))
 
-    eventually(lambda: len(arrived()) >= len(sent), 60, lambda: f'{arrived()[-3:]} came last')
-    assert arrived() == list(sent)
+    eventually(lambda: len(arrived()) >= count, 60, lambda: f'{arrived()[-3:]} came last')
+    assert arrived() == [b'%d' % number for number in range(count)]
 
 
 def said(bridge: Process, route: str) -> list[str]:
@@ -87,42 +88,49 @@ def fails_with(bridge: Process, route: str, cure: str) -> None:
     assert bridge.running
 
 
+def both_fail_with(bridge: Process, cure: str) -> None:
+    for route in ('orders', 'orders_returned'):
+        fails_with(bridge, route, cure)
+
+
 # Nobody is let in
 
 
 def test_a_wrong_password_names_its_property_and_costs_nothing_once_it_is_put_right(
-    secured: SecuredKafka, bench: Bench, name: str
+    secured: SecuredKafka, bench: Bench, as_user: dict[str, Any]
 ) -> None:
-    secured.set_password(name, WRONG)
-    goods = make_round(bench, 'orders')
-    secured.allow(name, goods.rights(name))
-    kafka = mended(secured.properties('SCRAM', bench.place), sasl_username=name)
-    config = bench.config(goods.routes, name=name, kafka=kafka)
-    bench.produce(goods.source, numbered(COUNT))
-    with watched(bench, config, SECRETS) as bridge:
-        for route in ('orders', 'orders_returned'):
-            fails_with(bridge, route, 'check sasl.username and sasl.password')
-        secured.set_password(name, PASSWORD)
-        all_arrive(bench, goods.returned, numbered(COUNT))
-        assert bridge.end() == 0
+    secured.set_password(bench.name, WRONG)
+    goods = let_in(secured, bench, user=bench.name)
+    send(bench, goods)
+    with watched(bench, goods.routes, as_user) as bridge:
+        both_fail_with(bridge, CREDENTIALS)
+        secured.set_password(bench.name, PASSWORD)
+        all_arrive(bench, goods)
 
 
 @pytest.mark.parametrize('log_format', ['text', 'json'])
 def test_a_wrong_password_of_plain_is_shown_in_no_log(
-    secured: SecuredKafka, bench: Bench, name: str, log_format: str
+    secured: SecuredKafka, bench: Bench, log_format: str
 ) -> None:
-    goods = make_round(bench, 'orders')
-    secured.allow(USER, goods.rights(name))
-    kafka = secured.properties('PLAIN', bench.place)
-    config = bench.config(goods.routes, name=name, kafka=kafka)
-    bench.produce(goods.source, numbered(COUNT))
+    goods = let_in(secured, bench)
+    send(bench, goods)
+    way = (bench, goods.routes, secured.properties('PLAIN', bench.place))
     options = ('--log-format', log_format)
-    with watched(bench, config, SECRETS, *options, KAFKA_PASSWORD=WRONG) as bridge:
-        bridge.wait_for('check sasl.username and sasl.password; tried again in 1 s')
-        assert bridge.end() == 0
-    with watched(bench, config, SECRETS, *options, KAFKA_PASSWORD=PASSWORD) as bridge:
-        all_arrive(bench, goods.returned, numbered(COUNT))
-        assert bridge.end() == 0
+    with watched(*way, *options, KAFKA_PASSWORD=WRONG) as bridge:
+        bridge.wait_for(f'{CREDENTIALS}; tried again in 1 s')
+    with watched(*way, *options, KAFKA_PASSWORD=PASSWORD):
+        all_arrive(bench, goods)
+
+
+def is_told_and_then_mended(
+    secured: SecuredKafka, bench: Bench, right: dict[str, Any], wrong: dict[str, Any], cure: str
+) -> None:
+    goods = let_in(secured, bench)
+    send(bench, goods)
+    with watched(bench, goods.routes, wrong) as bridge:
+        both_fail_with(bridge, cure)
+    with watched(bench, goods.routes, right):
+        all_arrive(bench, goods)
 
 
 @pytest.mark.parametrize(
@@ -138,62 +146,39 @@ def test_a_wrong_password_of_plain_is_shown_in_no_log(
     ],
 )
 def test_a_broker_that_is_not_trusted_is_told_with_the_reason(
-    secured: SecuredKafka, bench: Bench, name: str, listener: str, authority: str, cure: str
+    secured: SecuredKafka, bench: Bench, listener: str, authority: str, cure: str
 ) -> None:
-    goods = make_round(bench, 'orders')
-    secured.allow(USER, goods.rights(name))
     right = secured.properties('SCRAM', bench.place)
+    trusted = secured.other_ca_file if authority == 'other' else secured.ca_file
     wrong = mended(
-        right,
-        bootstrap_servers=secured.address(listener),
-        ssl_ca_location=str(secured.other_ca_file if authority == 'other' else secured.ca_file),
+        right, bootstrap_servers=secured.address(listener), ssl_ca_location=str(trusted)
     )
-    bench.produce(goods.source, numbered(COUNT))
-    config = bench.config(goods.routes, name=name, kafka=wrong)
-    with watched(bench, config, SECRETS) as bridge:
-        for route in ('orders', 'orders_returned'):
-            fails_with(bridge, route, cure)
-        assert bridge.end() == 0
-    with watched(bench, bench.config(goods.routes, name=name, kafka=right), SECRETS) as bridge:
-        all_arrive(bench, goods.returned, numbered(COUNT))
-        assert bridge.end() == 0
+    is_told_and_then_mended(secured, bench, right, wrong, cure)
 
 
 def test_a_bridge_without_the_certificate_that_the_broker_asks_for_is_told(
-    secured: SecuredKafka, bench: Bench, name: str
+    secured: SecuredKafka, bench: Bench
 ) -> None:
-    goods = make_round(bench, 'orders')
-    secured.allow(USER, goods.rights(name))
     right = secured.properties('mTLS', bench.place)
     wrong = mended(right, ssl_certificate_location=None, ssl_key_location=None)
-    bench.produce(goods.source, numbered(COUNT))
-    with watched(bench, bench.config(goods.routes, name=name, kafka=wrong), SECRETS) as bridge:
-        for route in ('orders', 'orders_returned'):
-            fails_with(bridge, route, 'the broker refuses the certificate of this bridge')
-        assert bridge.end() == 0
-    with watched(bench, bench.config(goods.routes, name=name, kafka=right), SECRETS) as bridge:
-        all_arrive(bench, goods.returned, numbered(COUNT))
-        assert bridge.end() == 0
+    is_told_and_then_mended(secured, bench, right, wrong, NO_CERTIFICATE)
 
 
 def test_an_expired_certificate_of_the_bridge_is_told_and_a_new_one_in_its_place_is_read(
-    secured: SecuredKafka, bench: Bench, name: str
+    secured: SecuredKafka, bench: Bench
 ) -> None:
-    goods = make_round(bench, 'orders')
-    secured.allow(USER, goods.rights(name))
+    goods = let_in(secured, bench)
     kafka = secured.properties('mTLS', bench.place)
     place = Path(kafka['ssl.certificate.location']), Path(kafka['ssl.key.location'])
     new = [file.read_bytes() for file in place]
     for file, old in zip(place, secured.client_certificate(USER, expired=True), strict=True):
         file.write_bytes(old.read_bytes())
-    bench.produce(goods.source, numbered(COUNT))
-    with watched(bench, bench.config(goods.routes, name=name, kafka=kafka), SECRETS) as bridge:
-        for route in ('orders', 'orders_returned'):
-            fails_with(bridge, route, 'the broker refuses the certificate of this bridge')
+    send(bench, goods)
+    with watched(bench, goods.routes, kafka) as bridge:
+        both_fail_with(bridge, NO_CERTIFICATE)
         for file, content in zip(place, new, strict=True):
             file.write_bytes(content)
-        all_arrive(bench, goods.returned, numbered(COUNT))
-        assert bridge.end() == 0
+        all_arrive(bench, goods)
 
 
 # A permission is missing
@@ -209,9 +194,14 @@ def test_an_expired_certificate_of_the_bridge_is_told_and_a_new_one_in_its_place
     ],
 )
 def test_a_missing_permission_stops_its_route_alone(
-    secured: SecuredKafka, bench: Bench, name: str, missing: str, route: str, cure: str
+    secured: SecuredKafka,
+    bench: Bench,
+    as_user: dict[str, Any],
+    missing: str,
+    route: str,
+    cure: str,
 ) -> None:
-    secured.set_password(name, PASSWORD)
+    name = bench.name
     well, broken = make_round(bench, 'well'), make_round(bench, 'broken')
     held_back = _held_back(broken, name, missing)
     given = [*well.rights(name), *broken.rights(name)]
@@ -223,18 +213,15 @@ def test_a_missing_permission_stops_its_route_alone(
     if missing == 'READ':
         given += [topic_right(broken.source, 'DESCRIBE')]
     secured.allow(name, given)
-    kafka = mended(secured.properties('SCRAM', bench.place), sasl_username=name)
-    config = bench.config([*well.routes, *broken.routes], name=name, kafka=kafka)
     for goods in (well, broken):
-        bench.produce(goods.source, numbered(COUNT))
-    with watched(bench, config, SECRETS) as bridge:
+        send(bench, goods)
+    with watched(bench, [*well.routes, *broken.routes], as_user) as bridge:
         fails_with(bridge, route, cure)
-        all_arrive(bench, well.returned, numbered(COUNT))
+        all_arrive(bench, well)
         assert not said(bridge, 'well')
         assert not said(bridge, 'well_returned')
         secured.allow(name, held_back)
-        all_arrive(bench, broken.returned, numbered(COUNT))
-        assert bridge.end() == 0
+        all_arrive(bench, broken)
 
 
 def _held_back(goods: Round, name: str, missing: str) -> list[Right]:
@@ -245,108 +232,83 @@ def _held_back(goods: Round, name: str, missing: str) -> list[Right]:
 
 
 def test_a_user_that_may_write_nothing_ends_no_bridge(
-    secured: SecuredKafka, bench: Bench, name: str
+    secured: SecuredKafka, bench: Bench, as_user: dict[str, Any]
 ) -> None:
-    secured.set_password(name, PASSWORD)
     goods = make_round(bench, 'orders')
-    *rights, write = goods.rights(name)
-    secured.allow(name, [*rights, topic_right(goods.returned, 'DESCRIBE')])
-    kafka = mended(secured.properties('SCRAM', bench.place), sasl_username=name)
-    config = bench.config(goods.routes, name=name, kafka=kafka)
-    bench.produce(goods.source, numbered(COUNT))
-    with watched(bench, config, SECRETS) as bridge:
+    *rights, write = goods.rights(bench.name)
+    secured.allow(bench.name, [*rights, topic_right(goods.returned, 'DESCRIBE')])
+    send(bench, goods)
+    with watched(bench, goods.routes, as_user) as bridge:
         fails_with(bridge, 'orders_returned', 'give this user WRITE on the topic (ACL)')
-        secured.allow(name, [write])
-        all_arrive(bench, goods.returned, numbered(COUNT))
-        assert bridge.end() == 0
+        secured.allow(bench.name, [write])
+        all_arrive(bench, goods)
 
 
 def test_a_dead_letter_topic_that_may_not_be_written_holds_its_route_back(
-    secured: SecuredKafka, bench: Bench, name: str
+    secured: SecuredKafka, bench: Bench, as_user: dict[str, Any]
 ) -> None:
-    secured.set_password(name, PASSWORD)
-    well, broken = make_round(bench, 'well'), make_round(bench, 'broken')
+    well, broken = (let_in(secured, bench, name, bench.name) for name in ('well', 'broken'))
     dead = f'{broken.source}.dead-letters'
     bench.create_topic(dead)
-    secured.allow(name, [*well.rights(name), *broken.rights(name)])
-    kafka = mended(secured.properties('SCRAM', bench.place), sasl_username=name)
-    config = bench.config([*well.routes, *broken.routes], name=name, kafka=kafka)
-    bench.produce(well.source, numbered(COUNT))
-    bench.produce(broken.source, [b'\xff', *numbered(COUNT)])
-    with watched(bench, config, SECRETS) as bridge:
+    bench.produce(broken.source, [b'\xff'])
+    for goods in (well, broken):
+        send(bench, goods)
+    with watched(bench, [*well.routes, *broken.routes], as_user) as bridge:
         bridge.wait_for(f'failed: the dead-letter topic {dead} cannot be written')
         bridge.wait_for('give this user WRITE on the topic (ACL); tried again in 4 s', 60)
         tries = [line for line in said(bridge, 'broken') if 'failed: ' in line]
         assert len(tries) <= 4, tries
-        all_arrive(bench, well.returned, numbered(COUNT))
-        secured.allow(name, [topic_right(dead, 'WRITE')])
-        all_arrive(bench, broken.returned, numbered(COUNT))
+        all_arrive(bench, well)
+        secured.allow(bench.name, [topic_right(dead, 'WRITE')])
+        all_arrive(bench, broken)
         assert values(bench.records(dead, 1)) == [b'\xff']
-        assert bridge.end() == 0
 
 
 # In mid-run
 
 
 def test_a_password_changed_in_mid_run_is_told_and_costs_nothing(
-    secured: SecuredKafka, bench: Bench, name: str
+    secured: SecuredKafka, bench: Bench, as_user: dict[str, Any]
 ) -> None:
-    secured.set_password(name, PASSWORD)
-    goods = make_round(bench, 'orders')
-    secured.allow(name, goods.rights(name))
-    kafka = mended(
-        secured.properties('SCRAM', bench.place),
-        bootstrap_servers=secured.address('RENEWED'),
-        sasl_username=name,
-    )
-    config = bench.config(goods.routes, name=name, kafka=kafka)
-    with watched(bench, config, SECRETS) as bridge:
-        bench.produce(goods.source, numbered(COUNT))
-        all_arrive(bench, goods.returned, numbered(COUNT))
+    goods = let_in(secured, bench, user=bench.name)
+    renewed = mended(as_user, bootstrap_servers=secured.address('RENEWED'))
+    with watched(bench, goods.routes, renewed) as bridge:
+        send(bench, goods)
+        all_arrive(bench, goods)
         assert not said(bridge, 'orders')
-        secured.set_password(name, OTHER)
-        for route in ('orders', 'orders_returned'):
-            fails_with(bridge, route, 'check sasl.username and sasl.password')
-        bench.produce(goods.source, numbered(COUNT, COUNT))
-        secured.set_password(name, PASSWORD)
-        all_arrive(bench, goods.returned, numbered(2 * COUNT))
-        assert bridge.end() == 0
+        secured.set_password(bench.name, OTHER)
+        both_fail_with(bridge, CREDENTIALS)
+        send(bench, goods, COUNT, COUNT)
+        secured.set_password(bench.name, PASSWORD)
+        all_arrive(bench, goods, 2 * COUNT)
+
+
+def by_renewed_tokens(secured: SecuredKafka, bench: Bench) -> dict[str, Any]:
+    kafka = secured.properties('OAUTHBEARER', bench.place)
+    return mended(kafka, bootstrap_servers=secured.address('RENEWED'))
 
 
 def test_tokens_are_renewed_in_mid_run_and_no_route_fails(
-    secured: SecuredKafka, bench: Bench, name: str
+    secured: SecuredKafka, bench: Bench
 ) -> None:
-    goods = make_round(bench, 'orders')
-    secured.allow(USER, goods.rights(name))
-    kafka = mended(
-        secured.properties('OAUTHBEARER', bench.place),
-        bootstrap_servers=secured.address('RENEWED'),
-    )
-    config = bench.config(goods.routes, name=name, kafka=kafka)
-    with watched(bench, config, SECRETS) as bridge:
-        bench.produce(goods.source, numbered(1))
-        all_arrive(bench, goods.returned, numbered(1))
+    goods = let_in(secured, bench)
+    with watched(bench, goods.routes, by_renewed_tokens(secured, bench)) as bridge:
+        send(bench, goods, 1)
+        all_arrive(bench, goods, 1)
         given = secured.tokens.given
         eventually(lambda: secured.tokens.given >= given + 6, 60)
-        bench.produce(goods.source, numbered(COUNT, 1))
-        all_arrive(bench, goods.returned, numbered(COUNT + 1))
+        send(bench, goods, COUNT, 1)
+        all_arrive(bench, goods, COUNT + 1)
         assert ' ERROR ' not in bridge.output()
-        assert bridge.end() == 0
 
 
 def test_a_token_that_expires_while_the_endpoint_is_broken_is_told_and_costs_nothing(
-    secured: SecuredKafka, bench: Bench, name: str
+    secured: SecuredKafka, bench: Bench
 ) -> None:
-    goods = make_round(bench, 'orders')
-    secured.allow(USER, goods.rights(name))
-    kafka = mended(
-        secured.properties('OAUTHBEARER', bench.place),
-        bootstrap_servers=secured.address('RENEWED'),
-    )
-    config = bench.config(goods.routes, name=name, kafka=kafka)
-    with watched(bench, config, SECRETS) as bridge:
-        bench.produce(goods.source, numbered(COUNT))
-        all_arrive(bench, goods.returned, numbered(COUNT))
+    goods = let_in(secured, bench)
+    with watched(bench, goods.routes, by_renewed_tokens(secured, bench)) as bridge:
+        send(bench, goods)
+        all_arrive(bench, goods)
         with secured.tokens.out_of_order():
             for route in ('orders', 'orders_returned'):
                 eventually(
@@ -360,10 +322,9 @@ def test_a_token_that_expires_while_the_endpoint_is_broken_is_told_and_costs_not
             eventually(secured.tokens.all_expired, 60)
             # The broker has closed what they had opened: from here on nothing gets through.
             bridge.wait_for('waiting (Kafka is away', 60, count=2)
-            bench.produce(goods.source, numbered(COUNT, COUNT))
+            send(bench, goods, COUNT, COUNT)
             bridge.wait_for('Failed to acquire SASL OAUTHBEARER token', 60, count=5)
             assert bench.end_offset(goods.returned) == COUNT
-        all_arrive(bench, goods.returned, numbered(2 * COUNT))
+        all_arrive(bench, goods, 2 * COUNT)
         assert bridge.running
         assert len(said(bridge, 'orders')) <= 10, said(bridge, 'orders')
-        assert bridge.end() == 0

@@ -349,7 +349,6 @@ def test_the_rights_of_the_docs_are_enough_and_each_that_is_missing_is_named(
 ) -> None:
     letters = f'{topic_name}.dead-letters'
     with running(tmp_path) as secured:
-        secured.set_password(USER, PASSWORD)
         bench = Bench(tmp_path, secured.node.bootstrap_servers, ros_domain)
         bench.create_topic(topic_name)
         bench.produce(topic_name, [long(1)])

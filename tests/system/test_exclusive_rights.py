@@ -17,7 +17,6 @@ LOG = logging.LoggerAdapter(logging.getLogger('test.exclusive'), {})
 @pytest.fixture
 def secured(tmp_path: Path) -> Iterator[SecuredKafka]:
     with running(tmp_path) as kafka:
-        kafka.set_password(USER, PASSWORD)
         yield kafka
 
 
