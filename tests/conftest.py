@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 import pytest
 from harness import Bench
 from hypothesis import settings
+from leave import Leave
 
 from ros2_kafka_bridge.testing.kafka_node import new_id
 from ros2_kafka_bridge.testing.local_kafka import QUICK_RETURN, LocalKafka
@@ -298,3 +299,15 @@ def returned(bench: Bench, topic_name: str) -> str:
     """Another topic: where what went to ROS comes back."""
     bench.create_topic(name := f'{topic_name}.returned')
     return name
+
+
+@pytest.fixture
+def arrived(tmp_path: Path) -> Path:
+    """The file of a subscriber."""
+    return tmp_path / 'arrived'
+
+
+@pytest.fixture
+def leave(tmp_path: Path) -> Leave:
+    """How far the peer of a test may go."""
+    return Leave(tmp_path)

@@ -22,12 +22,6 @@ JOINTS = 'sensor_msgs/msg/JointState'
 COUNT = 3000
 
 
-@pytest.fixture
-def leave(tmp_path: Path) -> Leave:
-    """How far the peer of a test may go."""
-    return Leave(tmp_path)
-
-
 @cache
 def sent() -> tuple[bytes, ...]:
     """Random messages, of which no two are the same."""

@@ -33,12 +33,6 @@ COUNT = 8000
 
 
 @pytest.fixture
-def leave(tmp_path: Path) -> Leave:
-    """How far the publisher of a test may go."""
-    return Leave(tmp_path)
-
-
-@pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Path]:
     """A file system that holds all messages of a test, and not much more."""
     with mounted(tmp_path / 'disk', '16m') as place:

@@ -41,18 +41,6 @@ from paced import Stream
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
 
-@pytest.fixture
-def arrived(tmp_path: Path) -> Path:
-    """The file of a subscriber."""
-    return tmp_path / 'arrived'
-
-
-@pytest.fixture
-def leave(tmp_path: Path) -> Leave:
-    """How far the subscriber of a test may go."""
-    return Leave(tmp_path)
-
-
 def wait_for_commit_beyond(bench: Bench, topic: str, offset: int, bridge: Process) -> int:
     """Wait until more is committed; returns how much."""
     eventually(lambda: bench.committed(bench.group, topic) > offset, 60, bridge.output)

@@ -8,7 +8,6 @@ import itertools
 import json
 from collections import defaultdict
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -28,12 +27,6 @@ PARTITIONS = 4
 ROBOTS = tuple(f'robot-{number}' for number in range(9))
 WINDOW = 300
 CACHE = 300
-
-
-@pytest.fixture
-def leave(tmp_path: Path) -> Leave:
-    """How far the publisher of a test may go."""
-    return Leave(tmp_path)
 
 
 def route(topic: str) -> dict[str, Any]:

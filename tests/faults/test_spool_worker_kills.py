@@ -22,12 +22,6 @@ from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 ITS = 2  # the worker of the route; the first one has those to ROS
 
 
-@pytest.fixture
-def leave(tmp_path: Path) -> Leave:
-    """How far the publisher of a test may go."""
-    return Leave(tmp_path)
-
-
 def has_open(spool: Path) -> set[int]:
     """The processes that have a spool open, but for this one, as the kernel knows them."""
     found = set()

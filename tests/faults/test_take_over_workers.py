@@ -7,9 +7,7 @@ tests/faults/test_take_over.py.
 import os
 import signal
 from contextlib import ExitStack
-from pathlib import Path
 
-import pytest
 from harness import Bench, Process, eventually, to_kafka, to_ros
 from leave import Leave
 from numbers_to_kafka import LATCHED, published
@@ -23,12 +21,6 @@ from taking_turns import (
 from workers import kill, pids, wait_until_gone
 
 ITS = 2  # the worker of the route; the first one has those to ROS
-
-
-@pytest.fixture
-def leave(tmp_path: Path) -> Leave:
-    """How far the publisher of a test may go."""
-    return Leave(tmp_path)
 
 
 def turns(*bridges: Process) -> int:

@@ -5,19 +5,12 @@
 
 from pathlib import Path
 
-import pytest
 from from_ros import publish, route, text
 from harness import Bench, to_ros, totals, values
 from strangers import stranger
 from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
 
 LIES = 'rmw_stranger does not tell what has arrived: it denied nothing of a message'
-
-
-@pytest.fixture
-def arrived(tmp_path: Path) -> Path:
-    """The file of a subscriber."""
-    return tmp_path / 'arrived'
 
 
 def test_guarantee_6c_where_acknowledgements_are_lies_nothing_is_committed_by_them(

@@ -6,16 +6,9 @@ The numbers in the names are those of the guarantees that the tests prove.
 import time
 from pathlib import Path
 
-import pytest
 from harness import Bench, eventually, lines, to_ros, totals
 from leave import Leave
 from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
-
-
-@pytest.fixture
-def arrived(tmp_path: Path) -> Path:
-    """The file of a subscriber."""
-    return tmp_path / 'arrived'
 
 
 def test_guarantee_4_records_wait_until_min_subscribers_are_there(

@@ -33,12 +33,6 @@ GARBAGE = b'\xff\xfe\0' * 500
 
 
 @pytest.fixture
-def arrived(tmp_path: Path) -> Path:
-    """The file of a subscriber."""
-    return tmp_path / 'arrived'
-
-
-@pytest.fixture
 def strict_bench(tmp_path: Path, ros_domain: int) -> Iterator[Bench]:
     """A bench on a Kafka with permissions."""
     properties = {

@@ -22,12 +22,6 @@ from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
 
 @pytest.fixture
-def arrived(tmp_path: Path) -> Path:
-    """The file of a subscriber."""
-    return tmp_path / 'arrived'
-
-
-@pytest.fixture
 def compacting_bench(tmp_path: Path, ros_domain: int) -> Iterator[Bench]:
     """A bench on a Kafka that compacts its topics at once."""
     with LocalKafka(properties={'log.cleaner.backoff.ms': '100'}) as node:

@@ -41,18 +41,6 @@ from taking_turns import wait_for_all as wait_for_all_of_a_pair
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
 
-@pytest.fixture
-def leave(tmp_path: Path) -> Leave:
-    """How far the peer of a test may go."""
-    return Leave(tmp_path)
-
-
-@pytest.fixture
-def arrived(tmp_path: Path) -> Path:
-    """The file of a subscriber."""
-    return tmp_path / 'arrived'
-
-
 def test_guarantees_1_and_8_a_killed_bridge_loses_nothing_and_repeats_only_uncommitted_records(
     bench: Bench, topic: str, arrived: Path, leave: Leave
 ) -> None:

@@ -4,6 +4,7 @@ from functools import partial
 from itertools import islice, pairwise
 
 from harness import Bench, eventually, totals, values
+from numbers_to_ros import numbered
 from workers import (
     Watched,
     bridge,
@@ -18,10 +19,6 @@ from workers import (
 from ros2_kafka_bridge.route.counters import Snapshot, State, from_line
 
 BACKLOG = 15_000
-
-
-def numbered(count: int) -> list[bytes]:
-    return [b'%d' % number for number in range(count)]
 
 
 def test_guarantee_7_records_through_two_workers_arrive_once_over_a_stop_in_mid_stream(

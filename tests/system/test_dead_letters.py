@@ -35,12 +35,6 @@ from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 CRATE = 'acme_crates/msg/Crate'
 
 
-@pytest.fixture
-def arrived(tmp_path: Path) -> Path:
-    """The file of a subscriber."""
-    return tmp_path / 'arrived'
-
-
 def make_letters(bench: Bench, topic: str, end: int, **more: Any) -> None:
     """Let a bridge whose limit is too small read a topic to its end."""
     # One that the group has given up in between would write some of them again.

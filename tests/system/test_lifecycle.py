@@ -11,16 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from harness import Bench, Process, eventually, to_kafka, to_ros, values
+from numbers_to_ros import numbered
 from reloads import Reloaded, request
 from workers import gone, pids, there_and_back, wait_until_gone
 
 from ros2_kafka_bridge.protocol.monitor import Do
 
 OFF = {'listen': 'off', 'node': False}
-
-
-def numbered(count: int) -> list[bytes]:
-    return [b'%d' % number for number in range(count)]
 
 
 def monitors(process: Process) -> list[int]:

@@ -23,12 +23,6 @@ def there() -> Iterator[Collector]:
         yield made
 
 
-@pytest.fixture
-def arrived(tmp_path: Path) -> Path:
-    """The file of a subscriber."""
-    return tmp_path / 'arrived'
-
-
 def sampled(number: int = 1, flags: str = '01') -> list[tuple[str, bytes]]:
     return [('traceparent', f'00-{TRACE}-{number:016x}-{flags}'.encode())]
 
