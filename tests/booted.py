@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import pytest
+from command_line import finished
 from harness import eventually
 from patience import patient
 
@@ -80,14 +81,7 @@ class Machine(NamedTuple):
 
     def run(self, *command: str, timeout_s: float = 60.0) -> str:
         """Run a command of root's there to its end; returns what it says."""
-        done = subprocess.run(
-            [*self._enter(), *command],
-            capture_output=True,
-            text=True,
-            check=False,
-            stdin=subprocess.DEVNULL,
-            timeout=patient(timeout_s),
-        )
+        done = finished([*self._enter(), *command], timeout_s=timeout_s)
         assert done.returncode == 0, f'{command}: {done.returncode}: {done.stdout}{done.stderr}'
         return done.stdout.strip()
 

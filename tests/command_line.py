@@ -1,11 +1,15 @@
-"""The command line in the process of the test: to start one takes longer than most commands."""
+"""Commands, run to their end: in a process, or where to start one takes too long in the test's."""
 
 import contextlib
 import io
+import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
+from patience import patient
 
 from ros2_kafka_bridge.cli import main
 
@@ -23,3 +27,17 @@ def typed(*words: str | Path) -> tuple[int, str, str]:
             main()
     assert isinstance(end.value.code, int)
     return end.value.code, out.getvalue(), err.getvalue()
+
+
+def finished(
+    command: Sequence[str | Path], timeout_s: float = 120.0, **more: Any
+) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end, whatever its status; `more` is for `subprocess.run`.
+
+    Raises:
+        subprocess.TimeoutExpired: It is not through in time.
+    """
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL,
+        timeout=patient(timeout_s), **more,
+    )  # fmt: skip

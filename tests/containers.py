@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import pytest
+from command_line import finished
 from harness import Process, eventually
-from patience import patient
 
 from rig.hosts import Host
 
@@ -45,15 +45,12 @@ class Engine(NamedTuple):
         return {**os.environ, 'DOCKER_HOST': f'unix://{self.socket}', 'DOCKER_BUILDKIT': '1'}
 
     def asked(
-        self, *words: str | Path, timeout_s: float = 60.0
+        self, *words: str | Path, timeout_s: float = 120.0
     ) -> subprocess.CompletedProcess[str]:
         """Run `docker` to its end, whichever that is."""
-        return subprocess.run(
-            [self.client, *words], env=self.environ, capture_output=True, text=True, check=False,
-            stdin=subprocess.DEVNULL, timeout=patient(timeout_s),
-        )  # fmt: skip
+        return finished([self.client, *words], env=self.environ, timeout_s=timeout_s)
 
-    def docker(self, *words: str | Path, timeout_s: float = 60.0) -> str:
+    def docker(self, *words: str | Path, timeout_s: float = 120.0) -> str:
         """Run `docker` to a good end; returns what it prints."""
         done = self.asked(*words, timeout_s=timeout_s)
         assert done.returncode == 0, f'{words}: {done.stdout}{done.stderr}'
@@ -63,10 +60,7 @@ class Engine(NamedTuple):
         """Run a line of a page to a good end, in a folder; its `docker` is this one's."""
         environ = self.environ
         environ['PATH'] = f'{Path(self.client).parent}:{environ["PATH"]}'
-        done = subprocess.run(
-            ['sh', '-c', line], cwd=place, env=environ, capture_output=True, text=True,
-            check=False, stdin=subprocess.DEVNULL, timeout=patient(timeout_s),
-        )  # fmt: skip
+        done = finished(['sh', '-c', line], cwd=place, env=environ, timeout_s=timeout_s)
         assert done.returncode == 0, f'{line}: {done.stdout}{done.stderr}'
 
 
@@ -128,7 +122,7 @@ def provide_base(engine: Engine, place: Path) -> None:
 
     One that is made trusts whom this machine trusts, a company's authority for instance.
     """
-    if engine.asked('pull', BASE, timeout_s=120).returncode == 0:
+    if engine.asked('pull', BASE).returncode == 0:
         return
     if shutil.which('mmdebstrap') is None:
         pytest.skip('the base of the image cannot be had here: needs mmdebstrap')
@@ -141,9 +135,7 @@ def provide_base(engine: Engine, place: Path) -> None:
             f'--change=ENV {name}={_CERTIFICATES}' for name in ('SSL_CERT_FILE', 'PIP_CERT')
         ]
         command.insert(1, f'--customize-hook=upload {own} {_CERTIFICATES}')
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=False, timeout=patient(200)
-    )
+    done = finished(command, timeout_s=200)
     assert done.returncode == 0, done.stderr
-    engine.docker('import', *changes, archive, BASE, timeout_s=120)
+    engine.docker('import', *changes, archive, BASE)
     archive.unlink()

@@ -7,7 +7,6 @@ in memory, and is up in about four seconds.
 import fcntl
 import os
 import shutil
-import subprocess
 import tempfile
 import time
 import urllib.request
@@ -15,6 +14,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
+
+from command_line import finished
 
 from rig.processes import Process
 from ros2_kafka_bridge.errors import ConfigError
@@ -74,13 +75,7 @@ def _install() -> Path:
 def _fetch(place: Path) -> None:
     with tempfile.TemporaryDirectory(dir=place.parent) as scratch:
         maven = ['mvn', '--batch-mode', _UNPACK, f'-Dartifact={_ARTIFACT}']
-        run = subprocess.run(
-            [*maven, f'-DoutputDirectory={scratch}/files'],
-            cwd=scratch,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        run = finished([*maven, f'-DoutputDirectory={scratch}/files'], timeout_s=600, cwd=scratch)
         if run.returncode:
             lines = run.stdout.splitlines()
             reason = next((line for line in lines if line.startswith('[ERROR]')), run.stderr)

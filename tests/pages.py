@@ -2,11 +2,12 @@
 
 import os
 import re
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
+
+from command_line import finished
 
 ROOT: Final = Path(__file__).parents[1]
 _ALONE: Final = ('README.md', 'CONTRIBUTING.md', 'SECURITY.md', 'CHANGELOG.md')
@@ -61,13 +62,10 @@ def sections(page: Path) -> set[str]:
 
 def build_site(folder: Path) -> None:
     """Build the site as `make site` does, elsewhere."""
-    result = subprocess.run(
+    result = finished(
         [Path(sys.executable).with_name('mkdocs'), 'build', '--strict', '--site-dir', folder],
         cwd=ROOT,
         env={**os.environ, 'NO_MKDOCS_2_WARNING': '1'},
-        capture_output=True,
-        text=True,
-        check=False,
     )
     assert result.returncode == 0, result.stderr
 

@@ -1,11 +1,11 @@
 """Libraries that stand before those of a process (LD_PRELOAD), made of tests/peers/*.c."""
 
 import shutil
-import subprocess
 from pathlib import Path
 from typing import Final
 
 import pytest
+from command_line import finished
 
 _SOURCES: Final = Path(__file__).parent / 'peers'
 
@@ -21,11 +21,8 @@ def library(name: str, place: Path) -> str:
     if compiler is None:
         pytest.skip('there is no C compiler: apt-get install gcc libc6-dev')
     made = place / f'{name}.so'
-    done = subprocess.run(
-        [compiler, '-O2', '-shared', '-fPIC', '-o', made, _SOURCES / f'{name}.c', '-ldl'],
-        capture_output=True,
-        text=True,
-        check=False,
+    done = finished(
+        [compiler, '-O2', '-shared', '-fPIC', '-o', made, _SOURCES / f'{name}.c', '-ldl']
     )
     assert done.returncode == 0, done.stderr
     return str(made)

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from command_line import finished
 
 
 @contextmanager
@@ -13,7 +14,7 @@ def mounted(place: Path, size: str) -> Iterator[Path]:
     """Mount a small disk in a new directory, for as long as this lasts; else skip the test."""
     place.mkdir()
     mount = ['mount', '-t', 'tmpfs', '-o', f'size={size}', 'tmpfs', str(place)]
-    done = subprocess.run(mount, capture_output=True, text=True, check=False)
+    done = finished(mount)
     if done.returncode:
         pytest.skip(f'a small disk cannot be mounted here: {done.stderr.strip()}')
     try:

@@ -7,8 +7,8 @@ import zipfile
 from pathlib import Path
 from typing import Final
 
+from command_line import finished
 from harness import Bench, Process, to_kafka, to_ros, values
-from patience import patient
 
 ROOT: Final = Path(__file__).parents[1]
 LOCK: Final = ROOT / 'requirements.lock'
@@ -20,10 +20,7 @@ _UV_S: Final = 200.0
 def uv(*words: str | Path) -> None:
     """Run uv to its end, which has to be a good one."""
     environ = {'UV_SYSTEM_CERTS': 'true', **os.environ}
-    done = subprocess.run(
-        [_UV, *words], env=environ, capture_output=True, text=True, check=False,
-        timeout=patient(_UV_S),
-    )  # fmt: skip
+    done = finished([_UV, *words], env=environ, timeout_s=_UV_S)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -48,9 +45,7 @@ def interpreter(version: str) -> Path | None:
     code = 'import ssl, sqlite3, sys; print("%d.%d" % sys.version_info[:2])'
     for candidate in (*named, *sorted(installed), *sorted(managed)):
         if candidate.exists():
-            told = subprocess.run(
-                [candidate, '-c', code], capture_output=True, text=True, check=False
-            )
+            told = finished([candidate, '-c', code])
             if told.stdout.strip() == version:
                 return candidate
     return None
@@ -73,10 +68,7 @@ def run(
     """Run a command outside of the source tree, with nothing of the tests' own environment."""
     mine = ('PYTHON', 'PYTEST', 'VIRTUAL_ENV', 'LD_LIBRARY_PATH', 'AMENT', '_ROS_WHEELS')
     environ = {name: value for name, value in os.environ.items() if not name.startswith(mine)}
-    return subprocess.run(
-        command, cwd=place, env=environ, capture_output=True, text=True, check=False,
-        stdin=subprocess.DEVNULL, timeout=patient(timeout_s),
-    )  # fmt: skip
+    return finished(command, cwd=place, env=environ, timeout_s=timeout_s)
 
 
 def there_and_back(bench: Bench, topic: str, python: Path) -> Process:

@@ -4,13 +4,13 @@ The whole of it, with every fault: `make faults`.
 """
 
 import json
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import finished
 
 ROOT = Path(__file__).parents[2]
 SEED = 3
@@ -70,12 +70,5 @@ def _run(
         '--out': place,
     }
     words = [*more, *(str(word) for option in options.items() for word in option)]
-    done = subprocess.run(
-        [sys.executable, '-m', 'benchmarks.faults', *words],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=400,
-        check=False,
-    )
+    done = finished([sys.executable, '-m', 'benchmarks.faults', *words], cwd=ROOT, timeout_s=400)
     return done.returncode, done.stdout + done.stderr

@@ -2,12 +2,12 @@
 
 import json
 import re
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from command_line import finished
 from harness import START, Bench, Process, lines, to_kafka, to_ros
 from patience import patient
 
@@ -61,13 +61,7 @@ def test_help_loads_nothing_heavy() -> None:
         'heavy = {"rclpy", "confluent_kafka", "pydantic", "ruamel.yaml", "msgspec", "rich"}\n'
         'assert not heavy & {*sys.modules}, heavy & {*sys.modules}'
     )
-    done = subprocess.run(
-        [sys.executable, '-c', program],
-        capture_output=True,
-        text=True,
-        timeout=patient(60),
-        check=False,
-    )
+    done = finished([sys.executable, '-c', program])
     assert done.returncode == 0, done.stderr
     assert {'run', 'check'} <= set(done.stdout.split())
 
@@ -198,9 +192,7 @@ def without(module: str, bench: Bench) -> list[str]:
 def test_a_file_that_can_be_read_only_once_is_not_run(bench: Bench) -> None:
     file = bench.config([to_ros('orders', '/orders')])
     command = f'{sys.executable} -m ros2_kafka_bridge run <(cat {file})'
-    done = subprocess.run(
-        ['bash', '-c', command], capture_output=True, text=True, timeout=patient(60), check=False
-    )
+    done = finished(['bash', '-c', command])
     assert done.returncode == 2
     assert re.fullmatch(r'/dev/fd/\d+: can be read only once: .*\n', done.stderr)
 

@@ -1,25 +1,18 @@
 """Endpoints of types that are made: in many threads, and where a ROS needs the packages."""
 
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import finished
 from harness import PEERS, Bench, to_kafka, to_ros, values
-from patience import patient
 
 
 @pytest.mark.usefixtures('ros_domain')
 def test_threads_that_make_and_destroy_endpoints_at_once_never_stand_still() -> None:
     """No call of the middleware may let another thread of Python in: nobody would go on."""
-    done = subprocess.run(
-        [sys.executable, PEERS / 'made_types_churn.py', '8', '60'],
-        capture_output=True,
-        text=True,
-        timeout=patient(60),
-        check=False,
-    )
+    done = finished([sys.executable, PEERS / 'made_types_churn.py', '8', '60'])
     assert (done.stdout, done.stderr, done.returncode) == ('done\n', '', 0)
 
 

@@ -2,11 +2,11 @@
 
 import re
 import signal
-import subprocess
 import sys
 import time
 from contextlib import closing
 
+from command_line import finished
 from confluent_kafka import Consumer, Producer
 from harness import Bench, Process
 from patience import patient
@@ -29,9 +29,7 @@ def test_the_warehouse_delivers_whatever_comes_and_ctrl_c_ends_all_of_it(bench: 
         assert run.wait(40) == 0, run.output()
         assert 'was killed' not in run.output()
         pids = [line.split()[-1] for line in run.output().splitlines() if ' is process ' in line]
-        left = subprocess.run(
-            ['ps', '-o', 'pid=', '-p', ','.join(pids)], capture_output=True, text=True, check=False
-        )
+        left = finished(['ps', '-o', 'pid=', '-p', ','.join(pids)])
         assert left.stdout == ''
 
 

@@ -2,11 +2,11 @@
 
 import re
 import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import finished
 from promql import asked, mistakes, told
 from ruamel.yaml import YAML
 
@@ -37,9 +37,7 @@ def promtool(*arguments: str) -> None:
     program = shutil.which('promtool')
     if program is None:
         pytest.skip(NO_PROMTOOL)
-    done = subprocess.run(
-        [program, *arguments], cwd=FOLDER, capture_output=True, text=True, check=False
-    )
+    done = finished([program, *arguments], cwd=FOLDER)
     assert done.returncode == 0, done.stdout + done.stderr
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import pytest
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
+from command_line import finished
 from harness import Bench, Process, to_kafka, to_ros, values
 
 from ros2_kafka_bridge import __version__
@@ -61,10 +62,9 @@ def workspace(
         _copy(ROOT / part, package / part)
     environ = {**os.environ, 'PATH': f'{BINARIES}:{os.environ["PATH"]}', 'COLCON_HOME': str(place)}
     options = [request.param] if request.param else []
-    built = subprocess.run(
-        [BINARIES / 'colcon', 'build', *options],
-        cwd=place, env=environ, capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
+    built = finished(
+        [BINARIES / 'colcon', 'build', *options], cwd=place, env=environ, timeout_s=300
+    )
     assert built.returncode == 0, built.stdout + built.stderr
     linked = place / 'build' / PACKAGE / 'src'
     version = f'python{sys.version_info.major}.{sys.version_info.minor}'
@@ -89,9 +89,7 @@ def _sourced(script: Path, environ: Mapping[str, str]) -> dict[str, str]:
 
 
 def _run(workspace: Workspace, *command: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        command, env=workspace.environ, capture_output=True, text=True, timeout=60, check=False
-    )
+    return finished(command, env=workspace.environ)
 
 
 def test_the_index_of_ros_leads_to_the_executables_and_the_launch_file(

@@ -1,13 +1,16 @@
 """`depth` as a user starts it; what it says of files: tests/unit/commands/test_depth.py."""
 
-import subprocess
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-from patience import patient
+from command_line import finished
 
 from ros2_kafka_bridge.outside.extras import install_command
+
+if TYPE_CHECKING:
+    import subprocess
 
 PROGRAM = 'from ros2_kafka_bridge.cli import main; main()'
 
@@ -26,10 +29,7 @@ def depth(place: Path, before: str = '') -> 'subprocess.CompletedProcess[str]':
         '--plot',
         picture,
     ]
-    return subprocess.run(
-        [sys.executable, '-c', before + PROGRAM, 'depth', *given],
-        capture_output=True, text=True, check=False, timeout=patient(60),
-    )  # fmt: skip
+    return finished([sys.executable, '-c', before + PROGRAM, 'depth', *given])
 
 
 def test_it_names_a_depth_and_draws_without_a_screen(tmp_path: Path) -> None:

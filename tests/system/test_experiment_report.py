@@ -2,7 +2,6 @@
 
 import csv
 import re
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from html.parser import HTMLParser
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from command_line import finished
 
 from benchmarks.experiment.grid import LOADS
 from benchmarks.experiment.report import write_report
@@ -367,13 +367,7 @@ def test_the_report_is_made_anew_from_a_file_or_its_directory(
 def test_a_file_that_is_no_experiment_is_refused_in_words(tmp_path: Path) -> None:
     file = tmp_path / 'some.json'
     file.write_text('{"setting": 1}')
-    done = subprocess.run(
-        [sys.executable, '-m', 'benchmarks.experiment.report', file],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = finished([sys.executable, '-m', 'benchmarks.experiment.report', file], cwd=ROOT)
     assert done.returncode == 2
     assert done.stderr.startswith(f'{file}: is no stored experiment: ')
     assert 'Traceback' not in done.stderr

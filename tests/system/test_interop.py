@@ -2,14 +2,13 @@
 
 import contextlib
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from command_line import finished
 from harness import Bench, eventually, headers, lines, to_kafka, to_ros, totals, values
 from leave import Leave
-from patience import patient
 
 TUNING = Path(__file__).parents[2] / 'docs' / 'tuning.md'
 COUNT = 1000
@@ -108,12 +107,8 @@ def test_the_sockets_hold_what_the_profile_of_the_docs_asks_for(bench: Bench) ->
     profile.write_text(xml)
     file = bench.config([to_kafka('/orders', 'orders', max_message_bytes=2_000_000)])
     for environ, said in ({}, 1), ({'FASTDDS_DEFAULT_PROFILES_FILE': str(profile)}, 0):
-        asked = subprocess.run(
+        asked = finished(
             [sys.executable, '-m', 'ros2_kafka_bridge', 'check', str(file), '--connect'],
             env={**bench.environ, **environ},
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=patient(60),
         )
         assert asked.stdout.count('a UDP socket of DDS holds') == said, asked.stdout

@@ -1,12 +1,11 @@
 """The bridge on the wheels of ROS 2 Jazzy; the nodes around it are on Kilted."""
 
 import os
-import subprocess
 from pathlib import Path
 
 import pytest
+from command_line import finished
 from harness import Bench, eventually, headers, lines, to_kafka, to_ros, values
-from patience import patient
 
 JAZZY = Path(__file__).parents[2] / '.venv-jazzy' / 'bin' / 'python'
 COUNT = 5000
@@ -26,14 +25,7 @@ def jazzy() -> Path:
 def test_jazzy_has_all_that_the_bridge_uses_of_rclpy(jazzy: Path) -> None:
     # The wheels of ROS 2 have set these to their own libraries.
     own = {'_ROS_WHEELS_BOOTSTRAP_COMPLETE': '', 'LD_LIBRARY_PATH': ''}
-    done = subprocess.run(
-        [jazzy, '-c', LOOK],
-        capture_output=True,
-        text=True,
-        timeout=patient(60),
-        check=False,
-        env=os.environ | own,
-    )
+    done = finished([jazzy, '-c', LOOK], env=os.environ | own)
     assert (done.stdout, done.stderr) == ('7 [[], []]\n', '')
 
 

@@ -2,17 +2,16 @@
 
 import re
 import shutil
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import kubernetes_validate
 import pytest
+from command_line import finished
 from crds import problems
 from harness import Bench, eventually, lines, values
 from pages import ROOT
-from patience import patient
 from ruamel.yaml import YAML
 from secured import USER, Right, SecuredKafka, group_right, running, topic_right
 
@@ -124,10 +123,7 @@ def rendered(network: str, place: Path) -> list[dict[str, Any]]:
     lines.insert(lines.index('configMapGenerator:'), f'  - {network}')
     own.write_text('\n'.join(lines))
     command = [renderer[0], 'build'] if renderer[0] else [renderer[1], 'kustomize']
-    done = subprocess.run(
-        [str(word) for word in (*command, own.parent)],
-        capture_output=True, text=True, check=False, timeout=patient(60),
-    )  # fmt: skip
+    done = finished([str(word) for word in (*command, own.parent)])
     assert (done.returncode, done.stderr) == (0, '')
     return list(YAML(typ='safe').load_all(done.stdout))
 
@@ -163,15 +159,13 @@ def _javas() -> Iterator[str]:
 
 
 def _release(java: str) -> int:
-    told = subprocess.run([java, '-version'], capture_output=True, text=True, check=False).stderr
+    told = finished([java, '-version']).stderr
     found = re.search(r'version "(\d+)', told)
     return int(found[1]) if found else 0
 
 
 def _run(*command: str) -> None:
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=False, timeout=patient(200)
-    )
+    done = finished(command, timeout_s=200)
     assert done.returncode == 0, done.stdout + done.stderr
 
 

@@ -2,10 +2,10 @@
 
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 
+from command_line import finished
 from harness import Bench
 
 from ros2_kafka_bridge.route.readiness import SETTLE_S
@@ -25,18 +25,18 @@ def test_the_first_record_does_not_wait_for_a_subscriber_that_has_long_been_ther
         '--bootstrap-servers': bench.bootstrap_servers,
         '--json': str(tmp_path / 'latency.json'),
     }
-    done = subprocess.run(
+    done = finished(
         [
-            sys.executable, '-m', 'benchmarks.latency', '--no-warm-up',
+            sys.executable,
+            '-m',
+            'benchmarks.latency',
+            '--no-warm-up',
             *(word for option in options.items() for word in option),
         ],
         cwd=ROOT,
         env={**os.environ, 'COLUMNS': '120'},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )  # fmt: skip
+        timeout_s=300,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert 'start-up, bridge: ' in done.stdout
     made = json.loads((tmp_path / 'latency.json').read_text())

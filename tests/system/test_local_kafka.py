@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from command_line import finished
 from confluent_kafka import Consumer, Producer, TopicPartition
 from ending import ended
 from patience import patient
@@ -149,9 +150,7 @@ def test_the_program_runs_a_node_until_it_is_told_to_stop(
 
 
 def test_the_program_ends_with_status_2_where_the_port_is_busy(kafka: SharedKafka) -> None:
-    run = subprocess.run(
-        [*PROGRAM, '--port', str(kafka.port)], capture_output=True, text=True, check=False
-    )
+    run = finished([*PROGRAM, '--port', str(kafka.port)])
     assert run.returncode == 2
     assert run.stderr.startswith(f'port {kafka.port} of 127.0.0.1 is in use')
     assert run.stderr.count('\n') == 1

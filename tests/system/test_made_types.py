@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import pytest
 import rclpy
+from command_line import finished
 from harness import PEERS, eventually
 from messages import cdr_of, extremes, new_message
 from patience import patient
@@ -131,12 +132,8 @@ def has_all(peer: Peer) -> bool:
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize('ros', PYTHONS)
 def test_a_long_churn_in_many_threads_ends(ros: str) -> None:
-    done = subprocess.run(
+    done = finished(
         [PYTHONS[ros], PEERS / 'made_types_churn.py', '8', '600'],
         env=os.environ | OWN,
-        capture_output=True,
-        text=True,
-        timeout=patient(120),
-        check=False,
     )
     assert (done.stdout, done.stderr, done.returncode) == ('done\n', '', 0)

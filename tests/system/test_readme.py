@@ -4,15 +4,14 @@ import os
 import re
 import shutil
 import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from command_line import finished
 from harness import Process
 from pages import ROOT, fenced
-from patience import patient
 
 from rig.hosts import Host, Network
 from ros2_kafka_bridge.errors import ConfigError
@@ -50,10 +49,7 @@ class Newcomer:
 
     def does(self, line: str) -> None:
         """Run a command to its end, in the network of the machine."""
-        done = subprocess.run(
-            ['sh', '-c', line], cwd=self.checkout, env=self._environ, check=False,
-            capture_output=True, text=True, timeout=patient(PIP_S),
-        )  # fmt: skip
+        done = finished(['sh', '-c', line], cwd=self.checkout, env=self._environ, timeout_s=PIP_S)
         assert done.returncode == 0, done.stdout + done.stderr
 
     def starts(self, line: str, name: str) -> Process:
@@ -112,8 +108,5 @@ def test_the_mistake_that_the_readme_shows_is_told_so(tmp_path: Path) -> None:
     [configuration] = fenced('README.md', 'yaml')
     (tmp_path / 'bridge.yaml').write_text(configuration.replace('msg/String', 'msg/Strin'))
     program = Path(sys.executable).parent / 'ros2-kafka-bridge'
-    told = subprocess.run(
-        [program, 'check', 'bridge.yaml'], cwd=tmp_path, check=False,
-        capture_output=True, text=True, timeout=patient(60),
-    )  # fmt: skip
+    told = finished([program, 'check', 'bridge.yaml'], cwd=tmp_path)
     assert (told.returncode, told.stderr) == (2, fenced('README.md', '')[0])

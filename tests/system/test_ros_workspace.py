@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import pytest
+from command_line import finished
 from harness import Bench, Process, to_kafka, to_ros, values
 from pages import ROOT, fenced
-from patience import patient
 from repositories import copy_checkout
 from wheels import LOCK, install, make_venv, uv
 
@@ -140,10 +140,7 @@ def test_an_order_goes_there_and_back_through_a_workspace_made_by_the_page(
     build, run = fenced('docs/ros-workspace.md', 'bash')
     for word in machine.exchanged:
         assert build.count(word) == 1
-    built = subprocess.run(
-        machine.terminal(build), capture_output=True, text=True, check=False,
-        stdin=subprocess.DEVNULL, timeout=patient(BUILT_S),
-    )  # fmt: skip
+    built = finished(machine.terminal(build), timeout_s=BUILT_S)
     assert built.returncode == 0, built.stdout + built.stderr
     returned = f'{topic}.returned'
     config = bench.config(

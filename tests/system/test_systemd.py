@@ -5,7 +5,6 @@ import re
 import shutil
 import signal
 import socket
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import finished
 from harness import Bench, Process, eventually, to_ros
 from reloads import Reloaded
 from workers import pids
@@ -131,8 +131,6 @@ def test_the_unit_file_is_one_that_systemd_takes(tmp_path: Path) -> None:
     program.chmod(0o755)
     unit = tmp_path / UNIT.name
     unit.write_text(re.sub(r'(?m)^ExecStart=\S+', f'ExecStart={program}', UNIT.read_text()))
-    done = subprocess.run(
-        ['systemd-analyze', 'verify', str(unit)], capture_output=True, text=True, check=False
-    )
+    done = finished(['systemd-analyze', 'verify', str(unit)])
     said = [line for line in done.stderr.splitlines() if 'notify-reload' not in line]
     assert said == [], 'an older systemd takes Type=notify, and says that it does not know more'

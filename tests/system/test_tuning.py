@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from command_line import finished
 
 from ros2_kafka_bridge.ros.fastdds_profile import Histories, make_profile
 
@@ -48,15 +49,11 @@ def profile_of(page: str) -> str:
 
 def started(profile: Path, ros_domain: int) -> subprocess.CompletedProcess[str]:
     """What a ROS node says that starts with a profile."""
-    return subprocess.run(
+    return finished(
         [sys.executable, '-c', START],
         env={
             **os.environ,
             'FASTDDS_DEFAULT_PROFILES_FILE': str(profile),
             'ROS_DOMAIN_ID': str(ros_domain),
         },
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
     )

@@ -2,15 +2,14 @@
 
 import re
 import shlex
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from command_line import finished
 from harness import Bench, Process, eventually
 from pages import ROOT, fenced
-from patience import patient
 from terminal import Terminal, terminal
 
 BIN = Path(sys.executable).parent
@@ -47,10 +46,9 @@ class Tutorial:
 
     def does(self, command: str, *more: str) -> str:
         """Run a command to its end; returns what it shows."""
-        result = subprocess.run(
-            shlex.split(self.line(command, *more)), cwd=self._place, env=self._bench.environ,
-            capture_output=True, text=True, check=False, timeout=patient(60),
-        )  # fmt: skip
+        result = finished(
+            shlex.split(self.line(command, *more)), cwd=self._place, env=self._bench.environ
+        )
         assert result.returncode == 0, result.stdout + result.stderr
         return result.stdout
 

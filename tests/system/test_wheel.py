@@ -2,17 +2,16 @@
 
 import re
 import shutil
-import subprocess
 import sys
 import tarfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+from command_line import finished
 from harness import Bench, to_ros
 from packaging.metadata import Metadata
 from pages import fenced
-from patience import patient
 from wheels import (
     LOCK,
     ROOT,
@@ -48,9 +47,7 @@ class Dist(NamedTuple):
 
 def make_dist(folder: Path) -> Dist:
     command = ['make', '--no-print-directory', 'dist', f'DIST={folder}']
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=patient(200)
-    )
+    done = finished(command, cwd=ROOT, timeout_s=200)
     assert done.returncode == 0, done.stdout + done.stderr
     wheel, sdist = map(Path, done.stdout.split())
     return Dist(wheel, sdist)

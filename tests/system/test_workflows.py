@@ -1,9 +1,9 @@
 """.github/workflows: actionlint finds no mistake (nor shellcheck in scripts, where it is here)."""
 
 import shutil
-import subprocess
 
 import pytest
+from command_line import finished
 from pages import ROOT
 
 
@@ -12,7 +12,5 @@ def test_the_workflows_are_what_a_forge_takes() -> None:
     if program is None:
         pytest.skip('workflows cannot be checked here: needs actionlint')
     files = sorted((ROOT / '.github' / 'workflows').glob('*.yml'))
-    done = subprocess.run(
-        [program, '-no-color', *files], capture_output=True, text=True, check=False, timeout=60
-    )
+    done = finished([program, '-no-color', *files])
     assert (done.returncode, done.stdout + done.stderr) == (0, '')

@@ -1,13 +1,13 @@
 """Pages are today's, short, and lead somewhere; tests and commands that they name are there."""
 
 import re
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import typer
+from command_line import finished
 from pages import ROOT, fenced, links, pages, sections
 
 from ros2_kafka_bridge.cli import app
@@ -16,12 +16,7 @@ from ros2_kafka_bridge.outside.extras import PUBLISHED
 
 
 def test_the_page_and_the_schema_are_up_to_date() -> None:
-    result = subprocess.run(
-        [sys.executable, ROOT / 'tools' / 'make_docs.py', '--check'],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    result = finished([sys.executable, ROOT / 'tools' / 'make_docs.py', '--check'])
     assert result.returncode == 0, result.stdout + result.stderr
 
 

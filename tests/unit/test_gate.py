@@ -8,7 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from patience import eventually, patient
+from command_line import finished
+from patience import eventually
 from workers import gone
 
 TESTS = Path(__file__).parents[1]
@@ -110,11 +111,13 @@ def tree(tmp_path: Path) -> Path:
 
 def run(tree: Path, *options: str, deaf: bool = False, **environ: str) -> tuple[int, str]:
     """The status of a run, and what it printed."""
-    done = subprocess.run(
-        [*COMMAND, *options, str(tree)], cwd=tree, env={**environ_of(tree), **environ},
-        stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=patient(25),
+    done = finished(
+        [*COMMAND, *options, str(tree)],
+        timeout_s=25,
+        cwd=tree,
+        env={**environ_of(tree), **environ},
         preexec_fn=_deaf if deaf else None,
-    )  # fmt: skip
+    )
     return done.returncode, done.stdout
 
 

@@ -2,7 +2,6 @@
 
 import ast
 import re
-import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from command_line import finished
 
 from ros2_kafka_bridge.config.direction import Direction
 
@@ -54,7 +54,7 @@ def test_contributing_shows_the_rooms_in_the_order_in_which_they_stand() -> None
 def test_imports_go_down_from_room_to_room_and_never_in_a_circle() -> None:
     linter = Path(sys.executable).with_name('lint-imports')  # in here it would silence the log
     command = [str(linter), '--no-cache', '--no-logo']
-    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    run = finished(command, cwd=ROOT)
     assert run.returncode == 0, run.stdout
 
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import httpx
 import pytest
+from command_line import finished
 from containers import Engine, engine
 from harness import Bench, Process, eventually
 from pages import ROOT
@@ -79,10 +80,10 @@ def provided(images: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     with engine(images) as builder:
         for name in ('kafka', 'prometheus'):
             image = services[name]['image']
-            if builder.asked('pull', image, timeout_s=120).returncode:
+            if builder.asked('pull', image).returncode:
                 add_jars(place / 'jars', services['kafka']['image'].rpartition(':')[2])
                 words = ('--network=host', f'--target={name}', f'--tag={image}')
-                builder.docker('build', *words, place, timeout_s=120)
+                builder.docker('build', *words, place)
     return images
 
 
@@ -118,10 +119,9 @@ def bench(tmp_path: Path, host: Host) -> Bench:
 def goes_round(host: Host) -> str:
     """What examples/round_trip.py says of a thousand orders."""
     script = str(ROOT / 'examples' / 'round_trip.py')
-    done = subprocess.run(
+    done = finished(
         host.command(sys.executable, script, '--count=1000', f'--patience={patient(60)}'),
-        capture_output=True, text=True, check=False, timeout=patient(120),
-    )  # fmt: skip
+    )
     return done.stdout + done.stderr
 
 

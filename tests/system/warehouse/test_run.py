@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from command_line import finished
 from harness import eventually
 from ruamel.yaml import YAML
 
@@ -100,12 +101,7 @@ def test_a_command_that_has_waited_for_over_a_minute_is_old() -> None:
 
 def test_a_command_that_kafka_does_not_take_is_said() -> None:
     command = ['command', 'pause', '--bootstrap-servers=127.0.0.1:1']
-    done = subprocess.run(
-        [sys.executable, '-m', 'ros2_kafka_warehouse', *command],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = finished([sys.executable, '-m', 'ros2_kafka_warehouse', *command])
     assert done.returncode == 2
     assert '127.0.0.1:1 has not taken all records' in done.stderr
 
@@ -158,23 +154,15 @@ def test_a_line_that_is_no_order_is_named(tmp_path: Path) -> None:
 def test_a_mistake_of_the_user_is_said_without_a_traceback(
     arguments: list[str], said: str
 ) -> None:
-    done = subprocess.run(
-        [sys.executable, '-m', 'ros2_kafka_warehouse', *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = finished([sys.executable, '-m', 'ros2_kafka_warehouse', *arguments])
     assert done.returncode == 2
     assert said in done.stderr
     assert 'Traceback' not in done.stderr
 
 
 def test_a_domain_that_is_no_number_is_said() -> None:
-    done = subprocess.run(
+    done = finished(
         [sys.executable, '-m', 'ros2_kafka_warehouse', 'run', '--port=0'],
-        capture_output=True,
-        text=True,
-        check=False,
         env={**os.environ, 'ROS_DOMAIN_ID': 'lab'},
     )
     assert done.returncode == 2
@@ -184,11 +172,8 @@ def test_a_domain_that_is_no_number_is_said() -> None:
 def test_the_type_of_a_robot_that_nobody_knows_is_said_by_the_simulation(tmp_path: Path) -> None:
     own = write_site(make_site(3), tmp_path)
     own.write_text(own.read_text().replace('type: hauler', 'type: hauller'))
-    done = subprocess.run(
-        [sys.executable, '-m', 'ros2_kafka_warehouse', 'simulate', f'--site={own}', '--steps=1'],
-        capture_output=True,
-        text=True,
-        check=False,
+    done = finished(
+        [sys.executable, '-m', 'ros2_kafka_warehouse', 'simulate', f'--site={own}', '--steps=1']
     )
     assert done.returncode == 2
     assert f'{own}: robots.hauler-03.type: ' in done.stderr

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, Self
 
 import pytest
+from command_line import finished
 from harness import Process, eventually
 from pages import ROOT, fenced
-from patience import patient
 
 BIN = Path(sys.executable).parent
 PAGE = 'docs/warehouse.md'
@@ -68,10 +68,7 @@ def test_the_tutorial_goes_as_it_is_written(environ: dict[str, str], tmp_path: P
     [close, order_there, open_again, kill_orders, kill_bridge, send] = lines
 
     def does(line: str) -> str:
-        result = subprocess.run(
-            ['bash', '-c', here(line)], cwd=ROOT, env=everything, capture_output=True, text=True,
-            check=False, timeout=patient(60),
-        )  # fmt: skip
+        result = finished(['bash', '-c', here(line)], cwd=ROOT, env=everything)
         assert result.returncode == 0, result.stdout + result.stderr
         return result.stdout
 

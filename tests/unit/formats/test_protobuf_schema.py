@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from command_line import finished
 from confluent_kafka.schema_registry.confluent import meta_pb2
 from google.protobuf import descriptor_pool, json_format
 from google.protobuf.descriptor_pb2 import (
@@ -46,12 +47,7 @@ def written(sources: dict[str, str], folder: Path) -> None:
 
 
 def protoc(folder: Path, *words: str) -> None:
-    result = subprocess.run(
-        [sys.executable, '-m', 'grpc_tools.protoc', f'-I{folder}', *words],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    result = finished([sys.executable, '-m', 'grpc_tools.protoc', f'-I{folder}', *words])
     assert result.returncode == 0, result.stderr
     assert result.stderr == ''
 

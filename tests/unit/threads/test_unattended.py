@@ -1,7 +1,8 @@
 """Threads that nobody waits for, and a process that ends while one of them is at work."""
 
-import subprocess
 import sys
+
+from command_line import finished
 
 KNOWN = """
 import threading
@@ -25,9 +26,7 @@ worker._leave(3)
 
 def run(script: str) -> tuple[int, str, str]:
     """Run it in a process of its own: here other tests may have left one."""
-    done = subprocess.run(
-        [sys.executable, '-c', script], capture_output=True, text=True, timeout=60, check=False
-    )
+    done = finished([sys.executable, '-c', script])
     return done.returncode, done.stdout, done.stderr
 
 

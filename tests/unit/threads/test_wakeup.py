@@ -2,12 +2,12 @@
 
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
 
 import pytest
+from command_line import finished
 
 from ros2_kafka_bridge.threads.wakeup import Wakeup
 
@@ -92,7 +92,5 @@ def test_it_stays_open_to_the_very_end_of_the_program() -> None:
         'atexit.register(lambda: wakeup.ring() or print("rung"))\n'
         'wakeup = Wakeup()\n'
     )
-    done = subprocess.run(
-        [sys.executable, '-c', program], capture_output=True, text=True, timeout=60, check=False
-    )
+    done = finished([sys.executable, '-c', program])
     assert (done.stdout, done.stderr) == ('rung\n', '')
