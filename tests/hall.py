@@ -1,6 +1,6 @@
 """A hall with robots in it, and an organizer of their tasks."""
 
-from typing import Any
+from typing import Any, Self
 
 from ros2_kafka_warehouse.domain.execution_profiles import ExecutionProfiles, RobotType
 from ros2_kafka_warehouse.domain.site import Product, RobotPlace, Site
@@ -62,6 +62,11 @@ class Hall:
         for name in ('r', 'q'):
             self.robot(name)
         self.orders(*(orders or (order(),)))
+
+    def begun(self) -> Self:
+        """The same, which the organizer has seen once."""
+        self.now()
+        return self
 
     def orders(self, *orders: Order) -> None:
         self.organizer.take(OpenOrders(orders))

@@ -116,11 +116,14 @@ class House(flights.Driven):
         sink: Moody | None = None,
         *,
         answering: bool = True,
+        away: bool = False,
         **more: Any,
     ) -> None:
         self.source = MemoryMessageSource()
         self.sink = sink or Moody()
         self.sink.answering = answering
+        if away:
+            go_away(self)
         self.tail = NoTail()
         self.letters = Letters()
         self.clock = 0

@@ -92,6 +92,11 @@ class Floor:
         self.command_id += 1
         self.fleet.operate(OperatorCommand(f'c{self.command_id}', command, robot, **more))
 
+    def obey(self, command: str, robot: str = '', **more: Any) -> None:
+        """A command, and one step that it is obeyed in."""
+        self.command(command, robot, **more)
+        self.step()
+
     def act(self, name: str, action_type: str) -> None:
         self.command_id += 1
         actions = (InstantAction(name, f'i{self.command_id}', action_type),)

@@ -38,11 +38,13 @@ def make(path: Path, *, sync: bool = False) -> Spool:
 
 
 @contextmanager
-def opened(path: Path, *, sync: bool = False) -> Iterator[Spool]:
-    """A spool in a directory."""
+def opened(path: Path, count: int = 0, size: int = 50, *, sync: bool = False) -> Iterator[Spool]:
+    """A spool in a directory, which gets so many rows."""
     spool = make(path, sync=sync)
     spool.open()
     try:
+        if count:
+            spool.append(rows(1, count, size))
         yield spool
     finally:
         spool.close()

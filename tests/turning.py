@@ -171,6 +171,15 @@ class House:
         return snapshot
 
 
+def turn(
+    answers: str = '', *pipelines: MemoryPipeline, wanted: bool = False
+) -> tuple[House, MemoryLock]:
+    """A house, and its lock; another bridge stands by where it is `wanted`."""
+    lock = MemoryLock(answers)
+    lock.wanted = wanted
+    return House(lock, *pipelines), lock
+
+
 def until_asked(stop: Stop) -> None:
     assert stop.wait(10)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 from patience import eventually
-from turning import House, MemoryLock, MemoryPipeline, until_asked
+from turning import House, MemoryLock, MemoryPipeline, turn, until_asked
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.exclusive.beside import beside
@@ -21,9 +21,8 @@ pytestmark = pytest.mark.usefixtures('quick')
 
 
 def test_a_bridge_that_stands_by_delivers_what_it_has_on_disk_from_before() -> None:
-    lock = MemoryLock('theirs theirs theirs theirs ours')
-    house = House(lock)
-    house.pipelines.append(MemoryPipeline(2, house.stop))
+    house, lock = turn('theirs theirs theirs theirs ours')
+    house.pipelines = [MemoryPipeline(2, house.stop)]
     delivered: list[bool] = []
     house.for_backlog = MemoryPipeline(3, lambda _: delivered.append(lock.held))
     house.run()
@@ -35,8 +34,7 @@ def test_a_bridge_that_stands_by_delivers_what_it_has_on_disk_from_before() -> N
 def test_a_backlog_that_ends_for_good_while_another_bridge_runs_the_route_is_tried_again(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    lock = MemoryLock('theirs theirs theirs theirs ours theirs theirs ours')
-    house = House(lock)
+    house = House(MemoryLock('theirs theirs theirs theirs ours theirs theirs ours'))
     terms: list[bool] = []
 
     def refuse(_: Stop) -> None:
@@ -62,8 +60,7 @@ def test_a_backlog_that_ends_for_good_while_another_bridge_runs_the_route_is_tri
 
 
 def test_a_bridge_stands_by_until_it_is_its_turn_and_counts_across_its_terms() -> None:
-    lock = MemoryLock('no no ours no ours')
-    house = House(lock)
+    house, lock = turn('no no ours no ours')
     seen: list[tuple[State, int, int]] = []
 
     def look(stop: Stop) -> None:
@@ -85,8 +82,7 @@ def test_a_bridge_that_stands_by_says_why_it_waits(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     caplog.set_level(logging.INFO, 'ros2_kafka_bridge')
-    lock = MemoryLock('no no no')
-    house = House(lock)
+    house, lock = turn('no no no')
     reasons: list[str] = []
 
     def look(_: MemoryLock) -> None:
@@ -107,8 +103,7 @@ def test_a_bridge_that_stands_by_says_why_it_waits(
 
 def test_a_hand_over_has_no_limit_until_the_bridge_stops_and_none_at_once_before() -> None:
     """What is in flight is waited for as long as this bridge lives."""
-    lock = MemoryLock('ours no')
-    house = House(lock)
+    house = House(MemoryLock('ours no'))
     seen: list[tuple[bool, bool]] = []
 
     def drain(stop: Stop) -> None:
@@ -140,8 +135,9 @@ def test_a_stop_reaches_a_backlog_that_is_being_delivered() -> None:
 
 
 def test_the_turn_of_a_bridge_ends_the_delivery_of_its_backlog() -> None:
-    lock = MemoryLock('theirs theirs theirs ours')
-    house = House(lock, MemoryPipeline(2, lambda _: house.runner.stop.ask()))
+    house, lock = turn(
+        'theirs theirs theirs ours', MemoryPipeline(2, lambda _: house.runner.stop.ask())
+    )
     delivering: list[bool] = []
 
     def deliver(stop: Stop) -> None:
@@ -245,8 +241,7 @@ def test_a_failure_is_shown_until_kafka_has_told_and_until_the_route_runs(
 def test_a_route_that_another_goes_on_with_shows_its_failure_until_kafka_has_told(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    lock = MemoryLock('ours no')
-    house = House(lock)
+    house, lock = turn('ours no')
     reasons: list[str] = []
 
     def give_up(stop: Stop) -> None:

@@ -1,7 +1,7 @@
 """Two bridges of one machine that take turns, and the spool that both use."""
 
 import pytest
-from turning import IN_USE, House, MemoryLock, MemoryPipeline, fail
+from turning import IN_USE, House, MemoryLock, MemoryPipeline, fail, turn
 
 pytestmark = pytest.mark.usefixtures('quick')
 
@@ -11,9 +11,8 @@ def test_a_bridge_that_stands_by_leaves_the_spool_to_the_process_that_uses_it(
 ) -> None:
     """It stays among those that want the route: leaving them would keep it from taking over."""
     monkeypatch.setattr('ros2_kafka_bridge.exclusive.standby._BACKLOG_S', 0.0)
-    lock = MemoryLock('theirs theirs theirs theirs ours')
-    house = House(lock)
-    house.pipelines.append(MemoryPipeline(2, house.stop))
+    house, lock = turn('theirs theirs theirs theirs ours')
+    house.pipelines = [MemoryPipeline(2, house.stop)]
     house.in_use = IN_USE
     looked = 0
 
@@ -36,9 +35,8 @@ def test_a_bridge_that_stands_by_leaves_the_spool_to_the_process_that_uses_it(
 def test_a_bridge_that_cannot_deliver_its_backlog_stands_by_and_says_why(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    lock = MemoryLock('theirs theirs theirs theirs ours')
-    house = House(lock)
-    house.pipelines.append(MemoryPipeline(2, house.stop))
+    house, lock = turn('theirs theirs theirs theirs ours')
+    house.pipelines = [MemoryPipeline(2, house.stop)]
     house.for_backlog = MemoryPipeline(0, fail)
     reasons: set[str] = set()
 
@@ -58,9 +56,8 @@ def test_a_bridge_that_cannot_deliver_its_backlog_stands_by_and_says_why(
 def test_guarantee_8_a_turn_waits_until_the_bridge_before_has_put_the_spool_away(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    lock = MemoryLock('ours')
-    house = House(lock)
-    house.pipelines.append(MemoryPipeline(2, house.stop))
+    house = House(MemoryLock('ours'))
+    house.pipelines = [MemoryPipeline(2, house.stop)]
     house.claims_until_free = 4
     house.run()
     assert house.claims == [1, 1, 1, 1], 'the ROS endpoint is open: the other one sees it'
@@ -77,8 +74,7 @@ def test_guarantee_8_a_turn_without_the_spool_goes_back_to_a_bridge_that_stands_
     """Who has the spool may still run the route, and be held back by an endpoint that is idle."""
     monkeypatch.setattr('ros2_kafka_bridge.exclusive.lease._SPOOL_S', 0.0)
     monkeypatch.setattr('ros2_kafka_bridge.exclusive.lease.MOST_S', 0.0)
-    lock = MemoryLock('ours')
-    house = House(lock, MemoryPipeline(0, fail))
+    house, lock = turn('ours', MemoryPipeline(0, fail))
     house.in_use = IN_USE
     waits: list[int] = []
 
@@ -105,9 +101,8 @@ def test_a_turn_without_the_spool_is_kept_where_no_other_bridge_stands_by(
 ) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.exclusive.lease._SPOOL_S', 0.0)
     monkeypatch.setattr('ros2_kafka_bridge.exclusive.lease.MOST_S', 0.0)
-    lock = MemoryLock('ours')
-    house = House(lock)
-    house.pipelines.append(MemoryPipeline(2, house.stop))
+    house, lock = turn('ours')
+    house.pipelines = [MemoryPipeline(2, house.stop)]
     house.claims_until_free = 6
     house.run()
     assert set(house.claims) == {1}

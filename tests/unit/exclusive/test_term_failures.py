@@ -3,7 +3,7 @@
 from typing import NoReturn
 
 import pytest
-from turning import House, MemoryLock, MemoryPipeline, fail, until_asked
+from turning import House, MemoryLock, MemoryPipeline, fail, turn, until_asked
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route.counters import Measures, State
@@ -26,9 +26,7 @@ class Clock:
 
 
 def test_a_route_that_fails_keeps_its_turn_while_it_is_tried_again() -> None:
-    lock = MemoryLock('ours')
-    lock.wanted = True
-    house = House(lock)
+    house, lock = turn('ours', wanted=True)
     tries: list[int] = []
 
     def fail_twice(stop: Stop) -> None:
@@ -47,9 +45,7 @@ def test_a_route_that_fails_for_long_goes_to_a_bridge_that_stands_by(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.exclusive.lease._FAILING_S', 0.0)
-    lock = MemoryLock('ours')
-    lock.wanted = True
-    house = House(lock)
+    house, lock = turn('ours', wanted=True)
 
     def look(_: MemoryLock) -> None:
         if lock.said:
@@ -69,9 +65,7 @@ def test_a_route_that_gets_on_between_its_failures_is_not_given_away(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     clock = Clock(monkeypatch)
-    lock = MemoryLock('ours')
-    lock.wanted = True
-    house = House(lock)
+    house, lock = turn('ours', wanted=True)
     tries: list[int] = []
 
     def get_on_and_fail(stop: Stop) -> None:
@@ -93,9 +87,7 @@ def test_a_route_without_traffic_is_given_away_for_its_last_failures_only(
     monkeypatch: pytest.MonkeyPatch, *, well_s: float, given_away: bool
 ) -> None:
     clock = Clock(monkeypatch)
-    lock = MemoryLock('ours')
-    lock.wanted = True
-    house = House(lock)
+    house, lock = turn('ours', wanted=True)
     tries: list[int] = []
 
     def fail_often(stop: Stop) -> None:
@@ -164,8 +156,7 @@ def test_a_route_that_fails_stays_where_no_other_bridge_stands_by(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.exclusive.lease._FAILING_S', 0.0)
-    lock = MemoryLock('ours')
-    house = House(lock)
+    house, lock = turn('ours')
     tries: list[int] = []
 
     def fail_often(stop: Stop) -> None:

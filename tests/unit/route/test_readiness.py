@@ -31,6 +31,13 @@ class Topic:
         self.there.append(self.now_s)
         self.come += 1
 
+    def settle(self, readers: int = 1) -> None:
+        """So many come, are seen, and are there for long enough."""
+        for _ in range(readers):
+            self.enter()
+        self.look()
+        self.now_s += SETTLE_S
+
     def leave(self, number: int) -> None:
         del self.there[number]
         self.lost = True
@@ -46,6 +53,12 @@ class Topic:
         self.lost = False
         obstacle = self.readiness.obstacle
         return None if obstacle is None else obstacle.reason
+
+    def has_to_wait(self) -> bool:
+        """Whether a reader is waited for, and for no longer than one that has just come."""
+        waits = self.look() is not None
+        self.now_s += SETTLE_S
+        return waits and self.look() is None
 
     def knows(self, came_s: float) -> bool:
         return came_s + SETTLE_S <= self.now_s
@@ -83,9 +96,7 @@ def test_nothing_is_published_while_a_reader_would_misread_it(
 ) -> None:
     topic = Topic(needed)
     monkeypatch.setattr(readiness, 'time', SimpleNamespace(monotonic=lambda: topic.now_s))
-    topic.enter()
-    topic.look()
-    topic.now_s += SETTLE_S
+    topic.settle()
     assert topic.look() is None
     topic.enter()
     topic.misread = '/picker would misread it'
@@ -105,18 +116,13 @@ def test_it_is_published_all_the_same_where_the_route_says_so() -> None:
 
 
 def test_one_that_leaves_does_not_make_those_wait_that_have_long_been_there(topic: Topic) -> None:
-    topic.enter()
-    topic.enter()
-    topic.look()
-    topic.now_s += SETTLE_S
+    topic.settle(2)
     topic.leave(0)
     assert topic.look() is None
 
 
 def test_one_that_comes_does_not_make_those_wait_that_have_long_been_there(topic: Topic) -> None:
-    topic.enter()
-    topic.look()
-    topic.now_s += SETTLE_S
+    topic.settle()
     topic.enter()
     assert topic.look() is None
 
@@ -124,41 +130,28 @@ def test_one_that_comes_does_not_make_those_wait_that_have_long_been_there(topic
 def test_one_that_has_taken_the_place_of_another_between_two_looks_counts_as_new(
     topic: Topic,
 ) -> None:
-    topic.enter()
-    topic.look()
-    topic.now_s += SETTLE_S
+    topic.settle()
     topic.leave(0)
     topic.enter()
-    assert topic.look() is not None
-    topic.now_s += SETTLE_S
-    assert topic.look() is None
+    assert topic.has_to_wait()
 
 
 def test_one_that_came_in_the_place_of_another_gets_what_is_published_again(topic: Topic) -> None:
-    topic.enter()
-    topic.enter()
-    topic.look()
-    topic.now_s += SETTLE_S
+    topic.settle(2)
     topic.enter()  # beside one that was killed, and is matched until its lease ends
     assert topic.look() is None
     topic.now_s += 0.3
     topic.leave(0)
-    assert topic.look() is not None
-    topic.now_s += SETTLE_S
-    assert topic.look() is None
+    assert topic.has_to_wait()
 
 
 def test_the_one_that_is_left_may_be_the_one_that_came_last(topic: Topic) -> None:
-    topic.enter()
-    topic.look()
-    topic.now_s += SETTLE_S
+    topic.settle()
     topic.enter()
     topic.look()
     topic.now_s += 0.1
     topic.leave(0)
-    assert topic.look() is not None
-    topic.now_s += SETTLE_S
-    assert topic.look() is None
+    assert topic.has_to_wait()
 
 
 def test_nobody_is_waited_for_where_none_is_needed() -> None:

@@ -21,8 +21,7 @@ def test_while_kafka_takes_messages_none_is_on_the_disk(house: Make) -> None:
 def test_while_kafka_is_away_messages_go_to_disk_and_from_there_to_kafka_in_order(
     house: Make,
 ) -> None:
-    h = house(max_in_flight=10)
-    go_away(h)
+    h = house(max_in_flight=10, away=True)
     h.take(*range(1, 101), steps=8)
     assert not h.source.waiting, 'the robots are held back'
     assert h.count('taken') == 100
@@ -66,8 +65,7 @@ def test_a_window_that_stays_full_goes_to_disk_as_well(
 
 
 def test_the_disk_is_left_alone_again_once_the_backlog_is_delivered(house: Make) -> None:
-    h = house()
-    go_away(h)
+    h = house(away=True)
     h.take(1, 2)
     go_on(h)
     h.steps()
@@ -106,8 +104,7 @@ def test_a_drain_while_kafka_is_away_leaves_everything_on_disk_and_gives_nothing
 
 
 def test_a_dead_letter_waits_on_disk_like_the_others(house: Make) -> None:
-    h = house()
-    go_away(h)
+    h = house(away=True)
     h.letters.answering = False
     h.give(1)
     h.source.waiting.append(Message(b'bad', GID, 2, 0))
@@ -134,8 +131,7 @@ def test_a_message_that_only_the_broker_finds_too_large_becomes_a_dead_letter_fr
 def test_what_a_latched_publisher_sends_again_is_skipped_while_it_is_on_disk(
     house: Make,
 ) -> None:
-    h = house()
-    go_away(h)
+    h = house(away=True)
     h.take(1, 2, 3)
     h.crash()
     again = house()
@@ -174,8 +170,7 @@ def test_a_dead_letter_that_cannot_be_written_holds_no_robot_back(house: Make) -
 
 
 def test_what_an_earlier_life_has_left_is_measured_when_it_is_sent(house: Make) -> None:
-    h = house()
-    go_away(h)
+    h = house(away=True)
     h.take(*range(1, 101))
     measures = h.pipeline.snapshot.measures
     assert measures.bytes_taken == 192
@@ -192,8 +187,7 @@ def test_what_an_earlier_life_has_left_is_measured_when_it_is_sent(house: Make) 
 
 def test_what_lies_on_disk_is_not_known_until_the_file_was_opened(house: Make) -> None:
     """As of a route that waits for a type or its turn, or may not open it: not 0, then."""
-    h = house()
-    go_away(h)
+    h = house(away=True)
     h.take(*range(1, 21))
     h.crash()
     assert h.pipeline._route.spool is not None

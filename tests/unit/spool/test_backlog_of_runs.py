@@ -1,7 +1,7 @@
 """What is on disk when a run fails, is stopped by a message, or ends."""
 
 import pytest
-from houses import GID, Make, come_back, go_away, go_on
+from houses import GID, Make, come_back, go_on
 
 from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import RecordTooLargeError, RouteError, TransportError
@@ -11,8 +11,7 @@ from ros2_kafka_bridge.threads.stop import Stop
 
 
 def test_a_route_that_fails_and_runs_again_sends_nothing_twice(house: Make) -> None:
-    h = house(max_in_flight=4)
-    go_away(h)
+    h = house(max_in_flight=4, away=True)
     h.take(*range(1, 20))
     h.fail_and_run_again()
     come_back(h)
@@ -22,8 +21,7 @@ def test_a_route_that_fails_and_runs_again_sends_nothing_twice(house: Make) -> N
 
 
 def test_a_route_with_a_spool_does_its_work_before_kafka_has_ever_answered(house: Make) -> None:
-    h = house()
-    go_away(h)
+    h = house(away=True)
     h.sink.reached = h.sink.answers = False
     h.steps(1)
     snapshot = h.pipeline.snapshot
@@ -35,8 +33,7 @@ def test_what_came_back_from_disk_keeps_its_place_where_kafka_goes_away_at_once(
     house: Make,
 ) -> None:
     """All brokers restart: the client of the next run has a record, and learns of it only then."""
-    h = house(max_in_flight=10)
-    go_away(h)
+    h = house(max_in_flight=10, away=True)
     h.take(*range(1, 7), steps=6)
     h.fail_and_run_again()
     h.sink.away, h.sink.room = '', 1
@@ -81,8 +78,7 @@ def test_on_error_stop_keeps_what_was_behind_for_the_next_start(house: Make) -> 
 
 
 def test_on_error_stop_waits_for_what_is_on_disk_before_it(house: Make) -> None:
-    h = house(on_error='stop', max_in_flight=1)
-    go_away(h)
+    h = house(on_error='stop', max_in_flight=1, away=True)
     h.take(1, 2, 3)
     h.source.waiting.append(Message(b'bad', GID, 4, 0))
     h.steps()
@@ -93,12 +89,10 @@ def test_on_error_stop_waits_for_what_is_on_disk_before_it(house: Make) -> None:
 
 
 def test_a_backlog_goes_on_after_the_first_of_it_met_a_failed_route(house: Make) -> None:
-    h = house()
-    go_away(h)
+    h = house(away=True)
     h.take(*range(1, 11))
     h.crash()
-    again = house()
-    go_away(again)
+    again = house(away=True)
     again.steps()
     again.fail_and_run_again()
     go_on(again)
@@ -148,8 +142,7 @@ def test_on_error_stop_holds_what_comes_to_disk_behind_it(house: Make) -> None:
 
 
 def test_on_error_stop_on_disk_stops_again_at_the_same_message(house: Make) -> None:
-    h = house(on_error='stop', max_in_flight=3)
-    go_away(h)
+    h = house(on_error='stop', max_in_flight=3, away=True)
     h.take(*range(1, 31))
     for life in (h, None):
         one = life or house(on_error='stop', max_in_flight=3)

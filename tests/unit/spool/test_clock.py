@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from houses import House, Make, go_away, go_on
+from houses import House, Make, go_on
 
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.spool.ages import Older
@@ -47,8 +47,7 @@ def clocks(monkeypatch: pytest.MonkeyPatch) -> Clocks:
 
 def held_back(house: Make) -> House:
     """A route whose first message is in flight; others than that wait on disk for a minute."""
-    h = house({'max_age_s': 60.0}, max_in_flight=1)
-    go_away(h)
+    h = house({'max_age_s': 60.0}, max_in_flight=1, away=True)
     h.take(1, 2, 3)
     return h
 
@@ -86,8 +85,7 @@ def test_what_an_earlier_life_has_left_is_judged_by_the_clock_that_this_one_bega
     h = held_back(house)
     h.crash()
     clocks.wait(30)
-    again = house({'max_age_s': 60.0}, max_in_flight=1)
-    go_away(again)
+    again = house({'max_age_s': 60.0}, max_in_flight=1, away=True)
     clocks.jump(DAY_S)
     again.steps()
     assert again.count('dropped') == 0
@@ -99,8 +97,7 @@ def test_what_an_earlier_life_has_left_is_judged_by_the_clock_that_this_one_bega
 def test_how_long_a_message_was_in_the_bridge_does_not_change_with_the_clock(
     house: Make, clocks: Clocks
 ) -> None:
-    h = house(max_in_flight=1)
-    go_away(h)
+    h = house(max_in_flight=1, away=True)
     h.take(1, 2, 3)
     clocks.jump(DAY_S)
     clocks.wait(10)
@@ -112,8 +109,7 @@ def test_how_long_a_message_was_in_the_bridge_does_not_change_with_the_clock(
 def test_without_an_age_limit_an_outage_of_days_costs_nothing_and_the_last_needs_no_other(
     house: Make, clocks: Clocks
 ) -> None:
-    h = house(max_in_flight=2)
-    go_away(h)
+    h = house(max_in_flight=2, away=True)
     h.take(*range(1, 11))
     clocks.wait(9 * DAY_S)
     h.steps()
@@ -148,8 +144,7 @@ def test_what_was_dropped_before_the_disk_refused_is_counted(
 def test_a_disk_that_takes_long_is_no_step_of_the_clock(
     house: Make, clocks: Clocks, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    h = house({'max_age_s': 60.0}, max_in_flight=1)
-    go_away(h)
+    h = house({'max_age_s': 60.0}, max_in_flight=1, away=True)
     append = Spool.append
 
     def slow(spool: Spool, rows: Sequence[Row]) -> int:
@@ -175,8 +170,7 @@ def test_what_an_earlier_life_took_in_1970_waits_from_the_beginning_of_this_one(
     h.crash()
     clocks.wait(30)
     clocks.jump(-to_1970_s)
-    again = house({'max_age_s': 60.0}, max_in_flight=1)
-    go_away(again)
+    again = house({'max_age_s': 60.0}, max_in_flight=1, away=True)
     again.steps()
     clocks.wait(50)
     again.steps()

@@ -125,8 +125,7 @@ def test_a_disk_that_refuses_also_a_new_file_is_waited_for(
     def fail(*_: object) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    with opened(tmp_path) as spool:
-        spool.append(rows(1, 10))
+    with opened(tmp_path, 10) as spool:
         with monkeypatch.context() as patch:
             patch.setattr('ros2_kafka_bridge.spool.database.write_ledger', refuse)
             patch.setattr(f'ros2_kafka_bridge.spool.{call}', fail)

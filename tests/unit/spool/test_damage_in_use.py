@@ -5,7 +5,7 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from houses import Make, come_back, go_away
+from houses import Make, come_back
 from spools import EVERYTHING, GID, numbers, opened, read_all, rows
 
 from ros2_kafka_bridge.errors import RouteError
@@ -40,8 +40,7 @@ def test_damage_while_it_is_open_is_repaired_on_the_way(tmp_path: Path) -> None:
 def test_a_damaged_message_is_counted_as_lost_and_no_other_waits_for_it(
     house: Make, caplog: pytest.LogCaptureFixture
 ) -> None:
-    h = house(max_in_flight=2)
-    go_away(h)
+    h = house(max_in_flight=2, away=True)
     h.take(*range(1, 11))
     with sqlite3.connect(h.spool._path) as other:
         other.execute("UPDATE rows SET body = x'00' WHERE number = 6")
@@ -76,8 +75,7 @@ def test_damage_is_repaired_also_while_the_numbers_are_told(
 def test_a_disk_that_keeps_damaging_it_fails_the_route(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with opened(tmp_path) as spool:
-        spool.append(rows(1, 10))
+    with opened(tmp_path, 10) as spool:
         monkeypatch.setattr('ros2_kafka_bridge.spool.database.unpack', lambda *_: None)
         with pytest.raises(RouteError, match=re.escape('damaged again as soon as it is repaired')):
             spool.read(0, 10, EVERYTHING)

@@ -12,8 +12,7 @@ from ros2_kafka_bridge.endpoints import Message, Reports
 def test_guarantee_1_a_hand_over_with_a_full_spool_waits_until_it_has_room(
     house: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    h = house({'max_bytes': 1000}, max_in_flight=2, drain_s=0.3)
-    go_away(h)
+    h = house({'max_bytes': 1000}, max_in_flight=2, drain_s=0.3, away=True)
     h.take(*range(1, 1000), steps=20)
     assert h.pipeline._spooling.full
     assert h.source.waiting, 'which nobody else has'
@@ -32,8 +31,7 @@ def test_guarantee_1_a_hand_over_with_a_full_spool_waits_until_it_has_room(
 
 
 def test_a_full_spool_holds_the_publishers_back(house: Make) -> None:
-    h = house({'max_bytes': 1000}, max_in_flight=2)
-    go_away(h)
+    h = house({'max_bytes': 1000}, max_in_flight=2, away=True)
     h.take(*range(1, 1000), steps=20)
     assert h.source.waiting
     assert 'the spool is full (max_bytes: 1000)' in str(h.pipeline._spooling.full)
@@ -48,8 +46,7 @@ def test_a_full_spool_holds_the_publishers_back(house: Make) -> None:
 def test_a_full_spool_drops_the_oldest_where_the_route_says_so_and_counts_them(
     house: Make,
 ) -> None:
-    h = house({'max_bytes': 2000}, max_in_flight=2, when_full='drop_oldest')
-    go_away(h)
+    h = house({'max_bytes': 2000}, max_in_flight=2, when_full='drop_oldest', away=True)
     h.take(*range(1, 601), steps=20)
     assert not h.source.waiting
     dropped = h.count('dropped')
@@ -73,8 +70,7 @@ def test_what_is_too_old_on_disk_is_dropped_and_counted(
     house: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.spool.backlog._LOOK_S', 0.0)
-    h = house({'max_age_s': 0.001}, max_in_flight=1)
-    go_away(h)
+    h = house({'max_age_s': 0.001}, max_in_flight=1, away=True)
     h.take(1, 2, 3)
     h.steps(200)
     go_on(h)
@@ -128,8 +124,7 @@ def test_what_a_full_disk_did_not_take_goes_on_once_kafka_is_back(house: Make) -
 
 
 def test_what_a_full_disk_did_not_take_waits_for_what_is_on_it(house: Make) -> None:
-    h = house(max_in_flight=3)
-    go_away(h)
+    h = house(max_in_flight=3, away=True)
     h.take(*range(1, 21))
     fill(h)
     h.take(*range(21, 31))
@@ -232,8 +227,7 @@ def test_a_stop_gives_up_nothing_that_a_full_disk_did_not_take_where_kafka_takes
 
 
 def test_a_stop_sends_what_is_on_a_full_disk_before_what_it_did_not_take(house: Make) -> None:
-    h = house(max_in_flight=3, drain_s=5)
-    go_away(h)
+    h = house(max_in_flight=3, drain_s=5, away=True)
     h.take(*range(1, 101))
     fill(h)
     h.take(*range(101, 111))

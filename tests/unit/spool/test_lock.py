@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from ending import ended
-from spools import make, opened, rows
+from spools import make, opened
 
 from ros2_kafka_bridge.errors import SpoolInUseError
 from ros2_kafka_bridge.spool.lock import holder, is_in_use, lock_of
@@ -22,8 +22,8 @@ def lock_in(place: Path) -> Path:
 
 def test_where_nobody_has_it_nobody_is_named(tmp_path: Path) -> None:
     assert holder(lock_in(tmp_path)) == (False, 0)
-    with opened(tmp_path) as spool:
-        spool.append(rows(1, 3))
+    with opened(tmp_path, 3):
+        pass
     assert lock_in(tmp_path).exists()
     assert holder(lock_in(tmp_path)) == (False, 0)
 

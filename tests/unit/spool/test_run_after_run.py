@@ -37,8 +37,7 @@ def test_on_error_stop_goes_on_where_what_was_refused_is_mended(house: Make) -> 
 def test_what_the_disk_takes_only_at_the_second_try_is_behind_what_it_has(
     house: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    h = house()
-    go_away(h)
+    h = house(away=True)
     h.take(1)
     fill(h)
     h.take(2)
@@ -109,8 +108,7 @@ def test_drop_oldest_keeps_the_newest_also_where_what_is_in_flight_fills_the_dis
 
 
 def test_nothing_goes_past_a_disk_that_takes_nothing_and_what_stops_the_route(house: Make) -> None:
-    h = house(on_error='stop')
-    go_away(h)
+    h = house(on_error='stop', away=True)
     h.take(1)
     fill(h)
     refuse(h, 2)
@@ -133,8 +131,7 @@ def test_what_is_too_much_for_memory_as_kafka_goes_away_comes_back_from_disk(hou
 
 
 def test_what_went_past_a_full_disk_is_on_it_once_that_has_room(house: Make) -> None:
-    h = house(max_in_flight=3)
-    go_away(h)
+    h = house(max_in_flight=3, away=True)
     h.take(1, 2)
     fill(h)
     h.take(3, 4)
@@ -148,8 +145,7 @@ def test_what_went_past_a_full_disk_is_on_it_once_that_has_room(house: Make) -> 
 def test_a_stop_while_kafka_is_away_ends_once_all_is_on_disk(
     house: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    h = house(drain_s=30.0)
-    go_away(h)
+    h = house(drain_s=30.0, away=True)
     h.take(1, 2, 3)
     poll, polls = h.sink.poll, itertools.count()
 

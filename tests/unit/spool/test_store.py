@@ -74,8 +74,7 @@ def test_its_ends_and_sizes_are_found_again(tmp_path: Path) -> None:
 
 
 def test_reading_keeps_to_its_limits_but_for_the_first_row(tmp_path: Path) -> None:
-    with opened(tmp_path) as spool:
-        spool.append(rows(1, 20, size=1000))
+    with opened(tmp_path, 20, size=1000) as spool:
         assert numbers(spool.read(0, 5, EVERYTHING)) == [1, 2, 3, 4, 5]
         assert numbers(spool.read(5, 100, 2500)) == [6, 7, 8]
         assert numbers(spool.read(8, 100, 1)) == [9]
@@ -94,8 +93,7 @@ def test_numbers_go_on_also_where_it_was_empty(tmp_path: Path) -> None:
 
 
 def test_numbers_that_were_dropped_at_the_end_are_not_given_again(tmp_path: Path) -> None:
-    with opened(tmp_path) as spool:
-        spool.append(rows(1, 10))
+    with opened(tmp_path, 10) as spool:
         assert spool.discard_between(6, 10, keep=frozenset()) == 5
     with opened(tmp_path) as spool:
         assert (spool.count, spool.last) == (5, 10)
@@ -113,8 +111,7 @@ def test_it_tells_them_in_order_however_many_there_are(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.spool.store._READ', 4)
-    with opened(tmp_path) as spool:
-        spool.append(rows(1, 12))
+    with opened(tmp_path, 12) as spool:
         spool.delete_before(13)
         without = [row(number)._replace(gid=b'') for number in range(13, 22)]
         spool.append([*without, *rows(22, 24)])
@@ -127,8 +124,7 @@ def test_it_tells_them_in_order_however_many_there_are(
 
 
 def test_it_counts_the_rows_above_a_number(tmp_path: Path) -> None:
-    with opened(tmp_path) as spool:
-        spool.append(rows(1, 50))
+    with opened(tmp_path, 50) as spool:
         spool.delete_before(51)
         spool.append(rows(1, 20))
         spool.discard_between(55, 60, keep=frozenset({57}))
@@ -138,8 +134,7 @@ def test_it_counts_the_rows_above_a_number(tmp_path: Path) -> None:
 
 
 def test_the_oldest_are_dropped_until_there_is_room(tmp_path: Path) -> None:
-    with opened(tmp_path) as spool:
-        spool.append(rows(1, 20, size=900))
+    with opened(tmp_path, 20, size=900) as spool:
         size_bytes = spool.size_bytes
         assert spool.drop_oldest(3, 2500) == 3
         assert numbers(read_all(spool)) == [1, 2, 3, *range(7, 21)]
@@ -149,8 +144,7 @@ def test_the_oldest_are_dropped_until_there_is_room(tmp_path: Path) -> None:
 
 
 def test_the_oldest_are_dropped_when_they_are_too_old(tmp_path: Path) -> None:
-    with opened(tmp_path) as spool:
-        spool.append(rows(1, 20))
+    with opened(tmp_path, 20) as spool:
         older = Older(21, 0, row(8).taken_ns)
         assert spool.drop_older(3, older) == (4, False)
         assert numbers(read_all(spool)) == [1, 2, 3, *range(8, 21)]
@@ -160,8 +154,7 @@ def test_the_oldest_are_dropped_when_they_are_too_old(tmp_path: Path) -> None:
 
 
 def test_what_has_ended_between_others_is_discarded(tmp_path: Path) -> None:
-    with opened(tmp_path) as spool:
-        spool.append(rows(1, 20))
+    with opened(tmp_path, 20) as spool:
         assert spool.discard_between(3, 12, keep=frozenset({3, 7, 8, 11})) == 6
     assert numbers(reopened(tmp_path).rows) == [1, 2, 3, 7, 8, 11, *range(13, 21)]
 
@@ -202,8 +195,8 @@ def test_nobody_else_may_read_its_files(tmp_path: Path) -> None:
 
 
 def test_a_file_that_all_may_read_is_closed_to_them(tmp_path: Path) -> None:
-    with opened(tmp_path) as spool:
-        spool.append(rows(1, 10))
+    with opened(tmp_path, 10):
+        pass
     file = file_of(tmp_path, 'bridge', 'route')
     file.chmod(0o644)
     with opened(tmp_path):
@@ -325,8 +318,8 @@ def test_a_file_that_is_something_else_is_never_touched(tmp_path: Path, content:
 
 def test_a_newer_version_is_refused_and_not_touched(tmp_path: Path) -> None:
     file = file_of(tmp_path, 'bridge', 'route')
-    with opened(tmp_path) as spool:
-        spool.append(rows(1, 10))
+    with opened(tmp_path, 10):
+        pass
     content = bytearray(file.read_bytes())
     content[60:64] = (2).to_bytes(4)
     content = content.replace(b'RKBSPOOL\1', b'RKBSPOOL\2')

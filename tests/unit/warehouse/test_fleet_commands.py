@@ -11,12 +11,10 @@ from ros2_kafka_warehouse.messages.robots import ErrorLevel, FleetOrders, FleetS
 
 def test_a_blocked_cell_is_driven_on_by_nobody_until_it_is_unblocked() -> None:
     floor = Floor(('quick', (0, 0)))
-    floor.command('blockCell', cell=(1, 0))
-    floor.step()
+    floor.obey('blockCell', cell=(1, 0))
     floor.go(r0=(1, 0))
     assert floor.cells()['r0'] == (0, 0)
-    floor.command('unblockCell', cell=(1, 0))
-    floor.step()
+    floor.obey('unblockCell', cell=(1, 0))
     floor.go(r0=(1, 0))
     assert floor.cells()['r0'] == (1, 0)
 
@@ -35,14 +33,12 @@ def test_a_pallet_for_a_cell_with_a_robot_waits_until_it_has_left() -> None:
 def test_a_removed_robot_leaves_its_load_and_comes_back_to_its_home() -> None:
     floor = loaded('quick', ('quick', (4, 0)))
     floor.go(r0=(3, 1))
-    floor.command('removeRobot', 'r0')
-    floor.step()
+    floor.obey('removeRobot', 'r0')
     assert list(floor.cells()) == ['r1']
     floor.go(r1=STOCK)
     floor.do('r1', pick(attempt=1, source=(3, 1)))
     assert floor.robot('r1').loads
-    floor.command('rejoinRobot', 'r0')
-    floor.step()
+    floor.obey('rejoinRobot', 'r0')
     assert 'r0' not in floor.cells(), 'its home is not free'
     floor.go(r1=(4, 0))
     floor.step()
@@ -104,11 +100,9 @@ def test_a_fleet_that_was_killed_goes_on_where_it_was() -> None:
     floor.command('failRobot', 'r0', failure='MOTION_FAULT')
     floor.command('blockCell', cell=(3, 0))
     floor.go(r1=(1, 0))
-    floor.command('removeRobot', 'r2')
-    floor.step()
+    floor.obey('removeRobot', 'r2')
     heard = floor.robot('r3')
-    floor.command('failRobot', 'r3', failure='COMM_LOST')
-    floor.step()
+    floor.obey('failRobot', 'r3', failure='COMM_LOST')
     before = floor.state
     robots = {name: vars(robot).copy() for name, robot in floor.fleet._robots.items()}
 

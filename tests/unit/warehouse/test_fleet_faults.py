@@ -9,8 +9,7 @@ from ros2_kafka_warehouse.messages.robots import Action, ActionStatus, ErrorLeve
 
 def broken(code: str, floor: Floor | None = None) -> Floor:
     floor = floor or Floor(('quick', STOCK))
-    floor.command('failRobot', 'r0', failure=code)
-    floor.step()
+    floor.obey('failRobot', 'r0', failure=code)
     return floor
 
 
@@ -34,8 +33,7 @@ def test_a_robot_that_says_what_is_wrong_stands_until_it_is_repaired(
     floor.go(r0=(4, 0))
     assert floor.cells()['r0'] == STOCK
     assert floor.robot('r0').position.localized == (code != 'LOCALIZATION_ERROR')
-    floor.command('repairRobot', 'r0')
-    floor.step()
+    floor.obey('repairRobot', 'r0')
     floor.go(r0=(4, 0))
     assert floor.cells()['r0'] == (4, 0)
     assert floor.errors('r0') == {}
@@ -74,8 +72,7 @@ def test_a_pallet_stands_where_the_way_was_and_goes_with_the_repair() -> None:
         floor.go(r0=(4, 0))
         assert floor.cells()['r0'] == STOCK
     assert floor.errors('r0') == {}
-    floor.command('repairRobot', 'r0')
-    floor.step()
+    floor.obey('repairRobot', 'r0')
     floor.go(r0=(4, 0))
     assert floor.cells()['r0'] == (4, 0)
 
@@ -107,8 +104,7 @@ def test_a_failed_pick_can_be_tried_again_and_cancelled() -> None:
     floor.step()
     assert floor.statuses('r0') == {'a/1#0:pick': (ActionStatus.FAILED, 'PICK_FAILED')}
     assert floor.errors('r0') == {}
-    floor.command('repairRobot', 'r0')
-    floor.step()
+    floor.obey('repairRobot', 'r0')
     floor.do('r0', pick(attempt=1))
     assert floor.robot('r0').loads
 
@@ -116,8 +112,7 @@ def test_a_failed_pick_can_be_tried_again_and_cancelled() -> None:
 def test_a_robot_that_was_repaired_has_nothing_left_to_try_again() -> None:
     floor = broken('PICK_FAILED')
     floor.do('r0', pick())
-    floor.command('repairRobot', 'r0')
-    floor.step()
+    floor.obey('repairRobot', 'r0')
     assert floor.statuses('r0') == {'a/1#0:pick': (ActionStatus.FAILED, 'cancelled')}
     floor.go(r0=(4, 0))
     assert floor.cells()['r0'] == (4, 0)
@@ -159,8 +154,7 @@ def test_a_robot_that_lost_contact_ends_its_move_unheard_and_comes_back_by_repai
     floor.step(3)
     assert list(floor.cells()) == ['r1']
     floor.fleet.order(FleetOrders(floor.state.step, (floor.order('r0', to=(2, 0)),)))
-    floor.command('repairRobot', 'r0')
-    floor.step()
+    floor.obey('repairRobot', 'r0')
     assert floor.cells()['r0'] == (1, 0)
 
 
@@ -196,7 +190,6 @@ def test_a_dead_charger_charges_nobody_until_the_robot_is_repaired() -> None:
     floor.go(r0=(0, 1), r1=CHARGER)
     floor.do('r1', Action('charge-2', 'startCharging'))
     assert not floor.robot('r1').power_supply.charging
-    floor.command('repairRobot', 'r0')
-    floor.step()
+    floor.obey('repairRobot', 'r0')
     floor.do('r1', Action('charge-2', 'startCharging'))
     assert floor.robot('r1').power_supply.charging

@@ -188,8 +188,7 @@ def test_a_robot_with_an_error_of_its_order_drives_only_by_another_one() -> None
 
 def test_the_load_of_a_failed_robot_is_picked_from_beside_it_and_is_then_gone() -> None:
     floor = loaded('quick', ('quick', (4, 0)))
-    floor.command('failRobot', 'r0', failure='MOTION_FAULT')
-    floor.step()
+    floor.obey('failRobot', 'r0', failure='MOTION_FAULT')
     floor.do('r1', pick(attempt=1, source=STOCK))
     assert [load.load_id for load in floor.robot('r1').loads] == ['a/1']
     assert not floor.robot('r0').loads
@@ -209,8 +208,7 @@ def test_a_load_that_the_robot_cannot_carry_or_find_is_not_picked(
 
 def test_a_robot_charges_at_a_charger_until_it_drives_off() -> None:
     floor = Floor(('quick', CHARGER))
-    floor.command('failRobot', 'r0', failure='LOW_BATTERY')
-    floor.step()
+    floor.obey('failRobot', 'r0', failure='LOW_BATTERY')
     low = floor.robot('r0').power_supply.state_of_charge
     floor.do('r0', Action('charge', 'startCharging'))
     floor.step(3)

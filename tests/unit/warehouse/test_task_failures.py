@@ -27,8 +27,7 @@ def test_a_missing_load_is_looked_for_in_the_other_stock_cell_and_then_the_line_
 
 
 def test_a_robot_that_fails_to_pick_is_not_sent_again() -> None:
-    hall = Hall()
-    hall.now()
+    hall = Hall().begun()
     hall.robot('r', ('a/1#0:pick', ActionStatus.RETRIABLE, 'PICK_FAILED'))
     assert hall.now().status is TaskStatus.PICKING
     hall.robot('r', ('a/1#0:pick', FAILED, 'PICK_FAILED'))
@@ -37,15 +36,13 @@ def test_a_robot_that_fails_to_pick_is_not_sent_again() -> None:
 
 
 def test_a_type_of_robot_for_which_a_load_is_too_heavy_is_excluded() -> None:
-    hall = Hall()
-    hall.now()
+    hall = Hall().begun()
     hall.robot('r', ('a/1#0:pick', FAILED, 'OVERWEIGHT'))
     assert hall.now().excluded == ('carrier',)
 
 
 def test_a_load_that_was_too_heavy_for_all_is_tried_again_and_fails_after_three_tries() -> None:
-    hall = Hall()
-    hall.now()
+    hall = Hall().begun()
     hall.robot('r', ('a/1#0:pick', FAILED, 'OVERWEIGHT'))
     hall.now()
     hall.robot('q', ('a/1#1:pick', FAILED, 'MISFIT'))
@@ -153,8 +150,7 @@ def test_a_silent_robot_does_not_get_back_a_load_that_another_has_taken_and_deli
 
 
 def test_a_robot_that_fell_silent_on_its_pick_may_have_the_load_or_not() -> None:
-    hall = Hall()
-    hall.now()
+    hall = Hall().begun()
     hall.robot('r', ('a/1#0:pick', UNDER_WAY, ''), cell=NEAR)
     hall.now()
     hall.silence('r')

@@ -59,8 +59,7 @@ def test_a_change_makes_the_task_anew_once_nobody_can_still_pick_the_old_one() -
 
 
 def test_a_load_that_was_picked_before_the_change_came_is_what_is_delivered() -> None:
-    hall = Hall()
-    hall.now()
+    hall = Hall().begun()
     hall.orders(CHANGED)
     hall.now(3)
     hall.robot('r', ('a/1#0:pick', FINISHED, ''), load='a/1')
@@ -69,8 +68,7 @@ def test_a_load_that_was_picked_before_the_change_came_is_what_is_delivered() ->
 
 
 def test_an_organizer_that_starts_again_after_a_change_believes_the_load_that_was_picked() -> None:
-    hall = Hall()
-    hall.now()
+    hall = Hall().begun()
     hall.restart(CHANGED)
     hall.now()
     hall.robot('r', ('a/1#0:pick', FINISHED, ''), load='a/1')
@@ -81,8 +79,7 @@ def test_an_organizer_that_starts_again_after_a_change_believes_the_load_that_wa
 
 
 def test_a_change_that_is_taken_back_leaves_the_task_as_it_was() -> None:
-    hall = Hall()
-    hall.now()
+    hall = Hall().begun()
     hall.orders(CHANGED)
     hall.now(2)
     hall.orders(order(update=2))
@@ -123,8 +120,7 @@ def test_a_task_that_is_not_wanted_is_cancelled_once_nobody_can_still_pick_it(go
 
 
 def test_a_load_that_was_picked_before_the_cancelling_came_is_delivered() -> None:
-    hall = Hall()
-    hall.now()
+    hall = Hall().begun()
     hall.orders(order(cancelled=True))
     hall.robot('r', ('a/1#0:pick', UNDER_WAY, ''))
     assert hall.now(20).status is TaskStatus.PICKING
@@ -268,8 +264,7 @@ def test_lines_that_have_ended_stay_so_after_a_restart() -> None:
 
 
 def test_tasks_that_have_not_changed_are_the_same_values() -> None:
-    hall = Hall()
-    hall.now()
+    hall = Hall().begun()
     before = hall.organizer.tasks().tasks
     hall.organizer.take(OpenOrders((replace(order()),)))
     hall.now()
