@@ -46,6 +46,11 @@ class Driven:
         with self._orders.open('a') as file:
             file.write(f'{text}\n')
 
+    def pause(self, route: str) -> None:
+        """Pause a route, and wait until it is."""
+        self.order(f'pause {route}')
+        self.wait_for_state(route, 'paused')
+
     def snapshots(self, route: str) -> Sequence[Snapshot]:
         """All that it has told of a route."""
         told = [from_line(line.encode()) for line in self._lines() if line.startswith('[')]

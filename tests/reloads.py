@@ -4,7 +4,8 @@ import contextlib
 import os
 import re
 import signal
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,14 +35,14 @@ class Reloaded:
 
     def __init__(self, bench: Bench, process: Process, config: Path, **more: Any) -> None:
         self._bench = bench
-        self._config = config
+        self.config = config
         self._more = more
         self.process = process
         self.times = 0
 
     def write(self, routes: list[dict[str, Any]], **more: Any) -> None:
         """Change the file."""
-        self._bench.config(routes, **{**self._more, **more}).replace(self._config)
+        self._bench.config(routes, **{**self._more, **more}).replace(self.config)
 
     def ask(self) -> None:
         """Ask for a reload."""
@@ -54,6 +55,17 @@ class Reloaded:
         self.ask()
         self.process.wait_for(DONE, 120, count=self.times)
         return self.process.output().split(DONE)[-1].split('\n')[0]
+
+
+@contextmanager
+def reloadable(
+    bench: Bench, routes: list[dict[str, Any]], **more: Any
+) -> Iterator[tuple[Reloaded, Process]]:
+    """A bridge that reads already, and drains at the end."""
+    config = bench.config(routes, **more)
+    with bench.drained(config) as process:
+        process.wait_for('reads ', 60)
+        yield Reloaded(bench, process, config, **more), process
 
 
 def keeps_the_routes_that_stay(bench: Bench, topic: str, **more: Any) -> None:
@@ -100,21 +112,18 @@ def keeps_the_routes_that_stay(bench: Bench, topic: str, **more: Any) -> None:
 def refuses_a_bad_file(bench: Bench, topic: str, returned: str, **more: Any) -> None:
     """With every mistake, and goes on."""
     routes = there_and_back(topic)
-    config = bench.config(routes, **more)
-    with bench.drained(config) as process:
-        process.wait_for('reads ', 60)
+    with reloadable(bench, routes, **more) as (it, process):
         process.wait_for('subscribes to', 60)
-        it = Reloaded(bench, process, config, **more)
         bad = [to_ros(topic, 'no slash'), to_kafka('/orders', returned, format='xml')]
         it.write(bad)
         it.ask()
         process.wait_for(REFUSED, 60)
         assert 'routes[0].to.ros: ' in process.output()
         assert 'routes[1].format: ' in process.output()
-        config.write_text('a: [')
+        it.config.write_text('a: [')
         it.ask()
         process.wait_for(REFUSED, 60, count=2)
-        config.unlink()
+        it.config.unlink()
         it.ask()
         process.wait_for(REFUSED, 60, count=3)
         assert 'no such file' in process.output()

@@ -3,10 +3,11 @@
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from harness import eventually
+from harness import Bench, Process, eventually
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from patience import patient
@@ -157,3 +158,16 @@ def caller(domain: int, name: str) -> Iterator[Caller]:
         executor.add_node(node.handle)
         yield Caller(node.handle, executor, name)
         executor.shutdown()
+
+
+@contextmanager
+def controlled(
+    bench: Bench, config: Path, *, python: Path | None = None
+) -> Iterator[tuple[Process, Caller]]:
+    """A bridge whose node is active, and who calls that."""
+    with (
+        bench.bridge(config, python=python) as bridge,
+        caller(bench.domain, bench.node) as node,
+    ):
+        eventually(lambda: node.state == 'active', 60, bridge.output)
+        yield bridge, node

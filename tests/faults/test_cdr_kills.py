@@ -63,9 +63,8 @@ def reader(bench: Bench, file: Path, leave: Leave, patch: pytest.MonkeyPatch) ->
 
 
 def test_each_byte_comes_to_ros_through_sigkills_and_only_the_uncommitted_again_guarantees_1_8(
-    bench: Bench, topic: str, leave: Leave, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, arrived: Path, topic: str, leave: Leave, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    arrived = bench.place / 'arrived'
     committed: list[int] = []
     made = {
         'name': 'to_ros',

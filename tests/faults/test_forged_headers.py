@@ -85,9 +85,8 @@ def name(unique: Callable[[str], str]) -> str:
 
 
 def test_guarantee_6b_forged_numbers_cost_nothing_at_a_take_over(
-    bench: Bench, topic_name: str, name: str
+    bench: Bench, leave: Leave, topic_name: str, name: str
 ) -> None:
-    leave = Leave(bench.place)
     config = exclusive(bench, name, topic_name)
     with ExitStack() as stack:
         first = stack.enter_context(bench.bridge(config))
@@ -180,10 +179,9 @@ def test_guarantee_8_a_history_read_over_another_transport_is_known_again(
 
 
 def test_guarantee_6b_forged_numbers_cost_a_publisher_without_a_time_nothing(
-    bench: Bench, topic: str
+    bench: Bench, leave: Leave, topic: str
 ) -> None:
     """A time near 1970 is that of no message: its history comes again, and nothing is skipped."""
-    leave = Leave(bench.place)
     config = bench.config([to_kafka('/orders', topic)])
     options = ('--latched', '--timeless', *leave.options, '--count', '10')
     with bench.peer('cyclone', 'write', '/orders', *options):

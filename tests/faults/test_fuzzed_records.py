@@ -22,7 +22,7 @@ def test_each_fuzzed_record_is_delivered_or_dead_lettered_and_the_bridge_lives(
 
 
 def test_a_batch_that_unpacks_to_too_much_fails_its_route_aloud_and_comes_once_it_may(
-    bench: Bench, topic: str, tmp_path: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
     producer = Producer(
         {
@@ -42,7 +42,6 @@ def test_a_batch_that_unpacks_to_too_much_fails_its_route_aloud_and_comes_once_i
         'fetch.max.bytes': 1_000_000,
     }
     route = to_ros(topic, '/numbers')
-    arrived = tmp_path / 'arrived'
     with bench.subscriber('/numbers', arrived):
         with bench.drained(bench.config([route], kafka=kafka)) as bridge:
             bridge.wait_for('failed: ', 90)

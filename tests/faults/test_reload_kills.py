@@ -11,7 +11,7 @@ from typing import Any
 
 from harness import Bench, Process, eventually, lines, to_kafka, to_ros, values
 from numbers_to_ros import numbered
-from reloads import REFUSED, Reloaded
+from reloads import REFUSED, Reloaded, reloadable
 from workers import pids, wait_until_gone
 
 COUNT = 6000
@@ -69,10 +69,7 @@ def test_guarantees_1_2_8_workers_that_are_killed_in_a_reload_lose_nothing(
 
 def test_a_killed_check_refuses_the_reload_and_all_goes_on(bench: Bench, topic: str) -> None:
     routes = [to_ros(topic, '/a', min_subscribers=0)]
-    config = bench.config(routes, monitoring=OFF)
-    with bench.drained(config) as process:
-        process.wait_for('reads ', 60)
-        it = Reloaded(bench, process, config, monitoring=OFF)
+    with reloadable(bench, routes, monitoring=OFF) as (it, process):
         it.write([*routes, to_ros(topic, '/b', name='b', min_subscribers=0)])
         it.ask()
         eventually(lambda: _kill_check(process.pid), 60)

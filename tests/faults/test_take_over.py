@@ -183,12 +183,11 @@ def test_guarantee_8_after_a_restart_of_the_broker_exactly_one_bridge_runs_the_r
 
 
 def test_guarantee_8_the_partitions_of_a_killed_bridge_are_read_by_the_other(
-    bench: Bench, topic_name: str, tmp_path: Path
+    bench: Bench, arrived: Path, topic_name: str, tmp_path: Path
 ) -> None:
     """Kafka -> ROS needs no lock: the group shares the partitions."""
     partitions, each, leave = 4, 500, Leave(tmp_path)
     bench.create_topic(topic_name, partitions=partitions)
-    arrived = tmp_path / 'arrived'
     config = bench.config([to_ros(topic_name, '/numbers')])
 
     def numbers() -> list[list[int]]:

@@ -63,11 +63,10 @@ def test_guarantee_6b_a_retry_job_that_would_make_orders_go_round_loses_nothing(
 
 
 def test_guarantee_6b_forged_numbers_before_a_restart_cost_a_latched_publisher_nothing(
-    bench: Bench, topic: str
+    bench: Bench, leave: Leave, topic: str
 ) -> None:
     """The stranger copies every header of the bridge, and knows all but what is still to come."""
     config = bench.config([to_kafka('/orders', topic)])
-    leave = Leave(bench.place)
     options = (*LATCHED, *leave.options, '--count', '35')
     with bench.publisher('/orders', *options) as publisher:
         leave.up_to(5)

@@ -91,13 +91,12 @@ def test_guarantee_6_a_record_that_would_go_round_is_skipped_and_counted_if_the_
 
 
 def test_guarantee_4_a_stopped_subscriber_holds_back_one_route_alone(
-    bench: Bench, topic_name: str, arrived: Path, tmp_path: Path
+    bench: Bench, leave: Leave, topic_name: str, arrived: Path, tmp_path: Path
 ) -> None:
     other, others = f'{topic_name}.other', tmp_path / 'others'
     bench.create_topic(topic_name, other)
     bench.produce(topic_name, words(4000))
     config = bench.config([to_ros(topic_name, ROS_TOPIC), to_ros(other, '/others', 'others')])
-    leave = Leave(tmp_path)
     leave.up_to(100)
     with (
         bench.subscriber(ROS_TOPIC, arrived, *leave.options, samples=50),

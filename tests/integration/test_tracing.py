@@ -14,14 +14,13 @@ def sampled(number: int, flags: str = '01') -> tuple[str, bytes]:
 
 
 def test_the_trace_of_a_producer_goes_on_in_the_bridge(
-    bench: Bench, topic: str, tmp_path: Path
+    bench: Bench, topic: str, arrived: Path
 ) -> None:
     """A record that is not sampled has no span, one that cannot be delivered an error."""
     records = [(b'first', 1, '01'), (b'second', 2, '00'), (b'caf\xe9', 3, '01')]
     for value, number, flags in records:
         state = [('tracestate', b'vendor=7')]
         bench.produce(topic, [value], headers=[sampled(number, flags), *state])
-    arrived = tmp_path / 'arrived'
     with collector() as there:
         tracing = {'sample': 1, 'endpoint': there.endpoint, 'service': 'robots'}
         config = bench.config([to_ros(topic, ROS_TOPIC)], tracing=tracing)

@@ -54,9 +54,8 @@ def test_guarantee_6c_a_lie_is_found_where_no_history_is_bounded(
 
 
 def test_guarantee_6c_who_tells_the_truth_is_believed_where_no_history_is_bounded(
-    bench: Bench, config: Path, tmp_path: Path
+    bench: Bench, config: Path, arrived: Path
 ) -> None:
-    arrived = tmp_path / 'arrived'
     honest = stranger(bench.place, 'unbounded')
     with bench.subscriber(ROS_TOPIC, arrived), bench.drained(config, **honest) as bridge:
         bridge.wait_for('this middleware does not bound a KEEP_ALL history')
@@ -66,9 +65,8 @@ def test_guarantee_6c_who_tells_the_truth_is_believed_where_no_history_is_bounde
 
 
 def test_no_reader_is_started_where_the_history_is_bounded(
-    bench: Bench, config: Path, tmp_path: Path
+    bench: Bench, config: Path, arrived: Path
 ) -> None:
-    arrived = tmp_path / 'arrived'
     with bench.subscriber(ROS_TOPIC, arrived), bench.bridge(config) as bridge:
         eventually(lambda: len(lines(arrived)) > 0 or tried_by(bridge.pid) != [], 60)
         assert tried_by(bridge.pid) == []
@@ -138,10 +136,9 @@ def test_guarantee_6c_no_letter_is_marked_as_sent_that_nothing_confirms(
 
 
 def test_a_reader_that_somebody_lets_go_on_condemns_nobody(
-    bench: Bench, config: Path, tmp_path: Path
+    bench: Bench, config: Path, arrived: Path
 ) -> None:
     """What it acknowledges then is no lie: it is tried again."""
-    arrived = tmp_path / 'arrived'
     honest = stranger(bench.place, 'unbounded')
     with bench.subscriber(ROS_TOPIC, arrived), bench.drained(config, **honest) as bridge:
         os.kill(stopped_reader(bridge), signal.SIGCONT)

@@ -90,9 +90,8 @@ def test_the_measures_fit_the_counters_at_every_moment_under_load(
 
 
 def test_records_that_cannot_be_read_are_errors_with_their_place(
-    bench: Bench, driven: Driven, topic: str, tmp_path: Path
+    bench: Bench, driven: Driven, topic: str, arrived: Path
 ) -> None:
-    arrived = tmp_path / 'arrived'
     with bench.subscriber(ROS_TOPIC, arrived):
         driven.start([to_ros(topic, ROS_TOPIC, on_error='drop')])
         bench.produce(topic, [*words(3), b'\xff', b'\xff', *words(2, start=3)])

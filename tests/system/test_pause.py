@@ -22,16 +22,14 @@ def driven(bench: Bench) -> Iterator[Driven]:
 
 
 def test_a_paused_route_to_ros_publishes_nothing_and_goes_on_where_it_was(
-    bench: Bench, driven: Driven, topic: str, tmp_path: Path
+    bench: Bench, driven: Driven, topic: str, arrived: Path
 ) -> None:
-    arrived = tmp_path / 'arrived'
     route = to_ros(topic, ROS_TOPIC, max_rate=2000)
     with bench.subscriber(ROS_TOPIC, arrived):
         driven.start([route])
         bench.produce(topic, words(COUNT))
         eventually(lambda: len(lines(arrived)) > 1000, 30, driven.output)
-        driven.order('pause to_ros')
-        driven.wait_for_state('to_ros', 'paused')
+        driven.pause('to_ros')
         # What was in flight is confirmed and committed, and no more comes.
         eventually(partial(settled, driven), 20, driven.output)
         confirmed = driven.last('to_ros').confirmed
@@ -57,9 +55,8 @@ def settled(driven: Driven) -> bool:
 
 
 def test_a_paused_route_stays_in_its_group_and_tells_how_far_it_is_behind(
-    bench: Bench, driven: Driven, topic_name: str, tmp_path: Path
+    bench: Bench, driven: Driven, topic_name: str, arrived: Path
 ) -> None:
-    arrived = tmp_path / 'arrived'
     bench.create_topic(topic_name, partitions=2)
     kafka = {'bootstrap.servers': bench.bootstrap_servers, 'max.poll.interval.ms': 10_000,
              'session.timeout.ms': 6000}  # fmt: skip
@@ -68,8 +65,7 @@ def test_a_paused_route_stays_in_its_group_and_tells_how_far_it_is_behind(
         driven.wait_for_state('to_ros', 'running')
         bench.produce(topic_name, words(10), partition=0)
         eventually(lambda: len(lines(arrived)) == 10, 30, driven.output)
-        driven.order('pause to_ros')
-        driven.wait_for_state('to_ros', 'paused')
+        driven.pause('to_ros')
         bench.produce(topic_name, words(100, start=10), partition=0)
         # Longer than a client may stay away that does not poll.
         before_s = time.monotonic()
@@ -85,9 +81,8 @@ def test_a_paused_route_stays_in_its_group_and_tells_how_far_it_is_behind(
 
 @pytest.mark.parametrize('start', ['latest', 'earliest'])
 def test_a_route_that_begins_paused_takes_nothing_before_it_is_resumed(
-    bench: Bench, driven: Driven, topic: str, tmp_path: Path, start: str
+    bench: Bench, driven: Driven, topic: str, arrived: Path, start: str
 ) -> None:
-    arrived = tmp_path / 'arrived'
     route = to_ros(topic, ROS_TOPIC)
     route['from'] = {'kafka': topic, 'start': start}
     with bench.subscriber(ROS_TOPIC, arrived):
@@ -110,8 +105,7 @@ def test_a_paused_route_from_ros_holds_its_publisher_back(
     driven.start([route])
     with bench.publisher(ROS_TOPIC, '--count', str(COUNT), '--rate', '4000') as publisher:
         eventually(partial(bench.reaches, topic, 1000), 60, driven.output)
-        driven.order('pause to_kafka')
-        driven.wait_for_state('to_kafka', 'paused')
+        driven.pause('to_kafka')
         eventually(lambda: driven.last('to_kafka').in_flight == 0, 20, driven.output)
         end = bench.end_offset(topic)
         driven.wait_for_snapshots(30)
@@ -149,8 +143,7 @@ def test_a_paused_route_costs_other_publishers_what_they_send_meanwhile(
     options = (*options, '--rate', '2000', '--until', str(until))
     with bench.publisher(ROS_TOPIC, *options) as publisher:
         eventually(partial(bench.reaches, topic, 500), 60, driven.output)
-        driven.order('pause to_kafka')
-        driven.wait_for_state('to_kafka', 'paused')
+        driven.pause('to_kafka')
         driven.wait_for_snapshots(30)
         until.touch()
         publisher.wait_for('published ')
@@ -169,8 +162,7 @@ def test_a_stop_takes_what_a_paused_route_has_left_in_ros(
 ) -> None:
     driven.start([to_kafka(ROS_TOPIC, topic)])
     driven.wait_for_state('to_kafka', 'running')
-    driven.order('pause to_kafka')
-    driven.wait_for_state('to_kafka', 'paused')
+    driven.pause('to_kafka')
     with bench.publisher(ROS_TOPIC, '--count', '100', '--prefix', 'late ') as publisher:
         publisher.wait_for('published 100')
         driven.wait_for_snapshots(10)
@@ -181,9 +173,8 @@ def test_a_stop_takes_what_a_paused_route_has_left_in_ros(
 
 
 def test_pausing_one_route_leaves_the_others_alone(
-    bench: Bench, driven: Driven, topic: str, tmp_path: Path
+    bench: Bench, driven: Driven, topic: str, arrived: Path
 ) -> None:
-    arrived = tmp_path / 'arrived'
     other = f'{topic}.other'
     bench.create_topic(other)
     routes = [to_ros(topic, '/one', name='one'), to_ros(other, ROS_TOPIC, name='two')]

@@ -17,6 +17,7 @@ from reloads import (
     Reloaded,
     keeps_the_routes_that_stay,
     refuses_a_bad_file,
+    reloadable,
 )
 from workers import gone, pids, there_and_back, wait_until_gone
 
@@ -53,9 +54,7 @@ def test_a_changed_route_takes_its_new_settings_and_keeps_its_place(
     """Orders go there and back, while each way changes in turn, and then both at once."""
     bench.produce(topic, numbered(COUNT))
     forth, back = there_and_back(topic, max_rate=200)
-    config = bench.config([forth, back], kafka=bench.patient_kafka, **more)
-    with bench.drained(config) as process:
-        it = Reloaded(bench, process, config, kafka=bench.patient_kafka, **more)
+    with reloadable(bench, [forth, back], kafka=bench.patient_kafka, **more) as (it, process):
         eventually(partial(bench.reaches, returned, 100), 90, process.output)
         assert it.to([{**forth, 'max_rate': 210}, back]) == 'restarted to_ros'
         goal = min(COUNT, bench.end_offset(returned) + 100)
@@ -72,10 +71,7 @@ def test_another_name_restarts_every_route(bench: Bench, topic: str) -> None:
     routes = [to_ros(topic, '/a', min_subscribers=0), to_kafka('/b', f'{topic}.b')]
     bench.create_topic(f'{topic}.b')
     bench.produce(topic, numbered(10))
-    config = bench.config(routes)
-    with bench.drained(config) as process:
-        process.wait_for('reads ', 60)
-        it = Reloaded(bench, process, config)
+    with reloadable(bench, routes) as (it, process):
         other = f'{bench.name}-other'
         assert it.to(routes, name=other) == 'restarted to_ros, to_kafka'
         assert f'reload: name: {bench.name} -> {other}' in process.output()
@@ -104,11 +100,8 @@ def test_a_link_that_leads_to_another_file_is_a_changed_file(
 
 def test_secrets_are_masked_in_what_a_reload_says(bench: Bench, topic: str) -> None:
     routes = [to_ros(topic, '/a', min_subscribers=0)]
-    config = bench.config(routes)
     kafka = {'bootstrap.servers': bench.bootstrap_servers}
-    with bench.drained(config) as process:
-        process.wait_for('reads ', 60)
-        it = Reloaded(bench, process, config)
+    with reloadable(bench, routes) as (it, process):
         secret = {**kafka, 'sasl.password': 'first-secret'}
         assert it.to(routes, kafka=secret) == 'restarted to_ros'
         secret['sasl.password'] = 'second-secret'
@@ -119,10 +112,7 @@ def test_secrets_are_masked_in_what_a_reload_says(bench: Bench, topic: str) -> N
 
 def test_what_counts_from_the_next_start_on_is_said(bench: Bench, topic: str) -> None:
     routes = [to_ros(topic, '/a', min_subscribers=0)]
-    config = bench.config(routes, monitoring=OFF)
-    with bench.drained(config) as process:
-        process.wait_for('reads ', 60)
-        it = Reloaded(bench, process, config)
+    with reloadable(bench, routes, monitoring=OFF) as (it, process):
         said = it.to(routes, workers=3, monitoring={**OFF, 'listen': '127.0.0.1:1'})
         assert 'only when the bridge is started again' in said
         assert 'workers: 1 -> 3 (from the next start on)' in process.output()
@@ -152,10 +142,8 @@ def test_a_stop_in_the_middle_of_a_reload_is_a_drain(
     # So slow that there is much left, however long it takes to come to the stop.
     forth, back = there_and_back(topic, max_rate=60)
     bench.produce(topic, numbered(COUNT))
-    config = bench.config([forth, back], kafka=bench.patient_kafka)
-    with bench.drained(config) as process:
+    with reloadable(bench, [forth, back], kafka=bench.patient_kafka) as (it, process):
         eventually(partial(bench.reaches, returned, 100), 90, process.output)
-        it = Reloaded(bench, process, config, kafka=bench.patient_kafka)
         it.write([{**forth, 'max_rate': 61}, back])
         it.ask()
         process.wait_for('is process', 60)
@@ -264,10 +252,8 @@ def _pid_of(process: Process, worker: int) -> int:
 
 def test_the_worker_of_a_removed_route_ends(bench: Bench, topic: str) -> None:
     routes = [to_ros(topic, f'/{n}', name=n, min_subscribers=0) for n in ('a', 'b')]
-    config = bench.config(routes, workers=2)
-    with bench.drained(config) as process:
+    with reloadable(bench, routes, workers=2) as (it, process):
         process.wait_for('reads ', 60, count=2)
-        it = Reloaded(bench, process, config, workers=2)
         assert it.to(routes[:1]) == 'ended b'
         wait_until_gone(_pid_of(process, 2))
         os.kill(_pid_of(process, 1), 0)

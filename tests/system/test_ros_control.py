@@ -22,7 +22,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-from ros_caller import caller
+from ros_caller import caller, controlled
 
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import open_node
@@ -59,10 +59,8 @@ def test_a_bridge_comes_up_active_and_deactivate_drains_and_commits_under_load(
     config = monitored(bench, [to_ros(topic, '/orders', max_rate=2000)])
     with (
         bench.subscriber('/orders', file),
-        bench.bridge(config) as bridge,
-        caller(bench.domain, bench.node) as node,
+        controlled(bench, config) as (bridge, node),
     ):
-        eventually(lambda: node.state == 'active', 60, bridge.output)
         assert not node.change('configure')  # its client is there before the load begins
         bench.produce(topic, list(sent))
         for part in (1000, COUNT // 2):
@@ -90,10 +88,8 @@ def test_a_transition_that_takes_long_holds_nothing_else_up(
     with (
         # It takes so slowly that no drain ends by itself.
         bench.subscriber('/orders', tmp_path / 'slow', '--work', '1', samples=10),
-        bench.bridge(config) as bridge,
-        caller(bench.domain, bench.node) as node,
+        controlled(bench, config) as (bridge, node),
     ):
-        eventually(lambda: node.state == 'active', 60, bridge.output)
         # The clients of all that is called below are there before the drain begins.
         assert not node.change('configure')
         assert node.parameters()
@@ -117,8 +113,7 @@ def test_a_transition_that_is_not_possible_is_refused_with_those_that_are(
     bench: Bench, topic_name: str
 ) -> None:
     config = monitored(bench, [to_ros(topic_name, '/orders')])
-    with bench.bridge(config) as bridge, caller(bench.domain, bench.node) as node:
-        eventually(lambda: node.state == 'active', 60, bridge.output)
+    with controlled(bench, config) as (bridge, node):
         for label in ('configure', 'activate', 'transition_success', 'nonsense'):
             assert not node.change(label)
         assert node.state == 'active'
@@ -297,8 +292,7 @@ def test_malformed_requests_end_nothing(bench: Bench, topic_name: str) -> None:
         ParameterValue(type=ParameterType.PARAMETER_STRING, string_value='x' * 1_000_000),
     ]
     names = ('', '.', 'routes', 'routes..paused', 'routes.to_ros.paused', 'x' * 100_000, '\n\x07')
-    with bench.bridge(config) as bridge, caller(bench.domain, bench.node) as node:
-        eventually(lambda: node.state == 'active', 60, bridge.output)
+    with controlled(bench, config) as (bridge, node):
         for name, value in itertools.product(names, values):
             node.start(
                 SetParameters, 'set_parameters', parameters=[Parameter(name=name, value=value)]
@@ -322,10 +316,8 @@ def test_a_stop_during_a_transition_ends_without_a_crash(
     bench.produce(topic_name, [b'x'] * 2000)
     with (
         bench.subscriber('/orders', tmp_path / 'slow', '--work', '1', samples=10),
-        bench.bridge(config) as bridge,
-        caller(bench.domain, bench.node) as node,
+        controlled(bench, config) as (bridge, node),
     ):
-        eventually(lambda: node.state == 'active', 60, bridge.output)
         assert not node.change('configure')  # its client is there before the drain begins
         eventually(lambda: len(lines(tmp_path / 'slow')) > 0, 60, bridge.output)
         node.begin('deactivate')
@@ -341,10 +333,8 @@ def test_on_jazzy_the_node_does_the_same(bench: Bench, topic: str, tmp_path: Pat
     config = monitored(bench, [to_ros(topic, '/orders')])
     with (
         bench.subscriber('/orders', file),
-        bench.bridge(config, python=JAZZY) as bridge,
-        caller(bench.domain, bench.node) as node,
+        controlled(bench, config, python=JAZZY) as (bridge, node),
     ):
-        eventually(lambda: node.state == 'active', 60, bridge.output)
         wait_until_it_reads(bridge, topic)
         assert not node.change('configure')
         assert node.change('deactivate'), bridge.output()

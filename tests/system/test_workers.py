@@ -49,13 +49,12 @@ ALL_HAS_COME = re.compile(
 
 
 def test_a_second_signal_ends_all_workers_at_once(
-    bench: Bench, topic: str, tmp_path: Path
+    bench: Bench, leave: Leave, topic: str, tmp_path: Path
 ) -> None:
     routes = there_and_back(topic, drain_s=300, min_subscribers=2)
     config = bench.config(routes, workers=2)
     bench.create_topic(f'{topic}.returned')
     bench.produce(topic, sized(3000))
-    leave = Leave(tmp_path)
     leave.up_to(100)
     with (
         bench.subscriber('/orders', tmp_path / 'arrived', *leave.options, samples=50),

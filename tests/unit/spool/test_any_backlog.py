@@ -5,9 +5,10 @@ from tempfile import TemporaryDirectory
 
 import flights
 import pytest
-from houses import House, come_back, fill, go_away, make_room
+from houses import House, come_back, make_room
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spool_worlds import does
 
 Event = tuple[str, int]
 EVENTS = st.lists(
@@ -58,28 +59,7 @@ class World:
         elif what in {'stop', 'crash'}:
             self._next_life(what)
         else:
-            self._to_the_house(house, what, count)
-
-    def _to_the_house(self, house: House, what: str, count: int) -> None:
-        if what == 'steps':
-            house.steps(count)
-        elif what == 'away':
-            go_away(house)
-        elif what == 'back':
-            come_back(house)
-        elif what == 'deaf':
-            house.sink.answering = False
-        elif what == 'refuse':
-            house.sink.refusals = count
-        elif what == 'full':
-            fill(house)
-        elif what == 'not full':
-            make_room(house)
-        elif what == 'late':
-            house.sink.delivered_at_close = count
-        else:
-            assert what == 'fail'
-            house.fail_and_run_again()
+            does(house, what, count)
 
     def _next_life(self, end: str) -> None:
         house, waiting = self._house, list(self._house.source.waiting)
