@@ -63,7 +63,7 @@ def test_what_is_in_the_spool_is_sent_though_the_clock_was_set_past_its_age(
     spooled = route(own_bench, topic_name, mode='when_away', max_age_s=HOUR_S)
     config = own_bench.config([spooled])
     with (
-        own_bench.bridge(config, python=PYTHON, **clock.environ) as bridge,
+        own_bench.drained(config, python=PYTHON, **clock.environ) as bridge,
         own_bench.publisher('/orders', *leave.options, '--count', str(4 * COUNT)) as robot,
     ):
         leave.up_to(COUNT)
@@ -77,7 +77,6 @@ def test_what_is_in_the_spool_is_sent_though_the_clock_was_set_past_its_age(
         eventually(lambda: on_disk(own_bench) >= 3 * COUNT, 60, bridge.output)
         own_kafka.start()
         bridge.wait_for('the spool is empty again')
-        assert bridge.end() == 0
     assert numbers(own_bench, topic_name) == list(range(4 * COUNT))
     assert 'dropped' not in totals(bridge, 'to_kafka')
 

@@ -49,7 +49,7 @@ def test_a_full_disk_while_kafka_is_away_holds_publishers_back_at_no_cost_guaran
     bench = own_bench
     config = bench.config([route(bench, own_topic, path=str(disk))])
     options = (*leave.options, '--count', str(COUNT))
-    with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
+    with bench.drained(config) as bridge, bench.publisher('/orders', *options) as publisher:
         leave.up_to(FIRST)
         eventually(lambda: arrived(bench, own_topic) == FIRST, 60, bridge.output)
         ballast = fill(disk)
@@ -68,7 +68,6 @@ def test_a_full_disk_while_kafka_is_away_holds_publishers_back_at_no_cost_guaran
             publisher.wait_for('published')
         own_kafka.start()
         eventually(lambda: COUNT - 1 in numbers(bench, own_topic)[-1:], 60, bridge.output)
-        assert bridge.end() == 0, bridge.output()
     found = totals(bridge, 'to_kafka')
     assert found['taken'] == found['confirmed'] == COUNT
     assert numbers(bench, own_topic) == list(range(COUNT))
@@ -79,7 +78,7 @@ def test_a_route_that_always_writes_first_waits_for_a_full_disk_and_goes_on_guar
 ) -> None:
     config = bench.config([route(bench, topic, mode='always', path=str(disk))])
     options = (*leave.options, '--count', str(COUNT))
-    with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
+    with bench.drained(config) as bridge, bench.publisher('/orders', *options) as publisher:
         leave.up_to(1)  # more of them would leave room in the file
         eventually(lambda: arrived(bench, topic) == 1, 60, bridge.output)
         ballast = fill(disk)
@@ -93,7 +92,6 @@ def test_a_route_that_always_writes_first_waits_for_a_full_disk_and_goes_on_guar
         ballast.unlink()
         bridge.wait_for('the spool can be written again')
         eventually(lambda: arrived(bench, topic) == COUNT, 60, bridge.output)
-        assert bridge.end() == 0, bridge.output()
     found = totals(bridge, 'to_kafka')
     assert found['taken'] == found['confirmed'] == COUNT
     assert numbers(bench, topic) == list(range(COUNT))

@@ -36,14 +36,13 @@ def test_a_profile_of_the_namespace_of_most_public_files_counts(
     config = bench.config(routes, monitoring=monitoring)
     file = profile(bench.place, 'name')
     with (
-        bench.bridge(config, FASTDDS_DEFAULT_PROFILES_FILE=file) as bridge,
+        bench.drained(config, FASTDDS_DEFAULT_PROFILES_FILE=file) as bridge,
         publish(bench, '/orders', [text(b'a')], '--durability', 'transient_local'),
     ):
         assert values(bench.records(topic_name, 1)) == [text(b'a')]
         graph = Watched(bridge, port, config)
         eventually(lambda: bench.node in graph.get('api/graph').text, 60, bridge.output)
         eventually(lambda: '/orders' in graph.get('api/graph').text, 60, bridge.output)
-        assert bridge.end() == 0
     assert 'XMLPARSER' not in bridge.output()
     assert 'does not bound' not in bridge.output()
     assert 'cannot run' not in bridge.output()

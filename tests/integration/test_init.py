@@ -33,7 +33,7 @@ def test_the_starting_file_is_right_and_carries_messages_both_ways(
     received = bench.place / 'received'
     with (
         bench.subscriber('/orders', received) as subscriber,
-        bench.bridge(file) as bridge,
+        bench.drained(file) as bridge,
         bench.publisher('/status', '--count', '10') as publisher,
     ):
         subscriber.wait_for('ready')
@@ -42,7 +42,6 @@ def test_the_starting_file_is_right_and_carries_messages_both_ways(
         bridge.wait_for(f'reads {orders}')
         bench.produce(orders, [b'one order'])
         eventually(lambda: lines(received) == ['one order'], 30)
-        assert bridge.end() == 0
 
 
 def test_a_type_that_a_node_alone_describes_becomes_a_route_that_runs(

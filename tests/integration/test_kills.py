@@ -153,7 +153,7 @@ def test_guarantees_2_3_4_a_broker_that_is_away_holds_the_publisher_back_and_cos
     bench, count = own_bench, 15_000
     config = bench.config([to_kafka('/orders', own_topic)])
     options = (*leave.options, '--count', str(count))
-    with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
+    with bench.drained(config) as bridge, bench.publisher('/orders', *options) as publisher:
         leave.up_to(1000)
         eventually(lambda: bench.reaches(own_topic, 1000), 60, bridge.output)
         bench.close()
@@ -167,7 +167,6 @@ def test_guarantees_2_3_4_a_broker_that_is_away_holds_the_publisher_back_and_cos
         bridge.wait_for('Kafka is back')
         publisher.wait_for('published')
         records = bench.records(own_topic, count)
-        assert bridge.end() == 0
     assert totals(bridge, 'to_kafka')['confirmed'] == count
     assert values(records) == numbered(count)
     assert seqs(records) == list(range(1, count + 1))
@@ -180,7 +179,7 @@ def test_guarantees_2_3_4_6_robots_are_not_held_back_while_kafka_is_away_and_not
     bench, count = own_bench, 4000
     config = bench.config([spooled.route(bench, own_topic)])
     options = (*leave.options, '--count', str(count), '--rate', str(spooled.RATE))
-    with bench.bridge(config) as bridge, bench.publisher('/orders', *options) as publisher:
+    with bench.drained(config) as bridge, bench.publisher('/orders', *options) as publisher:
         leave.up_to(1000)
         eventually(lambda: spooled.arrived(bench, own_topic) >= 500, 60, bridge.output)
         own_kafka.kill()
@@ -193,7 +192,6 @@ def test_guarantees_2_3_4_6_robots_are_not_held_back_while_kafka_is_away_and_not
         own_kafka.start()
         # What it says of its spool may be of before: a busy machine can be too slow for Kafka.
         eventually(lambda: spooled.arrived(bench, own_topic) >= count, 60, bridge.output)
-        assert bridge.end() == 0
     found = totals(bridge, 'to_kafka')
     assert found['taken'] == found['confirmed'] == count
     assert spooled.numbers(bench, own_topic) == list(range(count))

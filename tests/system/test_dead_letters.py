@@ -274,9 +274,8 @@ def test_a_message_of_ros_that_kafka_refused_goes_on_to_its_topic(
     bench.create_topic(topic_name, message_timestamp_before_max_ms='0')
     slow = {'to': {'kafka': topic_name, 'properties': {'linger.ms': 50}}}
     config = bench.config([to_kafka(ROS_TOPIC, topic_name) | slow])
-    with bench.bridge(config) as bridge, bench.publisher(ROS_TOPIC, '--count', '2'):
+    with bench.drained(config), bench.publisher(ROS_TOPIC, '--count', '2'):
         made = bench.records(f'{topic_name}.dead-letters', 2)
-        assert bridge.end() == 0, bridge.output()
     change(bench, topic_name, 'message.timestamp.before.max.ms', '3600000')
     eventually(lambda: takes(bench, topic_name), 60)
     assert '2 letters replayed' in done(bench, 'replay', config, '--all')

@@ -210,14 +210,13 @@ def test_one_of_two_bridges_runs_the_route_and_a_stop_hands_it_over_without_a_lo
     options = (*LATCHED, '--count', str(count), '--rate', '400')
     with bench.bridge(config) as first:
         first.wait_for('takes over: this bridge runs the route', 60)
-        with bench.bridge(config) as second, bench.publisher('/orders', *options):
+        with bench.drained(config) as second, bench.publisher('/orders', *options):
             second.wait_for('stands by: another bridge runs this route', 60)
             eventually(lambda: bench.reaches(topic, 300), 60)
             assert 'subscribes to' not in second.output()
             assert first.end() == 0
             second.wait_for('takes over', 60)
             records = bench.records(topic, count)
-            assert second.end() == 0
     assert 'hands over' not in second.output()
     assert totals(first, 'to_kafka')['confirmed'] > 0
     assert totals(second, 'to_kafka')['skipped'] > 0
@@ -235,7 +234,7 @@ def test_a_stop_hands_over_without_a_loss_also_from_a_volatile_publisher(
     with bench.bridge(config) as first:
         first.wait_for('takes over: this bridge runs the route', 60)
         with (
-            bench.bridge(config) as second,
+            bench.drained(config) as second,
             bench.publisher('/orders', '--count', str(count), '--rate', '400'),
         ):
             second.wait_for('stands by: another bridge runs this route', 60)
@@ -244,7 +243,6 @@ def test_a_stop_hands_over_without_a_loss_also_from_a_volatile_publisher(
             second.wait_for('takes over', 60)
             eventually(lambda: last_seq(bench, topic) == count, 60)
             records = bench.records(topic, bench.end_offset(topic))
-            assert second.end() == 0
     once = list(without_repeats(records))
     sent = [b'%d' % number for number in range(count)]
     assert values(once) == sent, first.output() + second.output()

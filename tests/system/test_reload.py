@@ -220,7 +220,7 @@ def test_what_a_volatile_publisher_sends_in_a_hand_over_may_be_missing_but_nothi
     route = to_kafka('/numbers', topic)
     config = bench.config([route])
     with (
-        bench.bridge(config) as process,
+        bench.drained(config) as process,
         bench.publisher('/numbers', '--until', str(until), '--rate', RATE) as publisher,
     ):
         eventually(partial(bench.reaches, topic, 300), 90, process.output)
@@ -235,7 +235,6 @@ def test_what_a_volatile_publisher_sends_in_a_hand_over_may_be_missing_but_nothi
         eventually(lambda: last(bench, topic) == count - 1, 60, process.output)
         records = bench.records(topic, bench.end_offset(topic))
         found = [int(value) for value in values(records)]
-        assert process.end(40) == 0, process.output()
     missing = count - len(found)
     print(f'at {RATE} messages/s {missing} are missing')  # noqa: T201 (for the docs)
     assert found == sorted(set(found)), 'in order, nothing twice'
