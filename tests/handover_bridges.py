@@ -3,16 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, cast
 
-from handover_ros import (
-    BRIDGE,
-    KNOWN_S,
-    LATE_HEARTBEAT_S,
-    LEASE_S,
-    NEVER,
-    Graph,
-    Reader,
-    Sent,
-)
+from handover_ros import BRIDGE, KNOWN_S, LATE_HEARTBEAT_S, LEASE_S, NEVER, Graph, Reader, Sent
 
 from ros2_kafka_bridge.exclusive.term import Term
 from ros2_kafka_bridge.ros.successor import SuccessorWatch

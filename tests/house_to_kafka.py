@@ -9,9 +9,7 @@ from flights import Driven
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.endpoints import Message
-from ros2_kafka_bridge.errors import (
-    EncodeError,
-)
+from ros2_kafka_bridge.errors import EncodeError
 from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.route.dead_letters import DeadLetters

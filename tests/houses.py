@@ -12,12 +12,7 @@ from identified import AUTHOR, STRING, identify
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.endpoints import Message, Record, Reports
-from ros2_kafka_bridge.errors import (
-    EncodeError,
-    RecordTooLargeError,
-    RouteError,
-    TransportError,
-)
+from ros2_kafka_bridge.errors import EncodeError, RecordTooLargeError, RouteError, TransportError
 from ros2_kafka_bridge.formats import guarded
 from ros2_kafka_bridge.ros_to_kafka import RosToKafka
 from ros2_kafka_bridge.route.dead_letters import DeadLetters

@@ -10,12 +10,7 @@ from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.letter import Letter, parse
 from ros2_kafka_bridge.dead_letters.writer import explain, from_kafka, from_ros
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing
-from ros2_kafka_bridge.errors import (
-    ConfigError,
-    DecodeError,
-    EncodeError,
-    RecordError,
-)
+from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError, RecordError
 from ros2_kafka_bridge.kafka.letters import Original
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.testing.memory import MemoryRecord

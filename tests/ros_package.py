@@ -22,9 +22,7 @@ import rosidl_generator_py
 import rosidl_typesupport_c
 import rosidl_typesupport_fastrtps_c
 from rosidl_adapter.msg import convert_msg_to_idl
-from rosidl_generator_type_description import (
-    generate_type_hash,
-)
+from rosidl_generator_type_description import generate_type_hash
 
 _WHEELS: Final = Path(sys.prefix)
 _SUPPORT: Final = 'rosidl_typesupport_fastrtps_c'

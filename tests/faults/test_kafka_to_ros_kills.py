@@ -15,15 +15,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from harness import (
-    Bench,
-    Process,
-    eventually,
-    lines,
-    to_ros,
-    totals,
-    wait_until_it_reads,
-)
+from harness import Bench, Process, eventually, lines, to_ros, totals, wait_until_it_reads
 from leave import Leave
 from numbers_to_ros import (
     ROS_TOPIC,

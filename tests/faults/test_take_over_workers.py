@@ -11,13 +11,7 @@ from contextlib import ExitStack
 from harness import Bench, Process, eventually, to_kafka, to_ros
 from leave import Leave
 from numbers_to_kafka import LATCHED, published
-from taking_turns import (
-    STANDS_BY,
-    TAKES,
-    assert_each_once_in_order,
-    wait_for_all,
-    wait_for_order,
-)
+from taking_turns import STANDS_BY, TAKES, assert_each_once_in_order, wait_for_all, wait_for_order
 from workers import kill, pids, wait_until_gone
 
 ITS = 2  # the worker of the route; the first one has those to ROS

@@ -5,16 +5,7 @@ from itertools import islice, pairwise
 
 from harness import Bench, eventually, totals, values
 from numbers_to_ros import numbered
-from workers import (
-    Watched,
-    bridge,
-    kill,
-    pids,
-    sized,
-    stream,
-    there_and_back,
-    wait_until_gone,
-)
+from workers import Watched, bridge, kill, pids, sized, stream, there_and_back, wait_until_gone
 
 from ros2_kafka_bridge.route.counters import Snapshot, State, from_line
 

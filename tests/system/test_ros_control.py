@@ -9,15 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from harness import (
-    Bench,
-    Process,
-    eventually,
-    lines,
-    to_kafka,
-    to_ros,
-    wait_until_it_reads,
-)
+from harness import Bench, Process, eventually, lines, to_kafka, to_ros, wait_until_it_reads
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue

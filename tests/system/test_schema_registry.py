@@ -7,16 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from avro_messages import (
-    ROBOT,
-    STOP,
-    avro_bytes,
-    cdr_from,
-    fields_of,
-    framed,
-    json_text,
-    scope_of,
-)
+from avro_messages import ROBOT, STOP, avro_bytes, cdr_from, fields_of, framed, json_text, scope_of
 from confluent_kafka.schema_registry import (
     Schema,
     SchemaReference,

@@ -8,16 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from anew import (
-    Reader,
-    committed,
-    consumer,
-    fill,
-    make_anew,
-    reading_old,
-    reads_group,
-    topic_id,
-)
+from anew import Reader, committed, consumer, fill, make_anew, reading_old, reads_group, topic_id
 from confluent_kafka import ConsumerGroupTopicPartitions, TopicPartition
 from harness import Bench, eventually
 from patience import patient

@@ -110,9 +110,7 @@ def test_what_is_missing_is_told_until_it_comes_late() -> None:
         [('ros.gid', ROBOT.hex().encode()), ('ros.seq', None)],
     ],
 )
-def test_records_that_do_not_tell_their_place_pass_every_time(
-    headers: HeaderList | None,
-) -> None:
+def test_records_that_do_not_tell_their_place_pass_every_time(headers: HeaderList | None) -> None:
     other = Message(value=b'x', headers=headers)
     assert place_of(other) is None
     assert list(without_repeats([other, other])) == [other, other]

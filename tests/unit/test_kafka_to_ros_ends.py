@@ -10,11 +10,7 @@ from house_to_ros import IN_2001_MS, MINE, House
 from ros2_kafka_bridge import kafka_to_ros
 from ros2_kafka_bridge.endpoints import Record, Reports
 from ros2_kafka_bridge.errors import RouteError, TransportError
-from ros2_kafka_bridge.testing.memory import (
-    MemoryMessageSink,
-    MemoryRecord,
-    MemoryRecordSource,
-)
+from ros2_kafka_bridge.testing.memory import MemoryMessageSink, MemoryRecord, MemoryRecordSource
 
 pytestmark = pytest.mark.usefixtures('no_settle_time')
 
@@ -158,9 +154,7 @@ def test_guarantee_7_a_drain_waits_for_what_is_in_flight_also_where_kafka_fails_
     assert 'topic orders: shut out' in caplog.messages
 
 
-def test_what_still_comes_in_a_drain_is_given_back_unseen(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_still_comes_in_a_drain_is_given_back_unseen(monkeypatch: pytest.MonkeyPatch) -> None:
     house = House(MemoryMessageSink(acknowledging=False), drain_s=5)
     house.take(b'a')
     late = [[MemoryRecord(b'bad', 1)], [MemoryRecord(b'x', 0, 1), MemoryRecord(b'away', 2)]]

@@ -8,11 +8,7 @@ import pytest
 from house_to_kafka import House
 
 from ros2_kafka_bridge.endpoints import Message, Reports
-from ros2_kafka_bridge.errors import (
-    RecordTooLargeError,
-    RouteError,
-    TransportError,
-)
+from ros2_kafka_bridge.errors import RecordTooLargeError, RouteError, TransportError
 from ros2_kafka_bridge.route.counters import State
 from ros2_kafka_bridge.testing.memory import MemoryRecordSink
 from ros2_kafka_bridge.threads.pause import Pause

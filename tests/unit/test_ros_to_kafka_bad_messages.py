@@ -9,10 +9,7 @@ import pytest
 from house_to_kafka import House, encode
 
 from ros2_kafka_bridge.endpoints import HeaderList, Message
-from ros2_kafka_bridge.errors import (
-    RecordTooLargeError,
-    RouteError,
-)
+from ros2_kafka_bridge.errors import RecordTooLargeError, RouteError
 from ros2_kafka_bridge.formats import Encode
 from ros2_kafka_bridge.route.counters import State
 from ros2_kafka_bridge.route.type_hash import make_publisher_check

@@ -6,9 +6,7 @@ import pytest
 from house_to_kafka import House
 
 from ros2_kafka_bridge.endpoints import Message, Reports
-from ros2_kafka_bridge.errors import (
-    RouteError,
-)
+from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.threads.stop import Stop
 
 

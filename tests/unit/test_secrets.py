@@ -24,10 +24,7 @@ from ros2_kafka_bridge.config.registry import SchemaRegistrySettings
 from ros2_kafka_bridge.config.settings import Config, masked
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.kafka.errors import Client, translate
-from ros2_kafka_bridge.kafka.properties import (
-    KNOWN,
-    is_secret,
-)
+from ros2_kafka_bridge.kafka.properties import KNOWN, is_secret
 from ros2_kafka_bridge.kafka.property_check import property_problems
 from ros2_kafka_bridge.logs import lines as logs
 from ros2_kafka_bridge.process.config_diff import difference

@@ -11,9 +11,7 @@ from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.writer import without_value
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing
-from ros2_kafka_bridge.errors import (
-    RecordError,
-)
+from ros2_kafka_bridge.errors import RecordError
 
 
 def test_a_letter_of_a_type_in_a_folder_is_checked_without_its_package() -> None:

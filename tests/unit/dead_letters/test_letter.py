@@ -12,10 +12,7 @@ from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark, mar
 from ros2_kafka_bridge.dead_letters.shown import escaped, hex_lines, shortened, text_lines
 from ros2_kafka_bridge.dead_letters.writer import without_value
 from ros2_kafka_bridge.endpoints import HeaderList, Outgoing
-from ros2_kafka_bridge.errors import (
-    ConfigError,
-    RecordError,
-)
+from ros2_kafka_bridge.errors import ConfigError, RecordError
 
 NOW = datetime(2026, 1, 31, 12, tzinfo=UTC)
 

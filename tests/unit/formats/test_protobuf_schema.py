@@ -8,11 +8,7 @@ import pytest
 from command_line import finished
 from confluent_kafka.schema_registry.confluent import meta_pb2
 from google.protobuf import descriptor_pool, json_format
-from google.protobuf.descriptor_pb2 import (
-    DescriptorProto,
-    FileDescriptorProto,
-    FileDescriptorSet,
-)
+from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto, FileDescriptorSet
 from messages import cdr_of, new_message
 
 from ros2_kafka_bridge.config.formats import SchemaSettings

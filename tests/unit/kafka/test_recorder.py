@@ -18,9 +18,7 @@ def told(caplog: pytest.LogCaptureFixture) -> list[str]:
     return [record.getMessage().partition(' ago: ')[2] for record in caplog.records]
 
 
-def test_details_are_kept_and_what_is_more_is_passed_on(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_details_are_kept_and_what_is_more_is_passed_on(caplog: pytest.LogCaptureFixture) -> None:
     recorder = Recorder(logging.getLogger('client'))
     recorder.log(logging.DEBUG, FORM, 'FETCH', 'rdkafka#consumer-1', 'Fetch topic t [0]')
     recorder.log(logging.ERROR, FORM, 'FAIL', 'rdkafka#consumer-1', 'Connection refused')

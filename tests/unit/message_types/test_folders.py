@@ -240,9 +240,7 @@ def test_a_folder_without_messages_is_told(tmp_path: Path) -> None:
     assert 'no such folder' in (unknown_type('std_msgs/msg/String', [tmp_path / 'nowhere']) or '')
 
 
-def test_a_type_that_is_twice_in_a_folder_is_told_with_both_files(
-    harbour: Path,
-) -> None:
+def test_a_type_that_is_twice_in_a_folder_is_told_with_both_files(harbour: Path) -> None:
     write_package(harbour / 'old', 'acme_msgs', {'Hook': HOOK})
     with pytest.raises(ConfigError, match=r'Hook is both .*/acme_msgs/.* and .*/old/acme_msgs/'):
         type_names([harbour])

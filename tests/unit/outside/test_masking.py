@@ -2,10 +2,7 @@
 
 import pytest
 
-from ros2_kafka_bridge.errors import (
-    BridgeError,
-    ConfigError,
-)
+from ros2_kafka_bridge.errors import BridgeError, ConfigError
 from ros2_kafka_bridge.outside.masking import (
     finding,
     masked_address,

@@ -131,9 +131,7 @@ def test_a_route_of_which_nothing_is_known_is_stale(config: Config) -> None:
     assert found['status'].level is Level.OK
 
 
-def test_a_running_route_that_tells_nothing_is_stale_and_a_waiting_one_may(
-    config: Config,
-) -> None:
+def test_a_running_route_that_tells_nothing_is_stale_and_a_waiting_one_may(config: Config) -> None:
     running, waiting = snapshot('orders'), snapshot('status', state=State.WAITING)
     old = (RouteReport(1, 20.0, 0.0, running), RouteReport(1, 20.0, 0.0, waiting))
     found = said(config, told(routes=old))
@@ -152,9 +150,7 @@ def test_a_dead_worker_is_an_error_of_its_own_and_of_its_routes(config: Config) 
     assert 'it was killed' in found['orders'].message
 
 
-def test_a_bridge_that_was_deactivated_warns_and_its_workers_are_no_errors(
-    config: Config,
-) -> None:
+def test_a_bridge_that_was_deactivated_warns_and_its_workers_are_no_errors(config: Config) -> None:
     reason = 'the bridge is inactive'
     stopped = [one._replace(state=State.STOPPED, reason=reason) for one in both()]
     found = said(config, told(*stopped, pid=0, lifecycle=Lifecycle.INACTIVE))

@@ -253,9 +253,7 @@ def test_what_one_subscription_gives_is_kept_where_another_one_fails_guarantee_1
     assert all(reader.alive for reader in graph.readers)
 
 
-def test_a_subscription_that_fails_again_and_again_is_made_anew_guarantee_5(
-    graph: Graph,
-) -> None:
+def test_a_subscription_that_fails_again_and_again_is_made_anew_guarantee_5(graph: Graph) -> None:
     graph.peers = [peer(VOLATILE, 'volatile')]
     source = make(graph)
     look(source)

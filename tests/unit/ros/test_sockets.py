@@ -23,9 +23,7 @@ def listening(monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
         yield found
 
 
-def test_the_room_of_a_socket_that_listens_in_the_domain_is_told(
-    listening: socket.socket,
-) -> None:
+def test_the_room_of_a_socket_that_listens_in_the_domain_is_told(listening: socket.socket) -> None:
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 30_000)
     # Linux takes twice as much, for what it notes of each packet.
     assert receive_buffer_bytes(DOMAIN) == 60_000

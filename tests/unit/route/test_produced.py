@@ -211,9 +211,7 @@ def test_a_message_without_a_time_is_sent_and_nothing_is_read_for_it() -> None:
     assert tail.reads == 0
 
 
-def test_what_cannot_be_read_in_time_is_gone_on_without(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_what_cannot_be_read_in_time_is_gone_on_without(caplog: pytest.LogCaptureFixture) -> None:
     """Else a stranger with records that take long to read would keep a publisher out for ever."""
     tail = UnreadTail(rows(1000))
     tail.is_cut = True

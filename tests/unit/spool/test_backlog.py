@@ -128,9 +128,7 @@ def test_a_message_that_only_the_broker_finds_too_large_becomes_a_dead_letter_fr
     assert (h.numbers(), h.count('dead_lettered')) == ([1, 3], 1)
 
 
-def test_what_a_latched_publisher_sends_again_is_skipped_while_it_is_on_disk(
-    house: Make,
-) -> None:
+def test_what_a_latched_publisher_sends_again_is_skipped_while_it_is_on_disk(house: Make) -> None:
     h = house(away=True)
     h.take(1, 2, 3)
     h.crash()

@@ -22,9 +22,7 @@ def test_nothing_is_said_of_robots_that_do_as_they_are_told(watched: Watched) ->
     assert (watched.report.blocked, watched.report.halted, watched.actions) == ((), '', [])
 
 
-def test_a_silent_robot_is_closed_off_with_the_cell_that_it_may_drive_to(
-    watched: Watched,
-) -> None:
+def test_a_silent_robot_is_closed_off_with_the_cell_that_it_may_drive_to(watched: Watched) -> None:
     watched.order((0, 0), (1, 0))
     watched.wait()
     watched.absent.add('a')

@@ -96,9 +96,7 @@ def test_an_order_that_was_carried_out_is_no_order_to_drive_on(watched: Watched)
     assert watched.wait(20) == []
 
 
-def test_a_robot_is_delayed_then_stalled_and_well_again_after_even_moves(
-    watched: Watched,
-) -> None:
+def test_a_robot_is_delayed_then_stalled_and_well_again_after_even_moves(watched: Watched) -> None:
     watched.change(driving=True, node_states=('1,0',))
     said = watched.wait(4)
     for column in (1, 2, 3):

@@ -173,9 +173,7 @@ def test_a_command_counts_once(watched: Watched) -> None:
     assert watched.report.halted == ''
 
 
-def test_a_broken_rule_stops_all_until_it_is_acknowledged_and_resumed(
-    watched: Watched,
-) -> None:
+def test_a_broken_rule_stops_all_until_it_is_acknowledged_and_resumed(watched: Watched) -> None:
     report = ValidatorReport(3, 3, (Violation(3, 'vertex', 'a and b at 1,1', ('a', 'b')),))
     watched.monitor.check(report)
     said = watched.wait()

@@ -49,9 +49,7 @@ def test_a_charger_that_does_not_charge_is_not_used_for_a_while(watched: Watched
     assert watched.report.faulty_chargers == ()
 
 
-def test_a_pick_that_waits_for_a_retry_is_tried_again_and_then_given_up(
-    watched: Watched,
-) -> None:
+def test_a_pick_that_waits_for_a_retry_is_tried_again_and_then_given_up(watched: Watched) -> None:
     pick = ActionState('o/1#0:pick', 'pick', ActionStatus.RETRIABLE, 'slipped')
     watched.change(action_states=(pick,))
     watched.wait(16)
@@ -95,18 +93,14 @@ def test_the_error_and_the_failed_action_are_one_failure(watched: Watched) -> No
     assert len({event.failure_id for event in watched.events}) == 1
 
 
-def test_a_load_above_what_the_type_carries_stops_nobody_from_being_told(
-    watched: Watched,
-) -> None:
+def test_a_load_above_what_the_type_carries_stops_nobody_from_being_told(watched: Watched) -> None:
     watched.change(loads=(Load('o/1', 'anvil', 99.0),))
 
     assert 'FailureDiagnosed OVERWEIGHT' in watched.wait()
     assert watched.events[0].evidence == 'carries 99 kg, more than 30 kg'
 
 
-def test_the_time_to_the_robot_that_takes_over_can_be_seen_from_events(
-    watched: Watched,
-) -> None:
+def test_the_time_to_the_robot_that_takes_over_can_be_seen_from_events(watched: Watched) -> None:
     watched.monitor.know(Tasks(1, (a_task(),)))
     watched.change(loads=(Load('o/1'),))
     watched.wait()
