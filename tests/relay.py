@@ -1,7 +1,7 @@
 """A way to a broker that forgets connections without a word, as a firewall does."""
 
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Thread
@@ -11,16 +11,20 @@ from ros2_kafka_bridge.testing.local_kafka import HOST, LocalKafka, free_port
 
 _CHUNK_BYTES = 65_536
 
+Begin = Callable[[socket.socket, socket.socket], None]
+
 
 class Relay:
     """Passes bytes on between clients and a server; `with` opens and ends it.
 
     Args:
         to_port: Where the server listens, on this machine.
+        begin: Gets the two ends of each connection, where somebody else is to pass on.
     """
 
-    def __init__(self, to_port: int) -> None:
+    def __init__(self, to_port: int, begin: Begin | None = None) -> None:
         self._to_port = to_port
+        self._begin = begin or self._pass_on
         self._server = socket.create_server((HOST, 0))
         self._ways: list[_Way] = []
 
@@ -63,6 +67,9 @@ class Relay:
         except OSError:  # the server is not up
             client.close()
             return
+        self._begin(client, server)
+
+    def _pass_on(self, client: socket.socket, server: socket.socket) -> None:
         self._ways.append(_Way(client, server))
 
 

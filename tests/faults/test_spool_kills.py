@@ -7,7 +7,7 @@ The guarantees are those of docs: 2 at least once, 3 order, 4 full means wait, 6
 import logging
 
 import pytest
-from harness import Bench, eventually, headers, totals
+from harness import Bench, Process, eventually, headers, totals
 from leave import Leave
 from numbers_to_kafka import LATCHED, knock
 from spooled import RATE, WINDOW, arrived, file, numbers, on_disk, route
@@ -27,6 +27,16 @@ def spooled(bench: Bench) -> list[int]:
         spool.close()
 
 
+def dies_with_all_on_disk(
+    bench: Bench, kafka: LocalKafka, bridge: Process, leave: Leave, count: int
+) -> None:
+    """Kafka first, then the bridge, once all that is published is on its disk."""
+    leave.set_off(count)
+    kafka.kill()
+    eventually(lambda: newest_on_disk(file(bench)) == count, 120, bridge.output)
+    bridge.kill()
+
+
 @pytest.mark.kills_kafka
 def test_sigkill_while_kafka_is_away_costs_nothing_of_what_was_taken_guarantees_2_3_8(
     own_bench: Bench, own_kafka: LocalKafka, own_topic: str
@@ -35,15 +45,11 @@ def test_sigkill_while_kafka_is_away_costs_nothing_of_what_was_taken_guarantees_
     config = own_bench.config([route(own_bench, own_topic)])
     leave = Leave(own_bench.place)
     options = (*leave.options, '--count', str(count), '--rate', str(RATE))
-    with own_bench.publisher('/orders', *options) as publisher:
+    with own_bench.publisher('/orders', *options):
         with own_bench.bridge(config) as bridge:
             leave.up_to(500)
             eventually(lambda: arrived(own_bench, own_topic) == 500, 60, bridge.output)
-            leave.set_off(count)
-            own_kafka.kill()
-            publisher.wait_for('published')
-            eventually(lambda: newest_on_disk(file(own_bench)) == count, 60, bridge.output)
-            bridge.kill()
+            dies_with_all_on_disk(own_bench, own_kafka, bridge, leave, count)
         with own_bench.drained(config) as bridge:
             bridge.wait_for('the spool holds')
             own_kafka.start()
@@ -116,15 +122,11 @@ def test_a_latched_publisher_and_a_spool_repeat_nothing_guarantees_2_8(
     config = own_bench.config([route(own_bench, own_topic)])
     leave = Leave(own_bench.place)
     options = (*LATCHED, *leave.options, '--count', str(count), '--rate', str(RATE))
-    with own_bench.publisher('/orders', *options) as publisher:
+    with own_bench.publisher('/orders', *options):
         with own_bench.bridge(config) as bridge:
             leave.up_to(300)
             eventually(lambda: arrived(own_bench, own_topic) == 300, 60, bridge.output)
-            leave.set_off(count)
-            own_kafka.kill()
-            publisher.wait_for('published')
-            eventually(lambda: newest_on_disk(file(own_bench)) == count, 60, bridge.output)
-            bridge.kill()
+            dies_with_all_on_disk(own_bench, own_kafka, bridge, leave, count)
         own_kafka.start()
         with own_bench.drained(config) as bridge:
             bridge.wait_for('the spool is empty again', timeout_s=60)

@@ -3,9 +3,9 @@
 import signal
 from pathlib import Path
 
-import pytest
-from harness import Bench, to_kafka, to_ros, values
+from harness import Bench, to_kafka, values
 from pages import fenced
+from workers import there_and_back
 
 from rig.processes import Process, Programs, ros_here
 
@@ -24,14 +24,6 @@ node = rclpy.create_node('mine')
 """
 
 
-@pytest.fixture
-def returned(bench: Bench, topic_name: str) -> str:
-    """Where what is in `topic_name` comes back to."""
-    topic = f'{topic_name}.returned'
-    bench.create_topic(topic_name, topic)
-    return topic
-
-
 def of_the_page() -> str:
     [found] = [text for text in fenced('docs/python.md', 'python') if 'Bridge(' in text]
     return found
@@ -45,36 +37,31 @@ def program(bench: Bench, config: Path, text: str) -> Process:
     return here.python('program', '-P', str(file), str(config))
 
 
-def both_ways(topic_name: str, returned: str) -> list[dict[str, object]]:
-    return [to_ros(topic_name, '/orders'), to_kafka('/orders', returned)]
-
-
-def move_orders(bench: Bench, running: Process, topic_name: str, returned: str) -> None:
+def move_orders(bench: Bench, running: Process, topic: str, returned: str) -> None:
     running.wait_for('subscribes to /orders')
-    bench.produce(topic_name, ORDERS)
+    bench.produce(topic, ORDERS)
     assert values(bench.records(returned, len(ORDERS))) == ORDERS
 
 
 def test_the_program_of_the_page_moves_orders_both_ways_and_is_stopped(
-    bench: Bench, topic_name: str, returned: str
+    bench: Bench, topic: str, returned: str
 ) -> None:
     """What is the command's business, workers and monitoring, it passes over."""
-    routes = both_ways(topic_name, returned)
-    config = bench.config(routes, workers=2, monitoring={'listen': 'off'})
+    config = bench.config(there_and_back(topic), workers=2, monitoring={'listen': 'off'})
     with program(bench, config, of_the_page()) as running:
-        move_orders(bench, running, topic_name, returned)
+        move_orders(bench, running, topic, returned)
         running.wait_for(f'to_kafka running {len(ORDERS)} ')
         assert running.end() == 0, running.output()
     assert f'bridge {bench.name} runs 2 routes' in running.output()
-    assert bench.committed(bench.group, topic_name) == len(ORDERS)
+    assert bench.committed(bench.group, topic) == len(ORDERS)
 
 
 def test_ctrl_c_in_a_run_of_the_main_thread_is_a_drain(
-    bench: Bench, topic_name: str, returned: str
+    bench: Bench, topic: str, returned: str
 ) -> None:
-    config = bench.config(both_ways(topic_name, returned))
+    config = bench.config(there_and_back(topic))
     with program(bench, config, IN_THE_MAIN_THREAD) as running:
-        move_orders(bench, running, topic_name, returned)
+        move_orders(bench, running, topic, returned)
         running.send(signal.SIGINT)
         assert running.wait() == -signal.SIGINT, running.output()
     said = f'stopped: {len(ORDERS)} taken, {len(ORDERS)} confirmed'
@@ -82,11 +69,11 @@ def test_ctrl_c_in_a_run_of_the_main_thread_is_a_drain(
 
 
 def test_ctrl_c_twice_ends_at_once_and_crashes_nothing(
-    bench: Bench, topic_name: str, returned: str
+    bench: Bench, topic: str, returned: str
 ) -> None:
-    config = bench.config(both_ways(topic_name, returned))
+    config = bench.config(there_and_back(topic))
     with program(bench, config, IN_THE_MAIN_THREAD) as running:
-        move_orders(bench, running, topic_name, returned)
+        move_orders(bench, running, topic, returned)
         running.send(signal.SIGINT)
         running.wait_for('stopping: draining')
         running.send(signal.SIGINT)

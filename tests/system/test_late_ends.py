@@ -5,11 +5,11 @@ import socket
 from contextlib import suppress
 from pathlib import Path
 from threading import Thread
-from typing import Final, Self
+from typing import Final
 
 from harness import Bench, values
 from letters import written_one_by_one
-from relay import node_behind
+from relay import Relay, node_behind
 
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.kafka.transactions import Parcel, Send
@@ -28,31 +28,10 @@ class LateEnd:
 
     def __init__(self, behind: int) -> None:
         self._behind = behind
-        self._server = socket.create_server((HOST, 0))
-        self.port = int(self._server.getsockname()[1])
         self._kept = b''
         self.ends = 0
 
-    def __enter__(self) -> Self:
-        Thread(target=self._accept, daemon=True).start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        # What comes once Kafka is gone would fail in the midst of another test.
-        self._server.shutdown(socket.SHUT_RDWR)
-        self._server.close()
-
-    def _accept(self) -> None:
-        with suppress(OSError):  # it is closed
-            while True:
-                self._let_through(self._server.accept()[0])
-
-    def _let_through(self, client: socket.socket) -> None:
-        try:
-            server = socket.create_connection((HOST, self._behind))
-        except OSError:  # Kafka is gone
-            client.close()
-            return
+    def begin(self, client: socket.socket, server: socket.socket) -> None:
         Thread(target=self._ask, args=(client, server), daemon=True).start()
         Thread(target=self._answer, args=(server, client), daemon=True).start()
 
@@ -93,12 +72,13 @@ def test_an_end_that_comes_late_leaves_the_next_transaction_whole(
         [Parcel(number, [Send(Outgoing(topic_name, None, value, []), 0)]) for number, value in job]
         for job in map(enumerate, jobs)
     ]
+    late = LateEnd(behind)
     with (
-        LateEnd(behind) as way,
+        Relay(behind, late.begin) as way,
         node_behind(tmp_path / 'kafka', behind, way.port) as node,
         contextlib.closing(Bench(tmp_path, node.bootstrap_servers, ros_domain)) as bench,
     ):
         bench.create_topic(topic_name, max_message_bytes='1000')
-        written_one_by_one({'bootstrap.servers': f'{HOST}:{way.port}'}, topic_name, parcels)
+        written_one_by_one({'bootstrap.servers': way.address}, topic_name, parcels)
         assert values(bench.records(topic_name, 2)) == [b'first', b'small']
-    assert way.ends >= 3
+    assert late.ends >= 3

@@ -25,10 +25,7 @@ def test_an_allocator_of_ones_own_serves_in_the_place_of_ours(
         assert warehouse.pids('task_allocator') == []
         requests = warehouse.requests(3)
         warehouse.send(requests)
-        warehouse.wait_for_ends(requests)
-        assert set(warehouse.ends().values()) == {OrderStatus.DELIVERED}
-        warehouse.assert_each_line_was_delivered_once(requests)
-        assert own.running, own.output()
+        _all_are_delivered(warehouse, requests, own)
 
 
 def test_the_driver_of_a_robot_serves_in_the_place_of_the_simulated_fleet(
@@ -46,10 +43,7 @@ def test_the_driver_of_a_robot_serves_in_the_place_of_the_simulated_fleet(
             assert 'too late, is not done: pause' in log.read_text()
             requests = [_light_order(warehouse, number) for number in range(2)]
             warehouse.send(requests)
-            warehouse.wait_for_ends(requests)
-            assert set(warehouse.ends().values()) == {OrderStatus.DELIVERED}
-            warehouse.assert_each_line_was_delivered_once(requests)
-            assert own.running, own.output()
+            _all_are_delivered(warehouse, requests, own)
 
 
 def test_the_driver_of_a_robot_that_is_killed_on_the_move_goes_on_where_it_was(
@@ -67,10 +61,14 @@ def test_the_driver_of_a_robot_that_is_killed_on_the_move_goes_on_where_it_was(
             eventually(lambda: own_bench.end_offset('warehouse.robots') >= after, 60)
             own.kill()
         with Process(command, tmp_path / 'own.log', own_bench.environ) as own:
-            warehouse.wait_for_ends(requests)
-            assert set(warehouse.ends().values()) == {OrderStatus.DELIVERED}
-            warehouse.assert_each_line_was_delivered_once(requests)
-            assert own.running, own.output()
+            _all_are_delivered(warehouse, requests, own)
+
+
+def _all_are_delivered(warehouse: Warehouse, requests: list[OrderRequest], own: Process) -> None:
+    warehouse.wait_for_ends(requests)
+    assert set(warehouse.ends().values()) == {OrderStatus.DELIVERED}
+    warehouse.assert_each_line_was_delivered_once(requests)
+    assert own.running, own.output()
 
 
 def _driver(warehouse: Warehouse) -> list[str]:

@@ -57,6 +57,16 @@ def fill(place: Path) -> Path:
     return file_of(place, 'bridge', 'route')
 
 
+def killed(tmp_path: Path) -> Path:
+    """The files of a hundred messages as a bridge leaves them that is killed."""
+    source, place = tmp_path / 'source', tmp_path / 'killed'
+    place.mkdir()
+    with opened(source, 100):
+        for file in source.iterdir():
+            (place / file.name).write_bytes(file.read_bytes())
+    return place
+
+
 def test_it_shows_what_waits_and_where_it_goes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -92,12 +102,7 @@ def test_it_looks_on_while_a_bridge_uses_the_spool(
 def test_it_touches_nothing_of_a_spool_whose_bridge_was_killed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source, place = tmp_path / 'source', tmp_path / 'killed'
-    place.mkdir()
-    with opened(source) as spool:
-        spool.append(rows(1, 100))
-        for file in source.iterdir():
-            (place / file.name).write_bytes(file.read_bytes())
+    place = killed(tmp_path)
     for _ in range(2):  # with the index of the log, then without it
         before = files(place)
         status, (seen,) = as_json(place, capsys)
@@ -129,12 +134,7 @@ def test_without_a_directory_for_a_copy_it_says_which_is_missing(
 def test_what_a_damaged_log_costs_is_said_and_it_is_left_as_it_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source, place = tmp_path / 'source', tmp_path / 'killed'
-    place.mkdir()
-    with opened(source) as spool:
-        spool.append(rows(1, 100))
-        for file in source.iterdir():
-            (place / file.name).write_bytes(file.read_bytes())
+    place = killed(tmp_path)
     log = place / 'bridge.route.spool-wal'
     log.write_bytes(b'\0' + log.read_bytes()[1:])
     before = files(place)

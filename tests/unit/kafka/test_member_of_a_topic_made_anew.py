@@ -72,8 +72,12 @@ class House:
         ]
 
 
+Make = Callable[..., House]
+"""Makes a house, with the ids that its topic has in turn."""
+
+
 @pytest.fixture
-def house(monkeypatch: pytest.MonkeyPatch) -> Callable[..., House]:
+def house(monkeypatch: pytest.MonkeyPatch) -> Make:
     def make(*ids: TopicId | None) -> House:
         made = House(*ids)
         monkeypatch.setattr(group_client, 'Consumer', lambda *_, **__: made.next_client())
@@ -94,16 +98,14 @@ def told(code: int, offset: int, partition: int = 0) -> MagicMock:
     return message
 
 
-def test_offsets_of_a_topic_that_is_gone_are_not_begun_at(house: Callable[..., House]) -> None:
+def test_offsets_of_a_topic_that_is_gone_are_not_begun_at(house: Make) -> None:
     h = house(NEW)
     h.assign(stored(20, OLD), stored(7, NEW, 1), stored(9, None, 2))
     assert {0: OFFSET_BEGINNING}.items() <= h.assigned.items()
     assert h.assigned[1] == h.assigned[2] == OFFSET_INVALID
 
 
-def test_what_was_lost_of_a_topic_that_is_gone_is_not_gone_on_with(
-    house: Callable[..., House],
-) -> None:
+def test_what_was_lost_of_a_topic_that_is_gone_is_not_gone_on_with(house: Make) -> None:
     """Its client was given up meanwhile, and nobody had read on."""
     h = house(OLD, NEW)
     h.assign(stored(20, OLD))
@@ -117,9 +119,7 @@ def test_what_was_lost_of_a_topic_that_is_gone_is_not_gone_on_with(
     assert not h.committed()
 
 
-def test_what_was_lost_is_gone_on_with_also_where_the_group_says_of_no_topic(
-    house: Callable[..., House],
-) -> None:
+def test_what_was_lost_is_gone_on_with_also_where_the_group_says_of_no_topic(house: Make) -> None:
     """As at the first start after an upgrade."""
     h = house(OLD)
     h.assign(stored(20, None))
@@ -132,9 +132,7 @@ def test_what_was_lost_is_gone_on_with_also_where_the_group_says_of_no_topic(
     assert h.committed() == [(0, 30, OLD)]
 
 
-def test_a_topic_made_anew_takes_another_client_and_is_begun_at_0(
-    house: Callable[..., House],
-) -> None:
+def test_a_topic_made_anew_takes_another_client_and_is_begun_at_0(house: Make) -> None:
     h = house(OLD, NEW)
     h.assign(stored(20, OLD), stored(5, OLD, 1))
     h.source._member._watch.on_metadata(0.0)
@@ -147,9 +145,7 @@ def test_a_topic_made_anew_takes_another_client_and_is_begun_at_0(
     assert len(h.clients) == 2
 
 
-def test_a_stop_tells_the_group_to_begin_at_0_of_a_topic_made_anew(
-    house: Callable[..., House],
-) -> None:
+def test_a_stop_tells_the_group_to_begin_at_0_of_a_topic_made_anew(house: Make) -> None:
     h = house(OLD, NEW)
     h.assign(stored(20, OLD))
     assert h.source.commit_now(1.0)
@@ -158,7 +154,7 @@ def test_a_stop_tells_the_group_to_begin_at_0_of_a_topic_made_anew(
     assert h.route.mock_calls == [call.detached(frozenset({0}))]
 
 
-def test_nothing_of_a_batch_counts_once_its_client_has_left(house: Callable[..., House]) -> None:
+def test_nothing_of_a_batch_counts_once_its_client_has_left(house: Make) -> None:
     h = house(OLD, NEW)
     h.assign(stored(20, OLD), stored(5, OLD, 1))
     h.client.poll.return_value = _Record(b'', 5, 1)
@@ -173,7 +169,7 @@ def test_nothing_of_a_batch_counts_once_its_client_has_left(house: Callable[...,
     h.source.poll(10, 0.0)  # what the old client said fails nothing
 
 
-def test_offsets_that_cannot_be_asked_for_end_the_run(house: Callable[..., House]) -> None:
+def test_offsets_that_cannot_be_asked_for_end_the_run(house: Make) -> None:
     """Of which topic they are is not known: the next run asks again."""
     h = house(NEW)
     h.client.committed.side_effect = KafkaException(KafkaError(KafkaError._TIMED_OUT))
@@ -183,7 +179,7 @@ def test_offsets_that_cannot_be_asked_for_end_the_run(house: Callable[..., House
 
 
 def test_a_partition_whose_offsets_went_with_its_topic_is_committed_as_it_begins_anew(
-    house: Callable[..., House],
+    house: Make,
 ) -> None:
     """Without an offset, the next life would begin where `start` says, and pass over the rest."""
     h = house(NEW, NEW)

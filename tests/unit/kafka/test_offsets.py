@@ -18,6 +18,9 @@ from ros2_kafka_bridge.testing.memory import MemoryRecord
 
 HERE = frozenset({0, 1})
 
+Make = Callable[..., KafkaSource]
+"""Makes a source whose client reads what is given."""
+
 
 def having(*numbers: int) -> Offsets:
     offsets = Offsets('t', MagicMock())
@@ -203,7 +206,7 @@ class _Record(MemoryRecord):
 
 
 @pytest.fixture
-def source(monkeypatch: pytest.MonkeyPatch) -> Callable[..., KafkaSource]:
+def source(monkeypatch: pytest.MonkeyPatch) -> Make:
     """Makes a source whose client reads what is given, with the partitions 0 and 1."""
 
     def make(*batch: Any) -> KafkaSource:
@@ -218,9 +221,7 @@ def source(monkeypatch: pytest.MonkeyPatch) -> Callable[..., KafkaSource]:
     return make
 
 
-def test_an_end_behind_records_of_the_same_batch_commits_none_of_them(
-    source: Callable[..., KafkaSource],
-) -> None:
+def test_an_end_behind_records_of_the_same_batch_commits_none_of_them(source: Make) -> None:
     reads = source(_Record(b'', 3), _Record(b'', 4), told(KafkaError._PARTITION_EOF, 6))
     assert len(reads.poll(10, 0.0)) == 2
     assert reads._offsets.positions == {0: 3}
@@ -229,7 +230,7 @@ def test_an_end_behind_records_of_the_same_batch_commits_none_of_them(
 
 
 def test_what_was_handed_over_in_the_middle_of_a_batch_is_not_given_to_the_route(
-    source: Callable[..., KafkaSource],
+    source: Make,
 ) -> None:
     reads = source(_Record(b'mine no more', 3, 0))
 
@@ -243,7 +244,7 @@ def test_what_was_handed_over_in_the_middle_of_a_batch_is_not_given_to_the_route
 
 
 def test_what_was_read_before_a_partition_was_lost_and_given_back_counts_for_nothing(
-    source: Callable[..., KafkaSource],
+    source: Make,
 ) -> None:
     """The client calls back in the middle of a read, behind the first that it has told."""
     reads = source(told(KafkaError._PARTITION_EOF, 100))
@@ -260,7 +261,7 @@ def test_what_was_read_before_a_partition_was_lost_and_given_back_counts_for_not
 
 
 def test_how_far_a_reader_is_behind_is_not_known_without_a_place_in_its_group(
-    source: Callable[..., KafkaSource],
+    source: Make,
 ) -> None:
     reads = source(told(KafkaError._PARTITION_EOF, 100))
     watchdog = reads._member._watchdog
@@ -276,9 +277,7 @@ def test_how_far_a_reader_is_behind_is_not_known_without_a_place_in_its_group(
     assert reads.answers is False
 
 
-def test_an_end_of_which_the_offset_is_not_told_is_not_the_beginning(
-    source: Callable[..., KafkaSource],
-) -> None:
+def test_an_end_of_which_the_offset_is_not_told_is_not_the_beginning(source: Make) -> None:
     end = told(KafkaError._PARTITION_EOF, 0)
     end.offset.return_value = None
     reads = source(end)
@@ -286,15 +285,13 @@ def test_an_end_of_which_the_offset_is_not_told_is_not_the_beginning(
     assert reads._offsets.uncommitted == {}
 
 
-def test_an_error_that_names_no_partition_of_its_own_counts(
-    source: Callable[..., KafkaSource],
-) -> None:
+def test_an_error_that_names_no_partition_of_its_own_counts(source: Make) -> None:
     reads = source(told(KafkaError._ALL_BROKERS_DOWN, -1, -1))
     assert reads.poll(10, 0.0) == []
     assert 'Kafka is away' in reads.away
 
 
-def test_the_lag_is_not_known_while_kafka_is_away(source: Callable[..., KafkaSource]) -> None:
+def test_the_lag_is_not_known_while_kafka_is_away(source: Make) -> None:
     """What its client was told before may be hours old."""
     reads = source(told(KafkaError._PARTITION_EOF, 100))
     reads._member._watchdog.on_assign()
@@ -308,7 +305,7 @@ def test_the_lag_is_not_known_while_kafka_is_away(source: Callable[..., KafkaSou
 
 
 def test_a_client_that_a_quota_lets_wait_says_so_and_is_not_taken_for_a_stuck_one(
-    source: Callable[..., KafkaSource],
+    source: Make,
 ) -> None:
     reads = source(None)
     member = reads._member
@@ -328,9 +325,7 @@ def test_a_client_that_a_quota_lets_wait_says_so_and_is_not_taken_for_a_stuck_on
     assert reads.held_back == '', 'nothing is asked for meanwhile'
 
 
-def test_a_report_of_a_broker_that_is_there_brings_kafka_back(
-    source: Callable[..., KafkaSource],
-) -> None:
+def test_a_report_of_a_broker_that_is_there_brings_kafka_back(source: Make) -> None:
     reads = source(None)
     reads._health.on_error(KafkaError(KafkaError._ALL_BROKERS_DOWN))
     report = reads._member.client._on_statistics

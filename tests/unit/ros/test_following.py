@@ -131,12 +131,18 @@ def look(source: RosSource) -> list[int]:
     return [message.seq for message in source.take(500, 0.0)]
 
 
+def following(graph: Graph, *peers: Peer) -> RosSource:
+    """A source that has seen these publishers."""
+    graph.peers = list(peers)
+    source = make(graph)
+    look(source)
+    return source
+
+
 def test_a_subscription_closes_only_when_it_is_empty_after_its_publisher_has_gone(
     graph: Graph,
 ) -> None:
-    graph.peers = [peer(LATCHED, 'transient_local'), peer(VOLATILE, 'volatile')]
-    source = make(graph)
-    look(source)
+    source = following(graph, peer(LATCHED, 'transient_local'), peer(VOLATILE, 'volatile'))
     volatile = graph.reader('volatile')
     volatile.give(VOLATILE, *range(1, 1001))
     graph.peers.pop()
@@ -238,9 +244,7 @@ def test_it_is_exhausted_only_when_every_reader_gave_less_than_asked(graph: Grap
 def test_what_one_subscription_gives_is_kept_where_another_one_fails_guarantee_1(
     graph: Graph,
 ) -> None:
-    graph.peers = [peer(LATCHED, 'transient_local'), peer(VOLATILE, 'volatile')]
-    source = make(graph)
-    look(source)
+    source = following(graph, peer(LATCHED, 'transient_local'), peer(VOLATILE, 'volatile'))
     graph.reader('transient_local').broken = RCLError('out of memory, at ./rcl.c:1')
     graph.reader('volatile').give(VOLATILE, 1, 2)
     assert look(source) == [1, 2]
@@ -254,9 +258,7 @@ def test_what_one_subscription_gives_is_kept_where_another_one_fails_guarantee_1
 
 
 def test_a_subscription_that_fails_again_and_again_is_made_anew_guarantee_5(graph: Graph) -> None:
-    graph.peers = [peer(VOLATILE, 'volatile')]
-    source = make(graph)
-    look(source)
+    source = following(graph, peer(VOLATILE, 'volatile'))
     broken = graph.reader('volatile')
     broken.broken = RCLError('invalid')
     broken.give(VOLATILE, 1)
@@ -272,9 +274,7 @@ def test_a_subscription_that_fails_again_and_again_is_made_anew_guarantee_5(grap
 def test_a_subscription_that_cannot_be_made_anew_is_kept(
     graph: Graph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    graph.peers = [peer(VOLATILE, 'volatile')]
-    source = make(graph)
-    look(source)
+    source = following(graph, peer(VOLATILE, 'volatile'))
     broken = graph.reader('volatile')
     broken.give(VOLATILE, 1)
     broken.broken = RCLError('no memory')
@@ -313,9 +313,7 @@ def test_what_went_with_a_subscription_is_not_said_to_be_the_publishers_fault(
 def test_a_take_that_fails_in_the_middle_has_not_emptied_its_reader_guarantees_1_7(
     graph: Graph,
 ) -> None:
-    graph.peers = [peer(VOLATILE, 'volatile')]
-    source = make(graph)
-    look(source)
+    source = following(graph, peer(VOLATILE, 'volatile'))
     reader = graph.reader('volatile')
     reader.give(VOLATILE, *range(1, 11))
     reader.breaks_after = 2
@@ -334,9 +332,7 @@ def test_a_take_that_fails_in_the_middle_has_not_emptied_its_reader_guarantees_1
 def test_what_was_taken_is_kept_where_the_graph_cannot_be_asked_for_its_publisher_guarantee_1(
     graph: Graph,
 ) -> None:
-    graph.peers = [peer(VOLATILE, 'volatile')]
-    source = make(graph)
-    look(source)
+    source = following(graph, peer(VOLATILE, 'volatile'))
     graph.reader('volatile').give(b'U' * 16, 1, 2)
     graph.problem = RouteError('publishers of /t: no')
     for _ in range(2):

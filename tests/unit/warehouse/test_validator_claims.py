@@ -75,12 +75,18 @@ class Story:
         return [violation.rule for violation in report.violations]
 
 
+def begun(steps: int = 1) -> Story:
+    """What was ordered is a task, and a robot has come to it."""
+    story = Story(order(), TASK)
+    story.see(EMPTY, steps=steps)
+    return story
+
+
 # Tasks and orders
 
 
 def test_a_task_as_it_was_ordered_breaks_nothing() -> None:
-    story = Story(order(), TASK)
-    story.see(EMPTY, steps=LONG)
+    story = begun(LONG)
     story.see(LOADED)
     story.say(CARRIED)
     story.see(LOADED, steps=LONG)
@@ -108,8 +114,7 @@ def test_a_task_that_is_not_what_was_ordered_is_found_once(
 
 
 def test_a_wrong_task_that_is_delivered_and_gone_at_once_is_found() -> None:
-    story = Story(order(), TASK)
-    story.see(EMPTY, steps=2)
+    story = begun(2)
     story.say(replace(TASK, delivery=RETURNS, status=TaskStatus.ASSIGNED))
     story.see(EMPTY, steps=2)
     story.want(None)
@@ -119,8 +124,7 @@ def test_a_wrong_task_that_is_delivered_and_gone_at_once_is_found() -> None:
 
 
 def test_a_load_that_is_left_of_an_ended_order_need_not_be_as_it_was_ordered() -> None:
-    story = Story(order(), TASK)
-    story.see(EMPTY, steps=2)
+    story = begun(2)
     story.want(None)
     story.see(EMPTY, steps=2)
     story.say(replace(TASK, quantity=2, released_s=0.0))  # by an organizer that starts anew
@@ -129,8 +133,7 @@ def test_a_load_that_is_left_of_an_ended_order_need_not_be_as_it_was_ordered() -
 
 
 def test_what_the_desk_writes_into_a_line_was_not_ordered() -> None:
-    story = Story(order(), TASK)
-    story.see(EMPTY)
+    story = begun()
     story.say(replace(CARRIED, quantity=2, weight_kg=2.0))
     story.want(order(quantity=2))
     story.see(replace(LOADED, loads=(Load('1/tea', 'tea', 2.0),)), steps=QUIET + 2)
@@ -148,8 +151,7 @@ def test_a_change_and_its_task_may_be_heard_in_any_order(
     changed: Order, new: dict[str, Any]
 ) -> None:
     for first in ('order', 'task'):
-        story = Story(order(), TASK)
-        story.see(EMPTY, steps=LONG)
+        story = begun(LONG)
         for said in (first, 'order' if first == 'task' else 'task'):
             if said == 'order':
                 story.want(changed)
@@ -162,8 +164,7 @@ def test_a_change_and_its_task_may_be_heard_in_any_order(
 
 @pytest.mark.parametrize('changed', [changed for changed, _ in CHANGES])
 def test_a_change_that_is_ignored_is_found_when_the_task_goes_on(changed: Order) -> None:
-    story = Story(order(), TASK)
-    story.see(EMPTY, steps=2)
+    story = begun(2)
     story.want(changed)
     story.see(EMPTY, steps=LONG)
     story.say(replace(TASK, status=TaskStatus.ASSIGNED, robot='a'))
@@ -176,8 +177,7 @@ def test_a_change_that_is_ignored_is_found_when_the_task_goes_on(changed: Order)
     'touched', [CARRIED, replace(TASK, stranded=True), replace(TASK, attempt=1)]
 )
 def test_a_change_that_comes_after_the_pick_is_too_late(touched: Task, changed: Order) -> None:
-    story = Story(order(), TASK)
-    story.see(EMPTY, steps=2)
+    story = begun(2)
     story.say(touched)
     story.see(EMPTY, steps=2)
     story.want(changed)
@@ -189,8 +189,7 @@ def test_a_change_that_comes_after_the_pick_is_too_late(touched: Task, changed: 
 
 @pytest.mark.parametrize('changed', [changed for changed, _ in CHANGES])
 def test_what_was_wanted_before_may_be_picked_shortly_after_a_change(changed: Order) -> None:
-    story = Story(order(), TASK)
-    story.see(EMPTY, steps=2)
+    story = begun(2)
     story.want(changed)
     story.see(EMPTY, steps=QUIET)
     story.say(CARRIED)
@@ -199,8 +198,7 @@ def test_what_was_wanted_before_may_be_picked_shortly_after_a_change(changed: Or
 
 
 def test_a_change_may_come_while_nobody_says_anything_of_the_task() -> None:
-    story = Story(order(), TASK)
-    story.see(EMPTY, steps=2)
+    story = begun(2)
     story.want(order(1, station='returns'))
     for _ in range(LONG):  # the Task Organizer is away, and a robot is on its way
         story.step += 1
@@ -247,8 +245,7 @@ def test_what_robots_carry_for_orders_that_are_over_is_not_compared() -> None:
     ],
 )
 def test_a_robot_shows_the_load_that_its_task_says(load: Load, rules: list[str]) -> None:
-    story = Story(order(), TASK)
-    story.see(EMPTY)
+    story = begun()
     story.see(replace(EMPTY, loads=(load,)))
     story.say(CARRIED)
     story.see(replace(EMPTY, loads=(load,)), steps=QUIET + 2)
@@ -256,8 +253,7 @@ def test_a_robot_shows_the_load_that_its_task_says(load: Load, rules: list[str])
 
 
 def test_what_was_picked_before_a_change_is_soon_what_the_task_says() -> None:
-    story = Story(order(), TASK)
-    story.see(EMPTY)
+    story = begun()
     story.want(order(1, quantity=2))
     story.say(replace(TASK, quantity=2, weight_kg=2.0))
     story.see(LOADED, steps=5)
@@ -278,8 +274,7 @@ WAY = [TEA, (1, 0), *((x, 0) for x in range(2, 10))]
 
 
 def delivered() -> Story:
-    story = Story(order(), TASK)
-    story.see(EMPTY)
+    story = begun()
     story.see(LOADED)
     story.say(CARRIED)
     story.carry(*WAY)
@@ -318,8 +313,7 @@ def test_a_line_is_not_said_to_be_given_up_whose_task_was_delivered() -> None:
 
 
 def test_a_line_that_was_given_up_before_its_load_came_is_right() -> None:
-    story = Story(order(), TASK)
-    story.see(EMPTY)
+    story = begun()
     story.say(replace(TASK, status=TaskStatus.FAILED))
     story.want(order(status=LineStatus.FAILED))
     story.see(LOADED, steps=2)
@@ -332,8 +326,7 @@ def test_a_line_that_was_given_up_before_its_load_came_is_right() -> None:
 
 
 def test_a_delivery_may_be_said_before_its_step_is_seen() -> None:
-    story = Story(order(), TASK)
-    story.see(EMPTY)
+    story = begun()
     story.see(LOADED)
     story.say(CARRIED)
     story.carry(*WAY)
@@ -344,8 +337,7 @@ def test_a_delivery_may_be_said_before_its_step_is_seen() -> None:
 
 
 def test_a_delivery_that_is_no_longer_said_is_no_claim() -> None:
-    story = Story(order(), TASK)
-    story.see(EMPTY, steps=2)
+    story = begun(2)
     story.say(replace(TASK, status=TaskStatus.DELIVERED))
     story.see(EMPTY, steps=2)
     story.say(TASK)
