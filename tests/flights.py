@@ -12,6 +12,14 @@ from ros2_kafka_bridge.route.flight.stage import HELD, READY, STEPS, STORED, Sta
 from ros2_kafka_bridge.spool import spooling
 from ros2_kafka_bridge.threads.stop import Stop
 
+_STRING = 'std_msgs/msg/String'
+TO_ROS: dict[str, Any] = {
+    'from': {'kafka': 'orders'}, 'to': {'ros': '/orders', 'type': _STRING}, 'format': 'text',
+}  # fmt: skip
+TO_KAFKA: dict[str, Any] = {
+    'from': {'ros': '/orders', 'type': _STRING}, 'to': {'kafka': 'orders'}, 'format': 'text',
+}  # fmt: skip
+
 
 class Driven:
     """What a house of either way is: a pipeline that a test drives.

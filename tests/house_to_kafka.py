@@ -4,7 +4,7 @@ import logging
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
-from flights import Driven
+from flights import TO_KAFKA, Driven
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.config.validation import validated
@@ -72,16 +72,7 @@ class House(Driven):
         self.source = MemoryMessageSource()
         self.sink: MemoryRecordSink[MessageEntry] = sink or MemoryRecordSink()
         self.letters: MemoryRecordSink[Any] = MemoryRecordSink()
-        route = validated(
-            RosToKafkaRoute,
-            {
-                'name': 'orders',
-                'from': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
-                'to': {'kafka': 'orders'},
-                'format': 'text',
-                **settings,
-            },
-        )
+        route = validated(RosToKafkaRoute, {'name': 'orders', **TO_KAFKA, **settings})
         dead: DeadLetters[MessageEntry] = DeadLetters(
             'orders.dead', self.letters, lambda: None, LOG
         )

@@ -1,9 +1,10 @@
 """The pipeline Kafka -> ROS with ends in memory, driven step by step."""
 
 import logging
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from flights import Driven
+from flights import TO_ROS, Driven
 
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.config.validation import validated
@@ -58,20 +59,17 @@ class House(Driven):
 
     usual = 6
 
-    def __init__(self, sink: MemoryMessageSink | None = None, **settings: Any) -> None:
+    def __init__(
+        self,
+        sink: MemoryMessageSink | None = None,
+        letters: MemoryRecordSink[Any] | None = None,
+        decode: Callable[[bytes | None], bytes] = decode,
+        **settings: Any,
+    ) -> None:
         self.source = MemoryRecordSource()
         self.sink = sink or MemoryMessageSink()
-        self.letters: MemoryRecordSink[Any] = MemoryRecordSink()
-        route = validated(
-            KafkaToRosRoute,
-            {
-                'name': 'orders',
-                'from': {'kafka': 'orders'},
-                'to': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
-                'format': 'text',
-                **settings,
-            },
-        )
+        self.letters: MemoryRecordSink[Any] = letters or MemoryRecordSink()
+        route = validated(KafkaToRosRoute, {'name': 'orders', **TO_ROS, **settings})
         dead: DeadLetters[RecordEntry] = DeadLetters(
             'orders.dead', self.letters, lambda: None, LOG
         )

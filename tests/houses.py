@@ -122,16 +122,9 @@ class House(flights.Driven):
         self.tail = NoTail()
         self.letters = Letters()
         self.clock = 0
+        disk = {'path': str(place), **(spool or {})}
         route = validated(
-            RosToKafkaRoute,
-            {
-                'name': 'orders',
-                'from': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
-                'to': {'kafka': 'orders'},
-                'format': 'text',
-                'spool': {'path': str(place), **(spool or {})},
-                **more,
-            },
+            RosToKafkaRoute, {'name': 'orders', **flights.TO_KAFKA, 'spool': disk, **more}
         )
         assert route.spool is not None
         self.sink.room = route.max_in_flight  # as that of the real producer

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from flights import TO_ROS
+
 from ros2_kafka_bridge.commands.dead_letters.restore import Restorer
 from ros2_kafka_bridge.commands.dead_letters.types import JoinRos, LetterTypes, why_packages
 from ros2_kafka_bridge.config.settings import Config
@@ -21,13 +23,7 @@ CONFIG: dict[str, Any] = {
     'name': 'warehouse-1',
     'kafka': {'bootstrap.servers': 'localhost:9092'},
     'routes': [
-        {
-            'name': 'orders',
-            'from': {'kafka': 'orders'},
-            'to': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
-            'format': 'text',
-            'max_message_bytes': 100,
-        },
+        {'name': 'orders', **TO_ROS, 'max_message_bytes': 100},
         {
             'name': 'returned',
             'from': {'ros': '/orders'},

@@ -141,11 +141,16 @@ def filled(name: str, source: Source) -> Any:
 def _message(layout: Layout, source: Source) -> Any:
     message = new_message(layout.type_name)
     for one in layout.fields:
-        setattr(message, one.name, _value(one.kind, source))
+        setattr(message, one.name, value_of(one.kind, source))
     return message
 
 
-def _value(kind: Kind, source: Source) -> Any:
+def value_of(kind: Kind, source: Source, make: Callable[[Layout, Source], Any] = _message) -> Any:
+    """A value of any kind; `make` makes messages."""
+
+    def inner(kind: Kind) -> Any:
+        return value_of(kind, source, make)
+
     match kind:
         case Primitive('byte'):
             return bytes([source.number('byte')])
@@ -154,11 +159,11 @@ def _value(kind: Kind, source: Source) -> Any:
         case String():
             return _fitting(source.text(), kind)
         case Array():
-            return [_value(kind.item, source) for _ in range(kind.length)]
+            return [inner(kind.item) for _ in range(kind.length)]
         case Sequence():
-            return [_value(kind.item, source) for _ in range(source.length(kind.bound))]
+            return [inner(kind.item) for _ in range(source.length(kind.bound))]
         case Layout():
-            return _message(kind, source)
+            return make(kind, source)
 
 
 def _fitting(text: str, kind: String) -> str:

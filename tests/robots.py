@@ -5,16 +5,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Final
+from typing import Final
 
 from harness import Bench, Process
-from messages import Writer
+from messages import Source, Writer, value_of
 from random_messages import RandomSource
 from ros_package import install_package, write_package
 
 from ros2_kafka_bridge.message_types import load_layout
-from ros2_kafka_bridge.message_types.layout import Array, Kind, Layout, Primitive, String
-from ros2_kafka_bridge.message_types.layout import Sequence as Listed
+from ros2_kafka_bridge.message_types.layout import Layout
 
 NEEDS: Final = ('std_msgs', 'builtin_interfaces')
 
@@ -68,20 +67,10 @@ def ends(
 def random_cdr(message_type: str, folder: Path, count: int) -> list[bytes]:
     """Messages of a type of .msg files, each with other values."""
     layout = load_layout(message_type, [folder])
-    return [Writer('<').value_of(_value(layout, RandomSource(n)), layout) for n in range(count)]
+    return [Writer('<').value_of(_message(layout, RandomSource(n)), layout) for n in range(count)]
 
 
-def _value(kind: Kind, source: RandomSource) -> Any:
-    match kind:
-        case Primitive('byte'):
-            return bytes([source.number('byte')])
-        case Primitive():
-            return source.number(kind.name)
-        case String():
-            return source.text().encode()[: kind.bound].decode(errors='ignore')
-        case Array():
-            return [_value(kind.item, source) for _ in range(kind.length)]
-        case Listed():
-            return [_value(kind.item, source) for _ in range(source.length(kind.bound))]
-        case Layout():
-            return SimpleNamespace(**{it.name: _value(it.kind, source) for it in kind.fields})
+def _message(layout: Layout, source: Source) -> SimpleNamespace:
+    return SimpleNamespace(
+        **{it.name: value_of(it.kind, source, _message) for it in layout.fields}
+    )

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from flights import TO_KAFKA, TO_ROS
 
 from ros2_kafka_bridge import bridge as bridge_module
 from ros2_kafka_bridge.bridge import Bridge
@@ -21,18 +22,8 @@ CONTENT: dict[str, Any] = {
     'name': 'test',
     'kafka': {'bootstrap.servers': 'localhost:1'},
     'routes': [
-        {
-            'name': 'to_ros',
-            'from': {'kafka': 'orders'},
-            'to': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
-            'format': 'text',
-        },
-        {
-            'name': 'to_kafka',
-            'from': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
-            'to': {'kafka': 'returned'},
-            'format': 'text',
-        },
+        {'name': 'to_ros', **TO_ROS},
+        {'name': 'to_kafka', **TO_KAFKA, 'to': {'kafka': 'returned'}},
     ],
 }
 

@@ -13,15 +13,14 @@ from typing import Any
 
 import pytest
 from handles import handle, hear
+from house_to_ros import House
 
 import ros2_kafka_bridge
 from ros2_kafka_bridge.config.checks import key_parts, simple_name
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.mistakes import MISTAKES_TOLD
 from ros2_kafka_bridge.config.references import EXPANDED_LIMIT_CHARS, expand
-from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.config.tree import YamlError, read_yaml
-from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.writer import HEADER_LIMIT, explain, from_kafka
 from ros2_kafka_bridge.depth import recording
 from ros2_kafka_bridge.endpoints import HeaderList, Message, Outgoing
@@ -29,17 +28,12 @@ from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError, Reco
 from ros2_kafka_bridge.formats import FORMATS
 from ros2_kafka_bridge.formats.scope import Scope
 from ros2_kafka_bridge.formats.walk import make_end
-from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.message_types.layout import Field, Layout, Primitive, String
 from ros2_kafka_bridge.process.lines import LineReader
-from ros2_kafka_bridge.route.dead_letters import DeadLetters
 from ros2_kafka_bridge.route.labels import KEY_LIMIT_BYTES, make_key
-from ros2_kafka_bridge.route.type_hash import check_nothing
 from ros2_kafka_bridge.testing.memory import (
-    MemoryMessageSink,
     MemoryRecord,
     MemoryRecordSink,
-    MemoryRecordSource,
 )
 
 pytestmark = pytest.mark.usefixtures('no_settle_time')
@@ -68,50 +62,30 @@ class SmallTopic(MemoryRecordSink[Any]):
         return super().produce(record, token)
 
 
-class House:
-    """A pipeline Kafka -> ROS with its ends in memory."""
+def make_house() -> House:
+    """A pipeline of text, whose dead letters may not be large."""
+    return House(letters=SmallTopic(), decode=FORMATS['text'].make_decode(STRING, SCOPE))
 
-    def __init__(self) -> None:
-        self.source = MemoryRecordSource()
-        self.sink = MemoryMessageSink()
-        self.letters: MemoryRecordSink[Any] = SmallTopic()
-        route = validated(
-            KafkaToRosRoute,
-            {
-                'name': 'orders',
-                'from': {'kafka': 'orders'},
-                'to': {'ros': '/orders', 'type': 'std_msgs/msg/String'},
-                'format': 'text',
-            },
-        )
-        letters: DeadLetters[Any] = DeadLetters('dead', self.letters, lambda: None, LOG)
-        decode = FORMATS['text'].make_decode(STRING, SCOPE)
-        self.pipeline = KafkaToRos(
-            route, 'me', self.source, self.sink, check_nothing, decode, letters, LOG
-        )
-        self.source.open(self.pipeline)
 
-    def play(self, *records: MemoryRecord) -> dict[int, int]:
-        """Run them; returns the positions in the end."""
-        self.source.waiting.extend(records)
-        for _ in range(8):
-            self.pipeline._step()
-        self.pipeline._settle()
-        return self.source.positions
+def play(house: House, *records: MemoryRecord) -> dict[int, int]:
+    """Run them; returns the positions in the end."""
+    house.source.waiting.extend(records)
+    house.steps(8)
+    return house.positions()
 
 
 # Records
 
 
 def test_a_record_with_unreadable_headers_is_delivered_all_the_same() -> None:
-    house = House()
-    assert house.play(UnreadableRecord(b'fine'), MemoryRecord(b'next', 1)) == {0: 2}
+    house = make_house()
+    assert play(house, UnreadableRecord(b'fine'), MemoryRecord(b'next', 1)) == {0: 2}
     assert len(house.sink.published) == 2
 
 
 def test_a_dead_letter_says_that_headers_could_not_be_read() -> None:
-    house = House()
-    assert house.play(UnreadableRecord(b'\xff')) == {0: 1}
+    house = make_house()
+    assert play(house, UnreadableRecord(b'\xff')) == {0: 1}
     [letter] = house.letters.records
     told = dict(letter.headers)
     assert told['dead_letter.headers'] == 'left out: a name is not UTF-8'
@@ -127,8 +101,8 @@ def test_a_dead_letter_says_that_headers_could_not_be_read() -> None:
     ],
 )
 def test_no_header_keeps_a_dead_letter_from_its_topic(headers: HeaderList) -> None:
-    house = House()
-    assert house.play(MemoryRecord(b'\xff' * 2000, header_list=headers)) == {0: 1}
+    house = make_house()
+    assert play(house, MemoryRecord(b'\xff' * 2000, header_list=headers)) == {0: 1}
     [letter] = house.letters.records
     told = dict(letter.headers)
     assert len(told) == len(letter.headers), 'only the own block is left'
@@ -153,11 +127,11 @@ def test_the_reason_of_a_dead_letter_can_always_be_written() -> None:
 
 
 def test_a_record_that_waits_keeps_neither_key_nor_headers_in_memory() -> None:
-    house = House()
+    house = make_house()
     house.sink.room = 0
     record = MemoryRecord(b'fine', key_bytes=b'k' * 10**6)
     seen = weakref.ref(record)
-    house.play(record)
+    play(house, record)
     del record
     gc.collect()
     assert len(house.pipeline._flight.lane.ready) == 1
