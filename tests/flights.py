@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from ros2_kafka_bridge import kafka_to_ros, ros_to_kafka
-from ros2_kafka_bridge.route.counters import Outcome
+from ros2_kafka_bridge.route.counters import Outcome, Snapshot
 from ros2_kafka_bridge.route.flight.flight import Entry, Flight
 from ros2_kafka_bridge.route.flight.stage import HELD, READY, STEPS, STORED, Stage
 from ros2_kafka_bridge.spool import spooling
@@ -45,6 +45,12 @@ class Driven:
         for _ in range(count):
             self.pipeline._rest()
             self.check_balance()
+
+    def shown(self) -> Snapshot:
+        """What it tells of itself now."""
+        self.pipeline._show('')
+        snapshot: Snapshot = self.pipeline.snapshot
+        return snapshot
 
     def stop(self) -> None:
         """Let it run where a stop is asked for already: it drains."""

@@ -1,21 +1,26 @@
 """Dead letters as a bridge makes them, and what makes of them what is sent; without a broker."""
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from flights import TO_ROS
 
 from ros2_kafka_bridge.commands.dead_letters.restore import Restorer
 from ros2_kafka_bridge.commands.dead_letters.types import JoinRos, LetterTypes, why_packages
-from ros2_kafka_bridge.config.settings import Config
+from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.letter import Letter, parse
 from ros2_kafka_bridge.dead_letters.writer import explain, from_kafka, from_ros
-from ros2_kafka_bridge.endpoints import HeaderList, Outgoing
+from ros2_kafka_bridge.endpoints import HeaderList, Outgoing, RecordSource
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError, RecordError
 from ros2_kafka_bridge.kafka.letters import Original
+from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.ros.node import RosNode
-from ros2_kafka_bridge.testing.memory import MemoryRecord
+from ros2_kafka_bridge.route.dead_letters import DeadLetters
+from ros2_kafka_bridge.route.flight.records import RecordEntry
+from ros2_kafka_bridge.route.type_hash import check_nothing
+from ros2_kafka_bridge.testing.memory import MemoryMessageSink, MemoryRecord, MemoryRecordSink
 
 TOPIC = 'orders.dead-letters'
 HEADERS: HeaderList = [('trace', b'\xff'), ('trace', None)]
@@ -98,3 +103,32 @@ def restorer(
     made = of or config()
     types = LetterTypes(made, join, why_packages(made, to_ros=to_ros))
     return Restorer(made, known, lambda *_: fetched, types, force=force)
+
+
+class Readers(MemoryMessageSink):
+    """Readers to whom something happens once so many letters are published."""
+
+    def happen_at(self, number: int, event: Callable[[], None]) -> None:
+        self.number, self.event = number, event
+
+    def publish(self, messages: Iterable[bytes]) -> int:
+        before = len(self.published)
+        for cdr in messages:
+            if not super().publish([cdr]):
+                break
+            if len(self.published) == getattr(self, 'number', 0):
+                self.event()
+        return len(self.published) - before
+
+
+def to_readers(readers: Readers) -> Callable[[KafkaToRosRoute, RecordSource], KafkaToRos]:
+    """Makes the pipelines of a replay to these readers, who get each value as it is."""
+    log = logging.LoggerAdapter(logging.getLogger('test'), {})
+
+    def make(route: KafkaToRosRoute, source: RecordSource) -> KafkaToRos:
+        dead = DeadLetters[RecordEntry]('dead', MemoryRecordSink(), lambda: None, log)
+        return KafkaToRos(
+            route, 'me', source, readers, check_nothing, lambda value: value or b'', dead, log
+        )
+
+    return make

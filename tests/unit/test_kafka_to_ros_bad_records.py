@@ -124,8 +124,7 @@ def test_a_dead_letter_topic_that_refuses_stops_the_reading_and_nothing_is_lost(
     house.letters.errors[b'bad'] = [RouteError('no permission')]
     house.take(b'a', b'bad', b'c')
     house.take(b'd', first=3, steps=2)
-    house.pipeline._show('')
-    assert house.pipeline.snapshot.state == State.FAILED
+    assert house.shown().state == State.FAILED
     assert 'no permission' in house.pipeline.snapshot.reason
     assert len(house.source.waiting) == 1
     house.pipeline._dead_letters._again_at_s = 0.0

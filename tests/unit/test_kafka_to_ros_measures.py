@@ -21,8 +21,7 @@ def test_the_measures_of_a_snapshot_fit_its_counters() -> None:
     house.give(b'timeless', first=4)
     house.source.rebalances, house.sink.mismatched = 2, 1
     house.steps()
-    house.pipeline._show('')
-    snapshot = house.pipeline.snapshot
+    snapshot = house.shown()
     measures = snapshot.measures
     assert snapshot.confirmed == sum(measures.in_bridge.counts) == 4
     assert sum(measures.published.counts) == 4
@@ -42,14 +41,12 @@ def test_the_measures_of_a_snapshot_fit_its_counters() -> None:
 def test_the_delay_ends_with_the_publication_however_late_it_is_seen_to_have_come() -> None:
     house = House(MemoryMessageSink(acknowledging=False))
     house.take(b'abc', b'de', time_ms=int(time.time() * 1000))
-    house.pipeline._show('')
-    first = house.pipeline.snapshot.measures
+    first = house.shown().measures
     assert sum(first.delay.counts) == sum(first.end_to_end.counts) == 2
     assert sum(first.in_bridge.counts) == 0
     house.sink.acknowledge(2)
     house.steps(1)
-    house.pipeline._show('')
-    last = house.pipeline.snapshot.measures
+    last = house.shown().measures
     assert (last.delay, last.end_to_end) == (first.delay, first.end_to_end)
     assert sum(last.in_bridge.counts) == 2
 
@@ -59,39 +56,33 @@ def test_bytes_that_are_in_flight_are_taken_and_those_given_back_stay_so() -> No
     house.take(b'abc', b'de')
     house.sink.acknowledge(1)
     house.steps(1)
-    house.pipeline._show('')
-    measures = house.pipeline.snapshot.measures
+    measures = house.shown().measures
     assert (measures.bytes_taken, measures.bytes_confirmed, measures.queued) == (5, 3, 1)
     house.source.lose(frozenset({0}))
-    house.pipeline._show('')
-    assert house.pipeline.snapshot.measures.bytes_taken == 5
+    assert house.shown().measures.bytes_taken == 5
 
 
 def test_the_time_in_which_a_subscriber_holds_the_route_back_is_measured() -> None:
     house = House(MemoryMessageSink(room=1, acknowledging=False))
     house.take(b'a', b'b', steps=20)
-    house.pipeline._show('')
-    waited_s = house.pipeline.snapshot.measures.waited_s
+    waited_s = house.shown().measures.waited_s
     assert waited_s > 0.01
     house.sink.acknowledging = True
     house.steps()
-    house.pipeline._show('')
-    assert house.pipeline.snapshot.measures.waited_s < waited_s + 0.05
+    assert house.shown().measures.waited_s < waited_s + 0.05
 
 
 def test_max_rate_is_no_back_pressure() -> None:
     house = House(max_rate=100)
     house.take(b'a', b'b', b'c')
-    house.pipeline._show('')
-    assert house.pipeline.snapshot.measures.waited_s == 0
+    assert house.shown().measures.waited_s == 0
 
 
 def test_a_dead_letter_topic_that_cannot_be_written_is_an_error() -> None:
     house = House()
     house.letters.errors[b'bad'] = [RouteError('may not be written')]
     house.take(b'bad')
-    house.pipeline._show('')
-    [_, trouble] = house.pipeline.snapshot.measures.troubles
+    [_, trouble] = house.shown().measures.troubles
     assert 'may not be written' in trouble.text
     assert house.pipeline.snapshot.measures.errors == {'DecodeError': 1, 'RouteError': 1}
 
@@ -121,6 +112,5 @@ def test_kafka_that_is_away_is_told_among_the_errors() -> None:
     house = House()
     house.source.away = 'Kafka is away: no answer'
     house.pipeline._show('')
-    house.pipeline._show('')
-    [trouble] = house.pipeline.snapshot.measures.troubles
+    [trouble] = house.shown().measures.troubles
     assert trouble[1:] == ('TransportError', 'Kafka is away: no answer', 1)

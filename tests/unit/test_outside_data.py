@@ -31,10 +31,7 @@ from ros2_kafka_bridge.formats.walk import make_end
 from ros2_kafka_bridge.message_types.layout import Field, Layout, Primitive, String
 from ros2_kafka_bridge.process.lines import LineReader
 from ros2_kafka_bridge.route.labels import KEY_LIMIT_BYTES, make_key
-from ros2_kafka_bridge.testing.memory import (
-    MemoryRecord,
-    MemoryRecordSink,
-)
+from ros2_kafka_bridge.testing.memory import MemoryRecord, MemoryRecordSink
 
 pytestmark = pytest.mark.usefixtures('no_settle_time')
 

@@ -77,6 +77,14 @@ def opens(monkeypatch: pytest.MonkeyPatch, module: object, *seen: Topic) -> None
     monkeypatch.setattr(module, 'wait_for_discovery', lambda: None, raising=False)
 
 
+def overview(monkeypatch: pytest.MonkeyPatch, *seen: Topic) -> None:
+    """Let `topics` meet such a node, and a Kafka without topics."""
+    opens(monkeypatch, report, *seen)
+    monkeypatch.setattr(report, 'Overview', MagicMock())
+    monkeypatch.setattr(report, '_kafka_topics', lambda _: ([], ''))
+    monkeypatch.setattr(report, 'middleware', lambda: 'rmw')
+
+
 def route_config(**source: Any) -> Config:
     """A route from ROS, and one to it."""
     out = {'name': 'out', 'from': {'ros': '/out', **source}, 'to': {'kafka': 'out'}}
@@ -165,10 +173,7 @@ def test_check_names_the_cure_also_where_somebody_is_seen() -> None:
 def test_topics_names_the_cure_and_says_of_no_topic_that_nobody_is_there(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], seen: tuple[Topic, ...]
 ) -> None:
-    opens(monkeypatch, report, *seen)
-    monkeypatch.setattr(report, 'Overview', MagicMock())
-    monkeypatch.setattr(report, '_kafka_topics', lambda _: ([], ''))
-    monkeypatch.setattr(report, 'middleware', lambda: 'rmw')
+    overview(monkeypatch, *seen)
     report.report(SideSettings.of(letters_config()), seconds=None, as_json=False)
     out = capsys.readouterr().out
     assert 'nobody' not in out
@@ -180,10 +185,7 @@ def test_topics_names_the_cure_and_says_of_no_topic_that_nobody_is_there(
 def test_topics_without_a_file_names_the_cure(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    opens(monkeypatch, report)
-    monkeypatch.setattr(report, 'Overview', MagicMock())
-    monkeypatch.setattr(report, '_kafka_topics', lambda _: ([], ''))
-    monkeypatch.setattr(report, 'middleware', lambda: 'rmw')
+    overview(monkeypatch)
     report.report(SideSettings.without_file('localhost:9'), seconds=None, as_json=False)
     assert CURE in capsys.readouterr().out
 

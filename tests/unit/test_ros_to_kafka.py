@@ -171,8 +171,7 @@ def test_the_measures_of_a_snapshot_fit_its_counters() -> None:
         house.source.waiting.append(Message(cdr, b'gid', number, published_ns))
     house.source.waiting.append(Message(b'no time', b'gid', 5, 0))
     house.steps()
-    house.pipeline._show('')
-    snapshot = house.pipeline.snapshot
+    snapshot = house.shown()
     measures = snapshot.measures
     assert snapshot.confirmed == 3
     assert sum(measures.in_bridge.counts) == sum(measures.round_trip.counts) == 3
@@ -208,8 +207,7 @@ def test_what_is_delivered_while_the_route_ends_is_measured_too() -> None:
     house.pipeline._take(10, 0.0)
     house.pipeline._producing.produce_ready()
     house.pipeline._close_sinks()
-    house.pipeline._show('')
-    assert house.pipeline.snapshot.confirmed == 2
+    assert house.shown().confirmed == 2
     assert sum(house.pipeline.snapshot.measures.round_trip.counts) == 2
 
 
@@ -223,8 +221,7 @@ def test_the_time_in_which_kafka_holds_the_route_back_is_measured(
     house = House(max_in_flight=1)
     monkeypatch.setattr(house.sink, 'poll', no_report)
     house.take(b'a', b'b')
-    house.pipeline._show('')
-    assert house.pipeline.snapshot.measures.waited_s > 0.01
+    assert house.shown().measures.waited_s > 0.01
 
 
 # Pause

@@ -157,8 +157,7 @@ def test_a_dead_letter_topic_that_refuses_stops_the_taking() -> None:
     house.letters.errors[b'bad'] = [RouteError('no permission')]
     house.take(b'bad')
     house.take(b'b', first=2)
-    house.pipeline._show('')
-    assert house.pipeline.snapshot.state == State.FAILED
+    assert house.shown().state == State.FAILED
     assert house.values() == []
     house.pipeline._dead_letters._again_at_s = 0.0
     house.steps()

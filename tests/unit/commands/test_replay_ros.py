@@ -1,22 +1,16 @@
 """Dead letters on their way straight to ROS, with readers in memory."""
 
-import logging
-from collections.abc import Callable, Iterable
 from typing import Any
 
 import pytest
+from made_letters import Readers, to_readers
 
 from ros2_kafka_bridge.commands.dead_letters import replay_ros
 from ros2_kafka_bridge.commands.dead_letters.replay_ros import LetterChannel
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.config.validation import validated
-from ros2_kafka_bridge.endpoints import Outgoing, RecordSource
+from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import TransportError
-from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
-from ros2_kafka_bridge.route.dead_letters import DeadLetters
-from ros2_kafka_bridge.route.flight.records import RecordEntry
-from ros2_kafka_bridge.route.type_hash import check_nothing
-from ros2_kafka_bridge.testing.memory import MemoryMessageSink, MemoryRecordSink
 from ros2_kafka_bridge.threads.stop import Stop
 
 pytestmark = pytest.mark.usefixtures('no_settle_time')
@@ -32,37 +26,18 @@ ROUTE: dict[str, Any] = {
 }
 
 
-class Readers(MemoryMessageSink):
-    """Readers to whom something happens once so many letters are published."""
-
-    def happen_at(self, number: int, event: Callable[[], None]) -> None:
-        self.number, self.event = number, event
-
-    def publish(self, messages: Iterable[bytes]) -> int:
-        before = len(self.published)
-        for cdr in messages:
-            if not super().publish([cdr]):
-                break
-            if len(self.published) == getattr(self, 'number', 0):
-                self.event()
-        return len(self.published) - before
-
-
 def channel(readers: Readers, stop: Stop | None = None) -> LetterChannel:
-    def make(route: KafkaToRosRoute, letters: RecordSource) -> KafkaToRos:
-        log = logging.LoggerAdapter(logging.getLogger('test'), {})
-        dead = DeadLetters[RecordEntry]('dead', MemoryRecordSink(), lambda: None, log)
-        return KafkaToRos(route, 'me', letters, readers, check_nothing, as_it_is, dead, log)
-
-    return LetterChannel(validated(KafkaToRosRoute, ROUTE), make, stop or Stop())
-
-
-def as_it_is(value: bytes | None) -> bytes:
-    return value or b''
+    return LetterChannel(validated(KafkaToRosRoute, ROUTE), to_readers(readers), stop or Stop())
 
 
 def letters(*values: bytes) -> list[Outgoing]:
     return [Outgoing('orders', b'key', value, [('ros.seq', b'1')]) for value in values]
+
+
+def is_not_delivered(to: LetterChannel, why: str) -> None:
+    with pytest.raises(TransportError, match=why):
+        to.deliver(letters(b'1'))
+    assert to.delivered == 0
 
 
 def test_batches_are_published_and_waited_for_one_after_the_other() -> None:
@@ -114,9 +89,7 @@ def test_a_reader_that_does_not_acknowledge_in_time_after_a_stop_is_said(
     stop, readers = Stop(), Readers(acknowledging=False)
     readers.happen_at(1, stop.ask)
     to = channel(readers, stop)
-    with pytest.raises(TransportError, match='stopped while waiting'):
-        to.deliver(letters(b'1'))
-    assert to.delivered == 0
+    is_not_delivered(to, 'stopped while waiting')
 
 
 def test_a_second_stop_waits_for_nothing() -> None:
@@ -128,9 +101,7 @@ def test_a_second_stop_waits_for_nothing() -> None:
 
     readers.happen_at(1, ask_twice)
     to = channel(readers, stop)
-    with pytest.raises(TransportError, match='stopped while waiting'):
-        to.deliver(letters(b'1'))
-    assert to.delivered == 0
+    is_not_delivered(to, 'stopped while waiting')
 
 
 @pytest.mark.parametrize(
@@ -142,9 +113,7 @@ def test_subscribers_that_are_too_few_or_do_not_acknowledge_are_said_after_a_whi
 ) -> None:
     monkeypatch.setattr(replay_ros, '_PATIENCE_S', 0.1)
     to = channel(Readers(matched=there, acknowledging=False))
-    with pytest.raises(TransportError, match=words):
-        to.deliver(letters(b'1'))
-    assert to.delivered == 0
+    is_not_delivered(to, words)
 
 
 def test_a_subscriber_that_would_misread_the_letters_is_named(
@@ -152,9 +121,7 @@ def test_a_subscriber_that_would_misread_the_letters_is_named(
 ) -> None:
     monkeypatch.setattr(replay_ros, '_PATIENCE_S', 1.5)  # a wait is told after a second
     to = channel(Readers(misread='/old would misread it'))
-    with pytest.raises(TransportError, match=r'^/orders: /old would misread it$'):
-        to.deliver(letters(b'1'))
-    assert to.delivered == 0
+    is_not_delivered(to, r'^/orders: /old would misread it$')
 
 
 def test_guarantee_6c_letters_that_no_reliable_reader_takes_are_not_delivered() -> None:

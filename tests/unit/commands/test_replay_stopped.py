@@ -1,32 +1,26 @@
 """A replay to ROS that a person stops: what it has marked, and what it says."""
 
-import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from made_letters import CONFIG, TOPIC, kafka_letter, read
+from made_letters import CONFIG, TOPIC, Readers, kafka_letter, read, to_readers
 
 from ros2_kafka_bridge.commands.dead_letters import replay as command
 from ros2_kafka_bridge.commands.dead_letters.replay import ReplayOptions
 from ros2_kafka_bridge.commands.dead_letters.replay_ros import LetterChannel
 from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery
-from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute
+from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.dead_letters.filter import LetterFilter
 from ros2_kafka_bridge.dead_letters.letter import Letter
-from ros2_kafka_bridge.endpoints import RecordSource
 from ros2_kafka_bridge.kafka.transactions import Parcel, Written
-from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
-from ros2_kafka_bridge.route import readiness
-from ros2_kafka_bridge.route.dead_letters import DeadLetters
-from ros2_kafka_bridge.route.flight.records import RecordEntry
-from ros2_kafka_bridge.route.type_hash import check_nothing
-from ros2_kafka_bridge.testing.memory import MemoryMessageSink, MemoryRecordSink
 from ros2_kafka_bridge.threads.stop import Stop
+
+pytestmark = pytest.mark.usefixtures('no_settle_time')
 
 LETTERS = 450  # in batches of 200
 
@@ -60,59 +54,40 @@ class Stored:
         return Written([], [])
 
 
-class StoppingReaders(MemoryMessageSink):
-    """Readers whose queue has room for 7, during whose taking a person stops the replay."""
+def replay(
+    stored: Stored, at: int, asks: int, monkeypatch: pytest.MonkeyPatch
+) -> tuple[int, list[bytes]]:
+    """Replay to readers with room for 7, and stop that so often when they have so many."""
+    readers = Readers(room=7)
 
-    def __init__(self, at: int, asks: int) -> None:
-        super().__init__(room=7)
-        self.ask: Callable[[], None]
-        self._at, self._asks = at, asks
-
-    def publish(self, messages: Iterable[bytes]) -> int:
-        before = len(self.published)
-        for cdr in messages:
-            if not super().publish([cdr]):
-                break
-            if len(self.published) == self._at:
-                for _ in range(self._asks):
-                    self.ask()
-        return len(self.published) - before
-
-
-def as_it_is(value: bytes | None) -> bytes:
-    return value or b''
-
-
-def replay(readers: StoppingReaders, stored: Stored, monkeypatch: pytest.MonkeyPatch) -> int:
     @contextmanager
     def open_channels(_: Config, stop: Stop) -> Iterator[Any]:
-        readers.ask = stop.ask
+        def ask() -> None:
+            for _ in range(asks):
+                stop.ask()
 
-        def make(route: KafkaToRosRoute, source: RecordSource) -> KafkaToRos:
-            log = logging.LoggerAdapter(logging.getLogger('test'), {})
-            dead = DeadLetters[RecordEntry]('dead', MemoryRecordSink(), lambda: None, log)
-            return KafkaToRos(route, 'me', source, readers, check_nothing, as_it_is, dead, log)
-
-        opened = cache(lambda route: LetterChannel(route, make, stop))
+        readers.happen_at(at, ask)
+        opened = cache(lambda route: LetterChannel(route, to_readers(readers), stop))
         yield SimpleNamespace(open=opened)
 
-    monkeypatch.setattr(readiness, 'SETTLE_S', 0.0)
     monkeypatch.setattr(command, 'open_reader', lambda _: nullcontext(stored))
     monkeypatch.setattr(command, 'Transactions', lambda *_: nullcontext(stored))
     monkeypatch.setattr(command, 'open_channels', open_channels)
     config = validated(Config, {**CONFIG, 'routes': CONFIG['routes'][:1]})
     options = ReplayOptions(to_ros=True, dry_run=False, again=False, force=False, all=True)
-    return command.replay(LetterQuery(config, TOPIC, LetterFilter()), options)
+    status = command.replay(LetterQuery(config, TOPIC, LetterFilter()), options)
+    return status, readers.published
 
 
 @pytest.mark.parametrize('at', [100, 430])  # the last batch, too
 def test_a_stop_says_what_every_reader_has_and_marks_just_that(
     at: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    readers, stored = StoppingReaders(at, asks=1), Stored()
-    assert replay(readers, stored, monkeypatch) == 1
-    assert at <= len(readers.published) < LETTERS
-    assert stored.marked == [int(value) for value in readers.published]
+    stored = Stored()
+    status, published = replay(stored, at, 1, monkeypatch)
+    assert status == 1
+    assert at <= len(published) < LETTERS
+    assert stored.marked == [int(value) for value in published]
     told = f'stopped: {len(stored.marked)} letters replayed to ros:/orders; the same command'
     output = capsys.readouterr()
     assert output.out.startswith(told)
@@ -123,7 +98,7 @@ def test_a_stop_behind_the_last_letter_stops_nothing(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     stored = Stored()
-    assert replay(StoppingReaders(LETTERS, asks=1), stored, monkeypatch) == 0
+    assert replay(stored, LETTERS, 1, monkeypatch)[0] == 0
     assert stored.marked == list(range(LETTERS))
     told, vouching = capsys.readouterr().out.splitlines()
     assert told == f'{LETTERS} letters replayed to ros:/orders'
@@ -133,9 +108,10 @@ def test_a_stop_behind_the_last_letter_stops_nothing(
 def test_a_second_stop_says_that_some_may_come_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    readers, stored = StoppingReaders(100, asks=2), Stored()
-    assert replay(readers, stored, monkeypatch) == 1
+    stored = Stored()
+    status, published = replay(stored, 100, 2, monkeypatch)
+    assert status == 1
     assert stored.marked == list(range(len(stored.marked)))
-    assert len(stored.marked) < len(readers.published)
+    assert len(stored.marked) < len(published)
     words = 'the same command goes on with the rest, some of it perhaps again'
     assert words in capsys.readouterr().err

@@ -177,8 +177,7 @@ def test_what_an_earlier_life_has_left_is_measured_when_it_is_sent(house: Make) 
     again = house().until_all_confirmed()
     again.give(*range(101, 111))
     again.until_all_confirmed()
-    again.pipeline._show('')
-    measures = again.pipeline.snapshot.measures
+    measures = again.shown().measures
     assert measures.bytes_taken == measures.bytes_confirmed == 192 + 30
     assert sum(measures.in_bridge.counts) == sum(measures.round_trip.counts) == 110
 
