@@ -17,6 +17,7 @@ import pytest
 from harness import Bench
 from hypothesis import settings
 from leave import Leave
+from registry_server import RegistryServer
 
 from ros2_kafka_bridge.testing.kafka_node import new_id
 from ros2_kafka_bridge.testing.local_kafka import QUICK_RETURN, LocalKafka
@@ -311,3 +312,11 @@ def arrived(tmp_path: Path) -> Path:
 def leave(tmp_path: Path) -> Leave:
     """How far the peer of a test may go."""
     return Leave(tmp_path)
+
+
+@pytest.fixture
+def registry() -> Iterator[RegistryServer]:
+    """A Schema Registry of one's own; what it was asked is all of the protocol."""
+    with RegistryServer() as server:
+        yield server
+    assert server.problems == []

@@ -60,17 +60,18 @@ def lists(connection: socket.socket) -> None:
 
 def slow_body(connection: socket.socket) -> None:
     """A blank each moment."""
-    connection.sendall(_HEAD + b'Transfer-Encoding: chunked\r\n\r\n')
-    while True:
-        connection.sendall(b'1\r\n \r\n')
-        time.sleep(0.05)
+    _slowly(connection, _HEAD + b'Transfer-Encoding: chunked\r\n\r\n', b'1\r\n \r\n')
 
 
 def slow_head(connection: socket.socket) -> None:
     """A byte of a header each moment."""
-    connection.sendall(_HEAD + b'X-More: ')
+    _slowly(connection, _HEAD + b'X-More: ', b'x')
+
+
+def _slowly(connection: socket.socket, begin: bytes, more: bytes) -> None:
+    connection.sendall(begin)
     while True:
-        connection.sendall(b'x')
+        connection.sendall(more)
         time.sleep(0.05)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from ros2_kafka_bridge import kafka_to_ros, ros_to_kafka
+from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route.counters import Outcome, Snapshot
 from ros2_kafka_bridge.route.flight.flight import Entry, Flight
 from ros2_kafka_bridge.route.flight.stage import HELD, READY, STEPS, STORED, Stage
@@ -45,6 +46,17 @@ class Driven:
         for _ in range(count):
             self.pipeline._rest()
             self.check_balance()
+
+    def begin(self) -> None:
+        """Begin a run, that `fail_and_run_again` may end."""
+        self._opened = self.pipeline._opened()
+        self._opened.__enter__()
+
+    def fail_and_run_again(self) -> None:
+        """Let the run end with an error, and begin the next."""
+        error = RouteError('no permission')
+        assert not self._opened.__exit__(RouteError, error, None)
+        self.begin()
 
     def shown(self) -> Snapshot:
         """What it tells of itself now."""

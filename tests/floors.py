@@ -3,6 +3,7 @@
 from typing import Any
 
 from ros2_kafka_warehouse.domain.execution_profiles import Battery, ExecutionProfiles, RobotType
+from ros2_kafka_warehouse.domain.simulation_result import Result
 from ros2_kafka_warehouse.domain.site import Product, RobotPlace, Site
 from ros2_kafka_warehouse.messages.message import Cell, node_id
 from ros2_kafka_warehouse.messages.monitor import FleetReport, RobotReport
@@ -94,3 +95,12 @@ def task(name: str, **fields: Any) -> Task:
 def tasks(*several: Task, step: int = 2) -> Tasks:
     """The tasks at a step: later than that of `fleet`, so that they are news to the planner."""
     return Tasks(step, several)
+
+
+def assert_right(result: Result) -> None:
+    """A simulation broke no rule, and each order has ended once."""
+    assert result.violations == ()
+    assert result.lost == ()
+    assert result.doubled == ()
+    assert result.open == ()
+    assert len(result.ended) == result.sent

@@ -147,21 +147,23 @@ class House(flights.Driven):
             LOG,
         )
         self.pipeline._prepare()
-        self._opened = self.pipeline._opened()
-        self._opened.__enter__()
+        self.begin()
 
     def give(self, *numbers: int) -> None:
         for number in numbers:
             self.source.waiting.append(Message(b'%d' % number, GID, number, made_ns(number)))
 
-    def until_all_confirmed(self) -> Self:
+    def until_all_confirmed(self, *numbers: int) -> Self:
+        """What there is, and the messages of these numbers."""
+        self.give(*numbers)
         for _ in range(1000):
             self.steps(1)
             if not self.pipeline._flight and not self.pipeline._spooling.waiting:
                 return self
         pytest.fail('it never ends')
 
-    def until_all_taken_are_confirmed(self) -> None:
+    def until_all_taken_are_confirmed(self, *numbers: int) -> None:
+        self.give(*numbers)
         for _ in range(1000):
             self.steps(1)
             if not self.source.waiting:
@@ -190,13 +192,6 @@ class House(flights.Driven):
         self.check_balance()
         self._opened.__exit__(None, None, None)
 
-    def fail_and_run_again(self) -> None:
-        """Let the run end with an error, and begin the next."""
-        error = RouteError('no permission')
-        assert not self._opened.__exit__(RouteError, error, None)
-        self._opened = self.pipeline._opened()
-        self._opened.__enter__()
-
     def numbers(self) -> list[int]:
         return [int(record.value or b'0') for record in self.sink.records]
 
@@ -216,10 +211,10 @@ def come_back(house: House) -> None:
     house.sink.away, house.sink.answering = '', True
 
 
-def go_on(house: House) -> None:
-    """Let Kafka be back, until all has arrived."""
+def go_on(house: House, *numbers: int) -> None:
+    """Let Kafka be back, until all has arrived, and the messages of these numbers."""
     come_back(house)
-    house.until_all_confirmed()
+    house.until_all_confirmed(*numbers)
 
 
 def refused(rows: Sequence[Row]) -> int:

@@ -7,8 +7,10 @@ whenever something happens.
 
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
-from harness import Process, eventually, lines
+from harness import Bench, Process, eventually, lines, to_ros, totals
+from leave import Leave
 
 ROS_TOPIC = '/numbers'
 SAMPLES = 50  # in the DDS cache of a slow subscriber
@@ -63,3 +65,41 @@ def steps_back(found: list[int]) -> list[tuple[int, int]]:
     pairs = list(pairwise(found))
     assert [(a, b) for a, b in pairs if b > a + 1] == []
     return [(a, b) for a, b in pairs if b <= a]
+
+
+def one_dies_and_the_next_gets_the_rest(
+    bench: Bench, topic: str, leave: Leave, full: str = '', **more: Any
+) -> Process:
+    """A subscriber is killed when it has 1000 of 3000; returns the bridge, which has drained.
+
+    Lost is at most what the dead subscriber's own DDS cache held, acknowledged but not read.
+
+    Args:
+        bench: Where they run.
+        topic: In Kafka.
+        leave: Of the first subscriber.
+        full: What the bridge says before the kill, once no more fits into its window.
+        more: For the first subscriber.
+    """
+    count, first, second = 3000, bench.place / 'first', bench.place / 'second'
+    config = bench.config([to_ros(topic, ROS_TOPIC)], kafka=bench.patient_kafka)
+    bench.produce(topic, numbered(count))
+    with (
+        bench.subscriber(ROS_TOPIC, first, *leave.options, samples=SAMPLES, **more) as dying,
+        bench.bridge(config) as bridge,
+    ):
+        leave.up_to(1000)
+        wait_for_lines(first, 1000, bridge)
+        if full:
+            bridge.wait_for(full)
+        dying.kill()
+        with bench.subscriber(ROS_TOPIC, second):
+            wait_for_all(second, count, bridge)
+            assert bridge.end() == 0
+    assert 'a subscriber of /numbers has gone: ' in bridge.output()
+    assert totals(bridge)['confirmed'] == count
+    assert numbers(first) == list(range(1000))
+    after = numbers(second)
+    steps_back(after)
+    assert min(after) <= 1000 + SAMPLES
+    return bridge

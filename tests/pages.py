@@ -5,9 +5,12 @@ import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from command_line import finished
+
+if TYPE_CHECKING:
+    from harness import Bench
 
 ROOT: Final = Path(__file__).parents[1]
 _ALONE: Final = ('README.md', 'CONTRIBUTING.md', 'SECURITY.md', 'CHANGELOG.md')
@@ -72,3 +75,11 @@ def build_site(folder: Path) -> None:
 
 def _without_code(text: str) -> str:
     return re.sub(r'^```.*?^```$', '', text, flags=re.DOTALL | re.MULTILINE)
+
+
+def example(bench: 'Bench', name: str) -> Path:
+    """A copy of an example that knows the broker of the test."""
+    text = (ROOT / 'examples' / f'{name}.yaml').read_text()
+    file = bench.place / f'{name}.yaml'
+    file.write_text(text.replace('localhost:9092', bench.bootstrap_servers))
+    return file

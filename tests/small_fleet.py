@@ -64,6 +64,11 @@ class Floor:
         """Orders robots to their next cells, for one step."""
         return self.send(*(self.order(name, to=cell) for name, cell in targets.items()))
 
+    def cells_after(self, **targets: Cell) -> dict[str, Cell]:
+        """Where all are after orders to these cells."""
+        self.go(**targets)
+        return self.cells()
+
     def do(self, name: str, action: Action) -> FleetState:
         return self.send(self.order(name, action=action))
 

@@ -24,6 +24,14 @@ def there_and_back(kafka: str, **more: Any) -> list[dict[str, Any]]:
     return [to_ros(kafka, '/orders', **more), to_kafka('/orders', f'{kafka}.returned')]
 
 
+def good_and_bad(bench: Bench, topic: str) -> tuple[str, str, list[dict[str, Any]]]:
+    """Two topics, and their routes to ROS, the bad one of which stops at what is no text."""
+    bad, good = f'{topic}.bad', f'{topic}.good'
+    bench.create_topic(bad, good)
+    stopping = to_ros(bad, '/bad', name='bad', on_error='stop', min_subscribers=0)
+    return bad, good, [stopping, to_ros(good, '/good', name='good', min_subscribers=0)]
+
+
 def bridge(bench: Bench, config: Path) -> Process:
     """Start a bridge with workers, and wait until both routes run."""
     with ExitStack() as stack:

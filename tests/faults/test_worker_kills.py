@@ -11,7 +11,7 @@ from pathlib import Path
 from harness import Bench, eventually, to_kafka, to_ros, values
 from leave import Leave
 from numbers_to_ros import SAMPLES, numbered, numbers, wait_for_all, wait_for_lines
-from workers import kill, pids, sized, stream, there_and_back, wait_until_gone
+from workers import good_and_bad, kill, pids, sized, stream, there_and_back, wait_until_gone
 
 COUNT = 6000
 LATCHED = ('--durability', 'transient_local', '--count', str(COUNT))
@@ -60,13 +60,8 @@ def test_a_route_that_failed_for_good_stays_so_when_its_worker_is_killed_right_a
     bench: Bench, topic_name: str
 ) -> None:
     """The supervisor knows it before the log does, not a second later."""
-    bad, good = f'{topic_name}.bad', f'{topic_name}.good'
-    routes = [
-        to_ros(bad, '/bad', name='bad', on_error='stop', min_subscribers=0),
-        to_ros(good, '/good', name='good', min_subscribers=0),
-        to_kafka('/other', f'{topic_name}.other'),
-    ]
-    bench.create_topic(bad, good)
+    bad, _, routes = good_and_bad(bench, topic_name)
+    routes.append(to_kafka('/other', f'{topic_name}.other'))
     with bench.bridge(bench.config(routes, workers=2)) as process:
         process.wait_for('good: reads', 90)
         process.wait_for('bad: reads', 90)

@@ -2,10 +2,8 @@
 
 import math
 from array import array
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-import pytest
 from harness import Bench, eventually, headers, lines
 from messages import cdr, exact_of, extremes, layout_of, new_message
 from raw_readers import reader_of, received
@@ -13,14 +11,6 @@ from registry_server import RegistryServer
 
 STRING = 'std_msgs/msg/String'
 FLOAT64 = 'std_msgs/msg/Float64'
-
-
-@pytest.fixture
-def registry() -> Iterator[RegistryServer]:
-    """A Schema Registry of one's own; what it was asked is all of the protocol."""
-    with RegistryServer() as server:
-        yield server
-    assert server.problems == []
 
 
 LARGEST = {'max_message_bytes': 8_000_000}

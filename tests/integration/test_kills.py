@@ -21,6 +21,7 @@ from numbers_to_ros import (
     SLOW,
     numbered,
     numbers,
+    one_dies_and_the_next_gets_the_rest,
     steps_back,
     wait_for_all,
     wait_for_lines,
@@ -68,29 +69,9 @@ def test_guarantees_1_and_8_a_killed_bridge_loses_nothing_and_repeats_only_uncom
 
 
 def test_guarantee_1_when_the_only_subscriber_is_killed_the_next_one_gets_what_was_in_flight(
-    bench: Bench, topic: str, arrived: Path, leave: Leave
+    bench: Bench, topic: str, leave: Leave
 ) -> None:
-    """Lost is at most what the dead subscriber's own DDS cache held, acknowledged but not read."""
-    count, second = 3000, bench.place / 'second'
-    config = bench.config([to_ros(topic, ROS_TOPIC)], kafka=bench.patient_kafka)
-    bench.produce(topic, numbered(count))
-    options = (*leave.options, '--work', '0')
-    with (
-        bench.subscriber(ROS_TOPIC, arrived, *options, samples=SAMPLES, lease_s=8.0) as dying,
-        bench.bridge(config) as bridge,
-    ):
-        leave.up_to(1000)
-        wait_for_lines(arrived, 1000, bridge)
-        dying.kill()
-        with bench.subscriber(ROS_TOPIC, second):
-            wait_for_all(second, count, bridge)
-            assert bridge.end() == 0
-    assert 'a subscriber of /numbers has gone: ' in bridge.output()
-    assert totals(bridge)['confirmed'] == count
-    assert numbers(arrived) == list(range(1000))
-    after = numbers(second)
-    steps_back(after)
-    assert min(after) <= 1000 + SAMPLES
+    one_dies_and_the_next_gets_the_rest(bench, topic, leave, lease_s=8.0)
 
 
 def test_guarantees_2_3_8_sigkill_costs_nothing_of_a_transient_local_history(

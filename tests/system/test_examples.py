@@ -9,19 +9,12 @@ from confluent_kafka import Producer
 from geometry_msgs.msg import TransformStamped, TwistStamped
 from harness import Bench, Process, eventually, lines, values
 from nav_msgs.msg import OccupancyGrid
+from pages import example
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage
 
 EXAMPLES = Path(__file__).parents[2] / 'examples'
 FILES = sorted(EXAMPLES.glob('*.yaml'))
-
-
-def example(bench: Bench, name: str) -> Path:
-    """A copy of an example that knows the broker of the test."""
-    text = (EXAMPLES / f'{name}.yaml').read_text()
-    file = bench.place / f'{name}.yaml'
-    file.write_text(text.replace('localhost:9092', bench.bootstrap_servers))
-    return file
 
 
 def hexed(bench: Bench, name: str, messages: list[bytes]) -> str:

@@ -2,12 +2,10 @@
 
 import json
 import sys
-from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import NamedTuple
 
-import pytest
 from confluent_kafka.schema_registry import Schema, SchemaRegistryClient
 from harness import Bench, Process, eventually, headers, lines, values
 from messages import cdr, layout_of
@@ -25,14 +23,6 @@ from ros2_kafka_bridge.message_types.layout import Layout
 STRING = 'std_msgs/msg/String'
 NODE = (sys.executable, '-m', 'rig.peers.ros_node')
 FLOAT64 = 'std_msgs/msg/Float64'
-
-
-@pytest.fixture
-def registry() -> Iterator[RegistryServer]:
-    """A Schema Registry of one's own; what it was asked is all of the protocol."""
-    with RegistryServer() as server:
-        yield server
-    assert server.problems == []
 
 
 def test_a_registry_that_goes_away_in_mid_stream_makes_the_route_wait_and_loses_nothing(

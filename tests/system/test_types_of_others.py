@@ -16,13 +16,13 @@ from typing import Any
 
 import pytest
 from harness import PEERS, Bench, Process, eventually, headers, lines, to_kafka, to_ros, values
+from pages import example
 from patience import patient
 from robots import ends, installed, random_cdr, robot
 from ros_package import build_package, write_package
 
 from rig.processes import Programs
 
-EXAMPLES = Path(__file__).parents[2] / 'examples'
 JAZZY = Path(__file__).parents[2] / '.venv-jazzy' / 'bin' / 'python'
 NEEDS = ['geometry_msgs', 'std_msgs', 'builtin_interfaces']
 LATCHED = {'durability': 'transient_local'}
@@ -77,13 +77,6 @@ def assert_without(bridge: Process, package: str, prefix: Path) -> None:
     assert str(prefix) not in (proc / 'environ').read_text()
     assert package not in (proc / 'maps').read_text()
     assert find_spec(package) is None, 'the same Python'
-
-
-def example(bench: Bench, name: str) -> Path:
-    text = (EXAMPLES / f'{name}.yaml').read_text()
-    file = bench.place / f'{name}.yaml'
-    file.write_text(text.replace('localhost:9092', bench.bootstrap_servers))
-    return file
 
 
 def test_tf_of_nodes_that_have_tf2_msgs_goes_both_ways_through_a_bridge_that_has_not(

@@ -15,7 +15,17 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
 )
 from harness import Bench, Process, eventually, lines, to_kafka, to_ros, values
 from leave import Leave
-from workers import Watched, bridge, gone, pids, sized, stream, there_and_back, wait_until_gone
+from workers import (
+    Watched,
+    bridge,
+    gone,
+    good_and_bad,
+    pids,
+    sized,
+    stream,
+    there_and_back,
+    wait_until_gone,
+)
 
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import open_node
@@ -139,12 +149,7 @@ def test_a_file_that_cannot_run_is_said_and_ends_with_2(bench: Bench) -> None:
 def test_a_route_that_failed_for_good_is_not_started_again_and_the_others_go_on(
     bench: Bench, topic_name: str
 ) -> None:
-    good, bad = f'{topic_name}.good', f'{topic_name}.bad'
-    routes = [
-        to_ros(bad, '/bad', name='bad', on_error='stop', min_subscribers=0),
-        to_ros(good, '/good', name='good', min_subscribers=0),
-    ]
-    bench.create_topic(bad, good)
+    bad, good, routes = good_and_bad(bench, topic_name)
     bench.produce(bad, [b'fine', b'\xff'])
     with bench.bridge(bench.config(routes, workers=2)) as process:
         process.wait_for('worker 1 (bad) has ended: its routes have failed for good', 60)

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 
 from ros2_kafka_bridge import ros_to_kafka
 from ros2_kafka_bridge.endpoints import Message, Outgoing
-from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.threads.stop import Stop
 
 PUBLISHERS = (b'a', b'b')
@@ -70,8 +69,7 @@ class World:
             max_in_flight=MOST, max_in_flight_bytes=LARGEST_BYTES, drain_s=2.0,
         )  # fmt: skip
         self.house.source.waiting.extend(waiting)
-        self._opened = self.house.pipeline._opened()
-        self._opened.__enter__()
+        self.house.begin()
 
     def happens(self, what: str, how: int) -> None:
         match what:
@@ -87,7 +85,7 @@ class World:
             case 'quiet':
                 self._until_quiet()
             case 'fail':
-                self._run_again()
+                self.house.fail_and_run_again()
             case 'stop':
                 self._next_life()
             case _:
@@ -114,20 +112,13 @@ class World:
         else:
             self.house.letters.answering = what == 'letters go'
 
-    def _run_again(self) -> None:
-        """Let the run end with an error, and begin the next."""
-        error = RouteError('no permission')
-        assert not self._opened.__exit__(RouteError, error, None)
-        self._opened = self.house.pipeline._opened()
-        self._opened.__enter__()
-
     def _next_life(self) -> None:
         """Stop as a bridge does that has the time, then begin again."""
         self._recover()
         stop = Stop()
         stop.ask()
         self.house.pipeline._drain(stop)
-        assert not self._opened.__exit__(None, None, None)
+        assert not self.house._opened.__exit__(None, None, None)
         snapshot = self.house.pipeline.snapshot
         assert snapshot.balanced
         assert not snapshot.in_flight

@@ -273,22 +273,14 @@ def test_no_answer_of_a_registry_shows_one() -> None:
 # The log
 
 
-@pytest.fixture
-def _own_log(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    logger = logging.getLogger('ros2_kafka_bridge')
-    before = logger.handlers, logger.level, logger.propagate
-    monkeypatch.setattr(logging, 'lastResort', logging.lastResort)
-    yield
-    logger.handlers, logger.level, logger.propagate = before
-
-
-@pytest.mark.usefixtures('_own_log')
+@pytest.mark.usefixtures('own_log')
 @pytest.mark.parametrize('log_format', ['text', 'json'])
 def test_no_line_of_the_log_shows_one_whoever_says_it(
     log_format: logs.LogFormat,
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
+    monkeypatch.setattr(logging, 'lastResort', logging.lastResort)
     logs.set_up(log_format)
     logs.route_log('a').warning('traces: not sent to %s', ADDRESS)
     logs.route_log('a').error('a bug', exc_info=ValueError(f'of {ADDRESS}'))

@@ -28,6 +28,14 @@ def _look(child: Child, said: list[str]) -> bool:
     return False
 
 
+def _is_started_again(child: Child) -> None:
+    """As one that was silent for too long."""
+    first, said = child.pid, list[str]()
+    eventually(lambda: _look(child, said) or (child.runs and child.pid != first), 20)
+    assert any('part has been silent for' in news for news in said)
+    child.kill()
+
+
 def test_a_process_that_dies_is_started_again(tmp_path: Path) -> None:
     child = _child('print("works", flush=True); import time; time.sleep(60)', tmp_path)
     child.start()
@@ -82,11 +90,7 @@ def test_a_process_that_hangs_is_ended_and_started_again(tmp_path: Path) -> None
     command = (sys.executable, '-S', '-c', code, str(alive))
     child = Child(Program('part', command, 'works', alive), tmp_path, hung_s=1.0)
     child.start()
-    first = child.pid
-    said: list[str] = []
-    eventually(lambda: _look(child, said) or (child.runs and child.pid != first), 20)
-    assert any('part has been silent for' in news for news in said)
-    child.kill()
+    _is_started_again(child)
 
 
 def test_a_process_that_hangs_before_it_is_alive_is_ended_and_started_again(
@@ -96,11 +100,7 @@ def test_a_process_that_hangs_before_it_is_alive_is_ended_and_started_again(
     program = Program('part', command, 'works', tmp_path / 'alive')
     child = Child(program, tmp_path, hung_s=0.3)
     child.start()
-    first = child.pid
-    said: list[str] = []
-    eventually(lambda: _look(child, said) or (child.runs and child.pid != first), 20)
-    assert any('part has been silent for' in news for news in said)
-    child.kill()
+    _is_started_again(child)
 
 
 def test_a_clock_that_is_set_while_a_process_works_ends_it_not(tmp_path: Path) -> None:
@@ -146,6 +146,4 @@ def test_a_service_that_tells_no_longer_that_it_works_is_started_again(tmp_path:
     eventually(lambda: _look(child, said) or time.monotonic() > until_s, 20)
     assert child.pid == first, said
     os.kill(first, signal.SIGSTOP)
-    eventually(lambda: _look(child, said) or (child.runs and child.pid != first), 20)
-    assert any('part has been silent for' in news for news in said)
-    child.kill()
+    _is_started_again(child)

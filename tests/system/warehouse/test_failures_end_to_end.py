@@ -9,6 +9,7 @@ from random import Random
 from typing import TypeVar
 
 import pytest
+from floors import assert_right
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -42,14 +43,6 @@ MAY_FAIL_LINES = {'LOAD_MISSING', 'OVERWEIGHT', 'MISFIT', 'PICK_FAILED'}
 def simulation(seed: int = 0, orders: int = 8, repair_s: float | None = 60.0) -> Simulation:
     plan = OrderPlan(per_hour=900, most=orders)
     return Simulation(SITE, PROFILES, FAILURE_PROFILE, seed=seed, orders=plan, repair_s=repair_s)
-
-
-def assert_right(result: Result) -> None:
-    assert result.violations == ()
-    assert result.lost == ()
-    assert result.doubled == ()
-    assert result.open == ()
-    assert len(result.ended) == result.sent
 
 
 def carries(robot: RobotState) -> bool:

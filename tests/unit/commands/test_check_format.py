@@ -1,6 +1,5 @@
 """What `check` says of a route's format, and of what a Schema Registry would say to it."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -13,13 +12,6 @@ from ros2_kafka_bridge.message_types import load_layout
 from ros2_kafka_bridge.route.format import encode_of, with_docs
 
 STRING, FLOAT = 'std_msgs/msg/String', 'std_msgs/msg/Float64'
-
-
-@pytest.fixture
-def registry() -> Iterator[RegistryServer]:
-    with RegistryServer() as server:
-        yield server
-    assert server.problems == []
 
 
 def config(registry: RegistryServer, *, kind: str = STRING, **route: Any) -> Config:

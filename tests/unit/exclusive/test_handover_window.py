@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import pytest
+from clocks import Clock
 
 from ros2_kafka_bridge.exclusive.handover_window import (
     KNOWN_S,
@@ -15,22 +16,9 @@ BEGAN_S = 1000.0
 BEFORE, AFTER = BEGAN_S - 60, BEGAN_S + KNOWN_S
 
 
-class Clock:
-    """What the window takes for the module `time`."""
-
-    def __init__(self) -> None:
-        self.now_s = BEGAN_S
-
-    def monotonic(self) -> float:
-        return self.now_s
-
-    def time_ns(self) -> int:
-        return round(self.now_s * 1e9)
-
-
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    clock = Clock()
+    clock = Clock(BEGAN_S)
     monkeypatch.setattr('ros2_kafka_bridge.exclusive.handover_window.time', clock)
     return clock
 

@@ -1,6 +1,7 @@
 """What runs a route by a lock ends when the bridge does, or when the lock is lost: not earlier."""
 
 import pytest
+from clocks import Clock
 
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.exclusive.handover_window import MOST_AT_END_S, MOST_S
@@ -30,22 +31,6 @@ class MemoryLock:
     def close(self) -> None:
         self.held = False
         self.left = True
-
-
-class Clock:
-    """What terms take for the module `time`; it goes on only when it is told to."""
-
-    def __init__(self) -> None:
-        self.now_s = 1000.0
-
-    def monotonic(self) -> float:
-        return self.now_s
-
-    def time_ns(self) -> int:
-        return round(self.now_s * 1e9)
-
-    def sleep(self, duration_s: float) -> None:
-        self.now_s += duration_s
 
 
 @pytest.fixture

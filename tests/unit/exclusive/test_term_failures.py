@@ -3,6 +3,7 @@
 from typing import NoReturn
 
 import pytest
+from clocks import Clock
 from turning import House, MemoryLock, MemoryPipeline, fail, turn, until_asked
 
 from ros2_kafka_bridge.errors import RouteError
@@ -13,16 +14,12 @@ from ros2_kafka_bridge.threads.stop import Stop
 pytestmark = pytest.mark.usefixtures('quick')
 
 
-class Clock:
-    """What a route and its leader take for the module `time`; tests let it go on."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.now_s = 1000.0
-        for module in ('running.route_runner', 'exclusive.lease'):
-            monkeypatch.setattr(f'ros2_kafka_bridge.{module}.time', self)
-
-    def monotonic(self) -> float:
-        return self.now_s
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    for module in ('running.route_runner', 'exclusive.lease'):
+        monkeypatch.setattr(f'ros2_kafka_bridge.{module}.time', clock)
+    return clock
 
 
 def test_a_route_that_fails_keeps_its_turn_while_it_is_tried_again() -> None:
@@ -61,10 +58,7 @@ def test_a_route_that_fails_for_long_goes_to_a_bridge_that_stands_by(
     assert '3 taken, 2 confirmed, 0 dead-lettered, 1 given up' in totals(house.snapshot)
 
 
-def test_a_route_that_gets_on_between_its_failures_is_not_given_away(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    clock = Clock(monkeypatch)
+def test_a_route_that_gets_on_between_its_failures_is_not_given_away(clock: Clock) -> None:
     house, lock = turn('ours', wanted=True)
     tries: list[int] = []
 
@@ -84,9 +78,8 @@ def test_a_route_that_gets_on_between_its_failures_is_not_given_away(
     ('well_s', 'given_away'), [(3600.0, False), (170.0, True)], ids=['an hour', 'three minutes']
 )
 def test_a_route_without_traffic_is_given_away_for_its_last_failures_only(
-    monkeypatch: pytest.MonkeyPatch, *, well_s: float, given_away: bool
+    monkeypatch: pytest.MonkeyPatch, clock: Clock, *, well_s: float, given_away: bool
 ) -> None:
-    clock = Clock(monkeypatch)
     house, lock = turn('ours', wanted=True)
     tries: list[int] = []
 

@@ -4,9 +4,9 @@ import itertools
 import json
 import logging
 import os
-from collections.abc import Iterator
 
 import pytest
+from clocks import Clock
 
 from ros2_kafka_bridge.errors import About, DecodeError
 from ros2_kafka_bridge.logs import lines as logs
@@ -19,27 +19,11 @@ TRACE = '4bf92f3577b34da6a3ce929d0e0e4736'
 LOG = logs.RouteLog(logging.getLogger('test'), 'to_ros')
 
 
-class Clock:
-    def __init__(self) -> None:
-        self.now_s = 1000.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr('time.monotonic', clock)
+    monkeypatch.setattr('time.monotonic', clock.monotonic)
     return clock
-
-
-@pytest.fixture
-def _own_handlers() -> Iterator[None]:
-    logger = logging.getLogger('ros2_kafka_bridge')
-    before = logger.handlers, logger.level, logger.propagate
-    yield
-    logger.handlers, logger.level, logger.propagate = before
 
 
 # Sums
@@ -142,7 +126,7 @@ def test_all_who_sum_lines_of_a_route_share_the_sums_that_its_log_says_at_the_en
 # Lines
 
 
-@pytest.mark.usefixtures('_own_handlers')
+@pytest.mark.usefixtures('own_log')
 def test_a_line_of_json_has_the_fields_of_the_record_that_it_is_about(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
@@ -172,7 +156,7 @@ def test_a_line_of_json_has_the_fields_of_the_record_that_it_is_about(
     }
 
 
-@pytest.mark.usefixtures('_own_handlers')
+@pytest.mark.usefixtures('own_log')
 def test_a_sum_tells_how_many_it_stands_for(capfd: pytest.CaptureFixture[str]) -> None:
     logs.set_up('json')
     log = logs.route_log('to_ros')
@@ -184,7 +168,7 @@ def test_a_sum_tells_how_many_it_stands_for(capfd: pytest.CaptureFixture[str]) -
     assert (last['offset'], last['times']) == (2, 2)
 
 
-@pytest.mark.usefixtures('_own_handlers')
+@pytest.mark.usefixtures('own_log')
 @pytest.mark.parametrize(('lag', 'also'), [(0, {'lag': 0}), (None, {})])
 def test_the_status_of_a_route_has_its_figures_in_fields_of_their_own(
     clock: Clock, capfd: pytest.CaptureFixture[str], lag: int | None, also: dict[str, int]
@@ -205,7 +189,7 @@ def test_the_status_of_a_route_has_its_figures_in_fields_of_their_own(
     assert told['message'].startswith('waiting (Kafka is away): 15 confirmed, 2/s, 12 in flight')
 
 
-@pytest.mark.usefixtures('_own_handlers')
+@pytest.mark.usefixtures('own_log')
 def test_of_the_lines_of_a_kafka_client_only_the_end_of_it_is_said(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
@@ -217,7 +201,7 @@ def test_of_the_lines_of_a_kafka_client_only_the_end_of_it_is_said(
     assert line.endswith('CRITICAL fenced')
 
 
-@pytest.mark.usefixtures('_own_handlers')
+@pytest.mark.usefixtures('own_log')
 def test_a_line_of_text_names_the_trace_where_there_is_one(
     capfd: pytest.CaptureFixture[str],
 ) -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from collections.abc import Callable
 from typing import Any, Final
 
 import httpx
@@ -118,3 +119,10 @@ class Site:
         given = {name.replace('_', '-'): value for name, value in headers.items()}
         wanted = {**ORDERING, **given}
         return self.ask('POST', path, {n: v for n, v in wanted.items() if v}, content or {})
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Wait until it holds."""
+    async with asyncio.timeout(30):
+        while not condition():  # noqa: ASYNC110 (nobody tells when it holds)
+            await asyncio.sleep(0.02)

@@ -18,6 +18,7 @@ from ros2_kafka_bridge.web.events import Events
 from ros2_kafka_bridge.web.viewers import MOST
 
 from .conftest import Told
+from .sites import until
 
 SCOPE: Final[dict[str, Any]] = {
     'type': 'http', 'method': 'GET', 'headers': [], 'client': ('10.1.2.3', 1),
@@ -50,12 +51,6 @@ class Browser:
 
     def leave(self) -> None:
         self._gone.set()
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(30):
-        while not condition():  # noqa: ASYNC110 (nobody tells when it holds)
-            await asyncio.sleep(0.02)
 
 
 def test_a_browser_gets_what_is_there_and_then_what_changes(told: Told) -> None:

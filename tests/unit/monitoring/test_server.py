@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from typing import Final
 
@@ -14,6 +14,8 @@ from uvicorn.server import ServerState
 from ros2_kafka_bridge.logs.lines import route_log, summed
 from ros2_kafka_bridge.monitoring.chunked import CHUNK_BYTES, Chunked
 from ros2_kafka_bridge.monitoring.server import Connection
+
+from .sites import until
 
 _PATIENCE_S: Final = 0.2
 _ASKED: Final = b'GET / HTTP/1.1\r\nhost: x\r\n'
@@ -246,9 +248,3 @@ def test_who_has_most_connections_makes_room_and_not_the_operator(many: bytes) -
         await send({'type': 'http.response.body', 'body': b'told'})
 
     assert b'told' in asyncio.run(run())
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(30):
-        while not condition():  # noqa: ASYNC110 (nobody tells when it holds)
-            await asyncio.sleep(0.02)

@@ -4,6 +4,7 @@ import logging
 from typing import NoReturn
 
 import pytest
+from clocks import Clock
 
 from ros2_kafka_bridge.endpoints import Message, Outgoing
 from ros2_kafka_bridge.errors import BridgeError, RouteError
@@ -15,16 +16,6 @@ from ros2_kafka_bridge.testing.memory import MemoryRecordSink
 
 LOG = logging.LoggerAdapter(logging.getLogger('test'), {})
 LETTER = Outgoing('', None, b'bad', [])
-
-
-class Clock:
-    """A `time` that a test sets."""
-
-    def __init__(self) -> None:
-        self.now_s = 1000.0
-
-    def monotonic(self) -> float:
-        return self.now_s
 
 
 def test_a_topic_that_cannot_be_written_is_tried_again_as_often_as_all_that_fails(

@@ -1,19 +1,15 @@
 """A route that has nothing to do costs little."""
 
 import pytest
+from clocks import Clock
 
 from ros2_kafka_bridge.route.idling import Idling
-
-
-class Clock:
-    def __init__(self) -> None:
-        self.now_s = 1000.0
 
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr('time.monotonic', lambda: clock.now_s)
+    monkeypatch.setattr('time.monotonic', clock.monotonic)
     return clock
 
 

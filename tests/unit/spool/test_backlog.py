@@ -28,8 +28,7 @@ def test_while_kafka_is_away_messages_go_to_disk_and_from_there_to_kafka_in_orde
     assert h.count('in_flight') + h.count('spooled') == 100
     assert h.count('in_flight') <= 10
     come_back(h)
-    h.give(*range(101, 111))  # live traffic waits behind the backlog
-    h.until_all_confirmed()
+    h.until_all_confirmed(*range(101, 111))  # live traffic waits behind the backlog
     assert h.numbers() == list(range(1, 111))
     assert h.count('spooled') == 0
 
@@ -83,8 +82,7 @@ def test_always_writes_before_it_produces_and_a_crash_loses_nothing_that_was_tak
     assert h.on_disk() == [1, 2, 3]
     h.crash()
     again = house({'mode': 'always'})
-    again.give(4)
-    again.until_all_confirmed()
+    again.until_all_confirmed(4)
     assert again.numbers() == [1, 2, 3, 4]
     again.drain()
     assert again.spool.count == 0
@@ -123,8 +121,7 @@ def test_a_message_that_only_the_broker_finds_too_large_becomes_a_dead_letter_fr
 ) -> None:
     h = house({'mode': 'always'})
     h.sink.errors[b'2'] = [RecordTooLargeError(1, None, 'of the topic')] * 2
-    h.give(1, 2, 3)
-    h.until_all_confirmed()
+    h.until_all_confirmed(1, 2, 3)
     assert (h.numbers(), h.count('dead_lettered')) == ([1, 3], 1)
 
 
@@ -133,8 +130,7 @@ def test_what_a_latched_publisher_sends_again_is_skipped_while_it_is_on_disk(hou
     h.take(1, 2, 3)
     h.crash()
     again = house()
-    again.give(1, 2, 3, 4)
-    again.until_all_confirmed()
+    again.until_all_confirmed(1, 2, 3, 4)
     assert again.numbers() == [1, 2, 3, 4]
     assert again.count('skipped') == 3
 
@@ -175,8 +171,7 @@ def test_what_an_earlier_life_has_left_is_measured_when_it_is_sent(house: Make) 
     assert (measures.spool_bytes or 0) > 192
     h.crash()
     again = house().until_all_confirmed()
-    again.give(*range(101, 111))
-    again.until_all_confirmed()
+    again.until_all_confirmed(*range(101, 111))
     measures = again.shown().measures
     assert measures.bytes_taken == measures.bytes_confirmed == 192 + 30
     assert sum(measures.in_bridge.counts) == sum(measures.round_trip.counts) == 110

@@ -14,9 +14,7 @@ def test_a_route_that_fails_and_runs_again_sends_nothing_twice(house: Make) -> N
     h = house(max_in_flight=4, away=True)
     h.take(*range(1, 20))
     h.fail_and_run_again()
-    come_back(h)
-    h.give(20)
-    h.until_all_confirmed()
+    go_on(h, 20)
     assert h.numbers() == list(range(1, 21))
 
 
@@ -42,8 +40,7 @@ def test_what_came_back_from_disk_keeps_its_place_where_kafka_goes_away_at_once(
     h.sink.away = 'Kafka is away'
     h.steps(2)
     come_back(h)
-    h.give(*range(7, 12))
-    h.until_all_taken_are_confirmed()
+    h.until_all_taken_are_confirmed(*range(7, 12))
     assert h.numbers() == list(range(1, 12))
 
 

@@ -5,7 +5,7 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from houses import Make, come_back
+from houses import Make, go_on
 from spools import EVERYTHING, GID, numbers, opened, read_all, rows
 
 from ros2_kafka_bridge.errors import RouteError
@@ -45,9 +45,7 @@ def test_a_damaged_message_is_counted_as_lost_and_no_other_waits_for_it(
     with sqlite3.connect(h.spool._path) as other:
         other.execute("UPDATE rows SET body = x'00' WHERE number = 6")
     other.close()
-    come_back(h)
-    h.give(11)
-    h.until_all_confirmed()
+    go_on(h, 11)
     assert h.numbers() == [1, 2, 3, 4, 5, 7, 8, 9, 10, 11]
     assert (h.count('taken'), h.count('confirmed'), h.count('lost')) == (11, 10, 1)
     assert '1 message in the spool cannot be read: lost' in caplog.text

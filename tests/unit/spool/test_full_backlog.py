@@ -109,8 +109,7 @@ def test_what_was_confirmed_while_the_disk_was_full_is_not_written_any_more(
     come_back(h)
     h.steps()
     make_room(h)
-    h.give(3)
-    h.until_all_confirmed()
+    h.until_all_confirmed(3)
     assert h.numbers() == [1, 2, 3]
 
 
@@ -118,8 +117,7 @@ def test_what_a_full_disk_did_not_take_goes_on_once_kafka_is_back(house: Make) -
     h = house(max_in_flight=3)
     fill_while_away(h, *range(1, 101))
     come_back(h)
-    h.give(*range(101, 201))
-    h.until_all_taken_are_confirmed()
+    h.until_all_taken_are_confirmed(*range(101, 201))
     assert h.numbers() == list(range(201))
 
 
@@ -129,8 +127,7 @@ def test_what_a_full_disk_did_not_take_waits_for_what_is_on_it(house: Make) -> N
     fill(h)
     h.take(*range(21, 31))
     come_back(h)
-    h.give(*range(31, 41))
-    h.until_all_taken_are_confirmed()
+    h.until_all_taken_are_confirmed(*range(31, 41))
     assert h.numbers() == list(range(1, 41))
 
 

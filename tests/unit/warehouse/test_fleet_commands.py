@@ -12,22 +12,18 @@ from ros2_kafka_warehouse.messages.robots import ErrorLevel, FleetOrders, FleetS
 def test_a_blocked_cell_is_driven_on_by_nobody_until_it_is_unblocked() -> None:
     floor = Floor(('quick', (0, 0)))
     floor.obey('blockCell', cell=(1, 0))
-    floor.go(r0=(1, 0))
-    assert floor.cells()['r0'] == (0, 0)
+    assert floor.cells_after(r0=(1, 0))['r0'] == (0, 0)
     floor.obey('unblockCell', cell=(1, 0))
-    floor.go(r0=(1, 0))
-    assert floor.cells()['r0'] == (1, 0)
+    assert floor.cells_after(r0=(1, 0))['r0'] == (1, 0)
 
 
 def test_a_pallet_for_a_cell_with_a_robot_waits_until_it_has_left() -> None:
     floor = Floor(('quick', (0, 0)))
     floor.command('blockCell', cell=(0, 0))
     floor.go(r0=(1, 0))
-    floor.go(r0=(1, 0))
-    assert floor.cells()['r0'] == (1, 0)
+    assert floor.cells_after(r0=(1, 0))['r0'] == (1, 0)
     floor.step()
-    floor.go(r0=(0, 0))
-    assert floor.cells()['r0'] == (1, 0)
+    assert floor.cells_after(r0=(0, 0))['r0'] == (1, 0)
 
 
 def test_a_removed_robot_leaves_its_load_and_comes_back_to_its_home() -> None:

@@ -30,12 +30,10 @@ def test_a_robot_that_says_what_is_wrong_stands_until_it_is_repaired(
 ) -> None:
     floor = broken(code)
     assert floor.errors('r0') == {error_type: level}
-    floor.go(r0=(4, 0))
-    assert floor.cells()['r0'] == STOCK
+    assert floor.cells_after(r0=(4, 0))['r0'] == STOCK
     assert floor.robot('r0').position.localized == (code != 'LOCALIZATION_ERROR')
     floor.obey('repairRobot', 'r0')
-    floor.go(r0=(4, 0))
-    assert floor.cells()['r0'] == (4, 0)
+    assert floor.cells_after(r0=(4, 0))['r0'] == (4, 0)
     assert floor.errors('r0') == {}
 
 
@@ -59,8 +57,7 @@ def test_a_stalled_robot_says_nothing_and_takes_long() -> None:
 
 def test_a_robot_off_plan_goes_once_where_it_was_not_ordered() -> None:
     floor = broken('OFF_PLAN')
-    floor.go(r0=(4, 0))
-    assert floor.cells()['r0'] not in {(4, 0), STOCK}
+    assert floor.cells_after(r0=(4, 0))['r0'] not in {(4, 0), STOCK}
     start = floor.cells()['r0']
     floor.go(r0=STOCK)
     assert start != floor.cells()['r0'] == STOCK
@@ -69,12 +66,10 @@ def test_a_robot_off_plan_goes_once_where_it_was_not_ordered() -> None:
 def test_a_pallet_stands_where_the_way_was_and_goes_with_the_repair() -> None:
     floor = broken('PATH_BLOCKED')
     for _ in range(3):
-        floor.go(r0=(4, 0))
-        assert floor.cells()['r0'] == STOCK
+        assert floor.cells_after(r0=(4, 0))['r0'] == STOCK
     assert floor.errors('r0') == {}
     floor.obey('repairRobot', 'r0')
-    floor.go(r0=(4, 0))
-    assert floor.cells()['r0'] == (4, 0)
+    assert floor.cells_after(r0=(4, 0))['r0'] == (4, 0)
 
 
 def test_the_battery_is_as_low_as_the_fault_says() -> None:
@@ -114,8 +109,7 @@ def test_a_robot_that_was_repaired_has_nothing_left_to_try_again() -> None:
     floor.do('r0', pick())
     floor.obey('repairRobot', 'r0')
     assert floor.statuses('r0') == {'a/1#0:pick': (ActionStatus.FAILED, 'cancelled')}
-    floor.go(r0=(4, 0))
-    assert floor.cells()['r0'] == (4, 0)
+    assert floor.cells_after(r0=(4, 0))['r0'] == (4, 0)
 
 
 def test_a_load_that_slides_off_between_two_cells_lies_where_the_robot_was_going() -> None:
@@ -177,8 +171,7 @@ def test_a_robot_refuses_two_orders_and_takes_the_third() -> None:
         floor.go(r0=(4, 0))
         assert floor.errors('r0') == {'VALIDATION_FAILURE': ErrorLevel.WARNING}
         assert floor.cells()['r0'] == STOCK
-    floor.go(r0=(4, 0))
-    assert floor.cells()['r0'] == (4, 0)
+    assert floor.cells_after(r0=(4, 0))['r0'] == (4, 0)
     assert floor.errors('r0') == {}
 
 

@@ -44,10 +44,13 @@ def test_trains_and_circles_move_together() -> None:
     floor = Floor(
         ('carrier', (3, 1)), ('carrier', (4, 1)), ('carrier', (4, 0)), ('carrier', (3, 0))
     )
-    floor.go(r0=(4, 1), r1=(4, 0), r2=(3, 0), r3=(3, 1))
-    assert floor.cells() == {'r0': (4, 1), 'r1': (4, 0), 'r2': (3, 0), 'r3': (3, 1)}
-    floor.go(r3=(3, 2), r2=(3, 1))
-    assert floor.cells()['r2'] == (3, 1)
+    assert floor.cells_after(r0=(4, 1), r1=(4, 0), r2=(3, 0), r3=(3, 1)) == {
+        'r0': (4, 1),
+        'r1': (4, 0),
+        'r2': (3, 0),
+        'r3': (3, 1),
+    }
+    assert floor.cells_after(r3=(3, 2), r2=(3, 1))['r2'] == (3, 1)
 
 
 @pytest.mark.parametrize(
@@ -66,8 +69,7 @@ def test_a_robot_stays_where_something_is_in_its_way(
 ) -> None:
     floor = Floor((kinds[0], (0, 0)), (kinds[1], (1, 0)))
     orders = {f'r{number}': cell for number, cell in enumerate(targets) if cell}
-    floor.go(**orders)
-    assert floor.cells()['r0'] == (0, 0)
+    assert floor.cells_after(**orders)['r0'] == (0, 0)
     assert not floor.robot('r0').driving
     assert not floor.robot('r0').errors
 
@@ -179,8 +181,7 @@ def test_a_load_leaves_the_stock_once() -> None:
 def test_a_robot_with_an_error_of_its_order_drives_only_by_another_one() -> None:
     floor = Floor(('quick', (5, 1)))
     floor.do('r0', pick())  # nothing is in stock there
-    floor.go(r0=(5, 0))
-    assert floor.cells() == {'r0': (5, 1)}
+    assert floor.cells_after(r0=(5, 0)) == {'r0': (5, 1)}
     floor.send(floor.order('r0', to=(5, 0), order_id='other'))
     assert floor.cells() == {'r0': (5, 0)}
     assert floor.errors('r0') == {}
@@ -224,8 +225,7 @@ def test_a_paused_robot_stands_until_the_pause_ends() -> None:
     floor.go(r0=(1, 0))
     assert (floor.cells()['r0'], floor.robot('r0').paused) == ((0, 0), True)
     floor.act('r0', 'stopPause')
-    floor.go(r0=(1, 0))
-    assert floor.cells()['r0'] == (1, 0)
+    assert floor.cells_after(r0=(1, 0))['r0'] == (1, 0)
 
 
 # Whatever comes

@@ -6,6 +6,7 @@ from random import Random
 from typing import Any
 
 import pytest
+from floors import assert_right
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
@@ -24,7 +25,6 @@ from ros2_kafka_warehouse.domain.robot_failure_profile import (
     read_failure_profile,
 )
 from ros2_kafka_warehouse.domain.simulation import MODULES, Simulation
-from ros2_kafka_warehouse.domain.simulation_result import Result
 from ros2_kafka_warehouse.domain.site import Site, make_site, read_site
 from ros2_kafka_warehouse.domain.trace_check import validate_trace
 from ros2_kafka_warehouse.messages.message import node_id
@@ -66,14 +66,6 @@ def trace_of(world: Simulation, steps: int) -> list[bytes]:
         world.step()
         lines.append(world.line())
     return lines
-
-
-def assert_right(result: Result) -> None:
-    assert result.violations == ()
-    assert result.lost == ()
-    assert result.doubled == ()
-    assert result.open == ()
-    assert len(result.ended) == result.sent
 
 
 def test_all_orders_are_delivered_once_and_no_rule_is_broken() -> None:

@@ -58,7 +58,10 @@ class Story:
     def want(self, wanted: Order | None) -> None:
         self.validator.expect(OpenOrders(() if wanted is None else (wanted,)))
 
-    def see(self, *robots: RobotState, steps: int = 1) -> None:
+    def see(self, *robots: RobotState, steps: int = 1, said: Task | None = None) -> None:
+        """Robots, for some steps, once a task was said where one is given."""
+        if said is not None:
+            self.say(said)
         for _ in range(steps):
             self.step += 1
             self.validator.check(FleetState(self.step, robots), float(self.step))
@@ -88,8 +91,7 @@ def begun(steps: int = 1) -> Story:
 def test_a_task_as_it_was_ordered_breaks_nothing() -> None:
     story = begun(LONG)
     story.see(LOADED)
-    story.say(CARRIED)
-    story.see(LOADED, steps=LONG)
+    story.see(LOADED, steps=LONG, said=CARRIED)
     assert story.rules == []
 
 
@@ -108,15 +110,13 @@ def test_a_task_that_is_not_what_was_ordered_is_found_once(
 ) -> None:
     story = Story(order(), replace(TASK, **wrong))
     story.see(EMPTY, steps=QUIET + 2)
-    story.say(replace(TASK, **wrong, priority=5))
-    story.see(EMPTY, steps=QUIET + 2)
+    story.see(EMPTY, steps=QUIET + 2, said=replace(TASK, **wrong, priority=5))
     assert story.rules == [rule]
 
 
 def test_a_wrong_task_that_is_delivered_and_gone_at_once_is_found() -> None:
     story = begun(2)
-    story.say(replace(TASK, delivery=RETURNS, status=TaskStatus.ASSIGNED))
-    story.see(EMPTY, steps=2)
+    story.see(EMPTY, steps=2, said=replace(TASK, delivery=RETURNS, status=TaskStatus.ASSIGNED))
     story.want(None)
     story.say()
     story.see(EMPTY, steps=QUIET + 2)
@@ -167,8 +167,7 @@ def test_a_change_that_is_ignored_is_found_when_the_task_goes_on(changed: Order)
     story = begun(2)
     story.want(changed)
     story.see(EMPTY, steps=LONG)
-    story.say(replace(TASK, status=TaskStatus.ASSIGNED, robot='a'))
-    story.see(EMPTY, steps=QUIET + 2)
+    story.see(EMPTY, steps=QUIET + 2, said=replace(TASK, status=TaskStatus.ASSIGNED, robot='a'))
     assert len(story.rules) == 1
 
 
@@ -178,12 +177,10 @@ def test_a_change_that_is_ignored_is_found_when_the_task_goes_on(changed: Order)
 )
 def test_a_change_that_comes_after_the_pick_is_too_late(touched: Task, changed: Order) -> None:
     story = begun(2)
-    story.say(touched)
-    story.see(EMPTY, steps=2)
+    story.see(EMPTY, steps=2, said=touched)
     story.want(changed)
     story.see(EMPTY, steps=LONG)
-    story.say(replace(touched, priority=7))
-    story.see(EMPTY, steps=LONG)
+    story.see(EMPTY, steps=LONG, said=replace(touched, priority=7))
     assert story.rules == []
 
 
@@ -192,8 +189,7 @@ def test_what_was_wanted_before_may_be_picked_shortly_after_a_change(changed: Or
     story = begun(2)
     story.want(changed)
     story.see(EMPTY, steps=QUIET)
-    story.say(CARRIED)
-    story.see(LOADED, steps=LONG)
+    story.see(LOADED, steps=LONG, said=CARRIED)
     assert story.rules == []
 
 
@@ -203,8 +199,7 @@ def test_a_change_may_come_while_nobody_says_anything_of_the_task() -> None:
     for _ in range(LONG):  # the Task Organizer is away, and a robot is on its way
         story.step += 1
         story.validator.check(FleetState(story.step, (EMPTY,)), 9.0)
-    story.say(CARRIED)
-    story.see(LOADED, steps=LONG)
+    story.see(LOADED, steps=LONG, said=CARRIED)
     assert story.rules == []
 
 
@@ -219,8 +214,7 @@ def test_a_validator_that_starts_late_waits_until_somebody_speaks_of_the_task() 
     for step in range(LONG):
         story.validator.check(FleetState(step, (EMPTY,)), 9.0)
     story.step = LONG
-    story.say(replace(TASK, delivery=RETURNS))
-    story.see(EMPTY, steps=LONG)
+    story.see(EMPTY, steps=LONG, said=replace(TASK, delivery=RETURNS))
     assert story.rules == []
 
 
@@ -247,18 +241,15 @@ def test_what_robots_carry_for_orders_that_are_over_is_not_compared() -> None:
 def test_a_robot_shows_the_load_that_its_task_says(load: Load, rules: list[str]) -> None:
     story = begun()
     story.see(replace(EMPTY, loads=(load,)))
-    story.say(CARRIED)
-    story.see(replace(EMPTY, loads=(load,)), steps=QUIET + 2)
+    story.see(replace(EMPTY, loads=(load,)), steps=QUIET + 2, said=CARRIED)
     assert story.rules == rules
 
 
 def test_what_was_picked_before_a_change_is_soon_what_the_task_says() -> None:
     story = begun()
     story.want(order(1, quantity=2))
-    story.say(replace(TASK, quantity=2, weight_kg=2.0))
-    story.see(LOADED, steps=5)
-    story.say(CARRIED)
-    story.see(LOADED, steps=QUIET + 2)
+    story.see(LOADED, steps=5, said=replace(TASK, quantity=2, weight_kg=2.0))
+    story.see(LOADED, steps=QUIET + 2, said=CARRIED)
     assert story.rules == []
 
 
@@ -320,8 +311,7 @@ def test_a_line_that_was_given_up_before_its_load_came_is_right() -> None:
     story.say(CARRIED)
     story.carry(*WAY)
     story.see(DROPPED)
-    story.say(replace(TASK, status=TaskStatus.DELIVERED, attempt=1))
-    story.see(DROPPED, steps=QUIET + 2)
+    story.see(DROPPED, steps=QUIET + 2, said=replace(TASK, status=TaskStatus.DELIVERED, attempt=1))
     assert story.rules == []
 
 
@@ -338,10 +328,8 @@ def test_a_delivery_may_be_said_before_its_step_is_seen() -> None:
 
 def test_a_delivery_that_is_no_longer_said_is_no_claim() -> None:
     story = begun(2)
-    story.say(replace(TASK, status=TaskStatus.DELIVERED))
-    story.see(EMPTY, steps=2)
-    story.say(TASK)
-    story.see(EMPTY, steps=GRACE + 2)
+    story.see(EMPTY, steps=2, said=replace(TASK, status=TaskStatus.DELIVERED))
+    story.see(EMPTY, steps=GRACE + 2, said=TASK)
     assert story.rules == []
 
 
