@@ -48,6 +48,11 @@ def pids(process: Process, worker: int) -> list[int]:
     return [int(pid) for pid in found]
 
 
+def last_of(process: Process, worker: int) -> int:
+    """The process that a worker is now."""
+    return pids(process, worker)[-1]
+
+
 def gone(pid: int) -> bool:
     """Whether a process has ended; one that nobody has waited for yet has ended, too."""
     try:

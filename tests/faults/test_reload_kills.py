@@ -9,19 +9,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from harness import Bench, Process, eventually, lines, to_kafka, to_ros, values
+from harness import Bench, eventually, lines, to_kafka, to_ros, values
 from numbers_to_ros import numbered
 from reloads import REFUSED, Reloaded, reloadable
-from workers import pids, wait_until_gone
+from workers import last_of, pids, wait_until_gone
 
 COUNT = 6000
 RATE = 300.0
 LATCHED = ('--durability', 'transient_local', '--count', str(COUNT))
 OFF = {'listen': 'off', 'node': False}
-
-
-def last_of(process: Process, worker: int) -> int:
-    return pids(process, worker)[-1]
 
 
 def test_guarantees_1_2_8_workers_that_are_killed_in_a_reload_lose_nothing(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from harness import Bench, Process, eventually, to_kafka, to_ros, values
+from harness import Bench, eventually, to_kafka, to_ros, values
 from numbers_to_kafka import how_many
 from numbers_to_ros import numbered
 from reloads import (
@@ -19,7 +19,7 @@ from reloads import (
     refuses_a_bad_file,
     reloadable,
 )
-from workers import gone, pids, there_and_back, wait_until_gone
+from workers import gone, last_of, pids, there_and_back, wait_until_gone
 
 COUNT = 3000
 OFF = {'listen': 'off', 'node': False}
@@ -245,14 +245,10 @@ def last(bench: Bench, topic: str) -> int:
     return int(values(bench.records(topic, bench.end_offset(topic)))[-1])
 
 
-def _pid_of(process: Process, worker: int) -> int:
-    return pids(process, worker)[-1]
-
-
 def test_the_worker_of_a_removed_route_ends(bench: Bench, topic: str) -> None:
     routes = [to_ros(topic, f'/{n}', name=n, min_subscribers=0) for n in ('a', 'b')]
     with reloadable(bench, routes, workers=2) as (it, process):
         process.wait_for('reads ', 60, count=2)
         assert it.to(routes[:1]) == 'ended b'
-        wait_until_gone(_pid_of(process, 2))
-        os.kill(_pid_of(process, 1), 0)
+        wait_until_gone(last_of(process, 2))
+        os.kill(last_of(process, 1), 0)

@@ -212,9 +212,8 @@ def test_a_signal_in_the_start_ends_the_bridge_without_a_traceback(
     bench.create_topic(f'{topic}.returned')
     for workers, number in product((1, 2), (signal.SIGINT, signal.SIGTERM)):
         config = bench.config(there_and_back(topic), workers=workers)
-        program = b'process.worker' if workers == 1 else b'process.supervisor'
         with bench.run(config) as process:
-            eventually(partial(runs, process, b'ros2_kafka_bridge.' + program), 60)
+            eventually(partial(runs, process, workers), 60)
             process.send(number)
             assert process.wait(60) == 0, process.output()
         assert 'Traceback' not in process.output()
@@ -225,17 +224,17 @@ def test_a_reload_that_is_asked_for_in_the_start_is_done_after_it(
     bench: Bench, topic: str, workers: int
 ) -> None:
     config = bench.config(there_and_back(topic), workers=workers)
-    program = b'process.worker' if workers == 1 else b'process.supervisor'
     with bench.run(config) as process:
-        eventually(partial(runs, process, b'ros2_kafka_bridge.' + program), 60)
+        eventually(partial(runs, process, workers), 60)
         process.send(signal.SIGHUP)
         process.wait_for('reloaded: nothing has changed', 60)
         process.wait_for('subscribes to', 60)
         assert process.end(40) == 0, process.output()
 
 
-def runs(process: Process, module: bytes) -> bool:
-    return module in Path(f'/proc/{process.pid}/cmdline').read_bytes().split(b'\0')
+def runs(process: Process, workers: int) -> bool:
+    module = f'ros2_kafka_bridge.process.{"worker" if workers == 1 else "supervisor"}'
+    return module.encode() in Path(f'/proc/{process.pid}/cmdline').read_bytes().split(b'\0')
 
 
 # Snapshots

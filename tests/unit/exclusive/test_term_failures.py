@@ -1,5 +1,6 @@
 """A route that fails while a bridge has its turn: kept, given away, or ended."""
 
+from collections.abc import Callable
 from typing import NoReturn
 
 import pytest
@@ -22,18 +23,24 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return clock
 
 
-def test_a_route_that_fails_keeps_its_turn_while_it_is_tried_again() -> None:
-    house, lock = turn('ours', wanted=True)
-    tries: list[int] = []
+def fails(house: House, times: int, note: Callable[[], object] = lambda: None) -> list[object]:
+    """Run a route that fails so often, and is then stopped; returns what each try has noted."""
+    tries: list[object] = []
 
-    def fail_twice(stop: Stop) -> None:
-        tries.append(house.open)
-        if len(tries) < 3:
+    def run(stop: Stop) -> None:
+        tries.append(note())
+        if len(tries) <= times:
             fail(stop)
         house.runner.stop.ask()
 
-    house.pipelines = [MemoryPipeline(1, fail_twice)]
+    house.pipelines = [MemoryPipeline(1, run)]
     house.run()
+    return tries
+
+
+def test_a_route_that_fails_keeps_its_turn_while_it_is_tried_again() -> None:
+    house, lock = turn('ours', wanted=True)
+    tries = fails(house, 2, lambda: house.open)
     assert tries == [1, 1, 1], 'it is the same pipeline, with its ROS endpoint open'
     assert lock.said == ['closed']
 
@@ -60,17 +67,8 @@ def test_a_route_that_fails_for_long_goes_to_a_bridge_that_stands_by(
 
 def test_a_route_that_gets_on_between_its_failures_is_not_given_away(clock: Clock) -> None:
     house, lock = turn('ours', wanted=True)
-    tries: list[int] = []
-
-    def get_on_and_fail(stop: Stop) -> None:
-        clock.now_s += 20.0  # less than it may fail for, and more in sum
-        tries.append(1)
-        if len(tries) < 5:
-            fail(stop)
-        house.runner.stop.ask()
-
-    house.pipelines = [MemoryPipeline(1, get_on_and_fail)]  # one confirmed each time
-    house.run()
+    # Less than it may fail for, and more in sum; one is confirmed each time.
+    fails(house, 4, lambda: clock.sleep(20.0))
     assert lock.said == ['closed']
 
 
@@ -150,16 +148,7 @@ def test_a_route_that_fails_stays_where_no_other_bridge_stands_by(
 ) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.exclusive.lease._FAILING_S', 0.0)
     house, lock = turn('ours')
-    tries: list[int] = []
-
-    def fail_often(stop: Stop) -> None:
-        tries.append(1)
-        if len(tries) < 5:
-            fail(stop)
-        house.runner.stop.ask()
-
-    house.pipelines = [MemoryPipeline(1, fail_often)]
-    house.run()
+    fails(house, 4)
     assert lock.said == ['closed']
 
 

@@ -21,7 +21,5 @@ def _one_authority(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.fixture
-def server() -> Iterator[RegistryServer]:
-    with RegistryServer() as one:
-        yield one
-        assert one.problems == []
+def server(registry: RegistryServer) -> RegistryServer:
+    return registry
