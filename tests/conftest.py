@@ -226,7 +226,7 @@ def unique() -> Callable[[str], str]:
 
 @pytest.fixture
 def topic_name(unique: Callable[[str], str]) -> str:
-    """A Kafka topic that nobody else uses."""
+    """The name of a Kafka topic that nobody else uses."""
     return unique('topic')
 
 
