@@ -45,10 +45,8 @@ def test_what_came_back_from_disk_keeps_its_place_where_kafka_goes_away_at_once(
 
 
 def test_guarantee_8_a_bridge_that_stands_by_delivers_what_it_has_on_disk(house: Make) -> None:
-    first = house()
-    go_away(first)
-    first.give(1, 2, 3)
-    first.steps()
+    first = house(away=True)
+    first.take(1, 2, 3)
     first.drain()
     assert first.numbers() == []
     again = house()
