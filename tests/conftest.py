@@ -14,18 +14,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import pytest
-from harness import Bench
 from hypothesis import settings
-from leave import Leave
-from registry_server import RegistryServer
+from support.processes.harness import Bench
+from support.processes.lifetimes import Leave
+from support.registry.server import RegistryServer
 
 from ros2_kafka_bridge.testing.kafka_node import new_id
 from ros2_kafka_bridge.testing.local_kafka import QUICK_RETURN, LocalKafka
 
 if TYPE_CHECKING:
-    from shared_kafka import SharedKafka  # pytest imports it, to rewrite its asserts
+    from support.kafka.shared import SharedKafka  # pytest imports it, to rewrite its asserts
 
-pytest_plugins = ('default_signals', 'limits', 'outliving', 'reruns', 'shared_kafka', 'skips')
+pytest_plugins = (
+    'support.gate.signals',
+    'support.gate.limits',
+    'support.gate.leak_check',
+    'support.gate.reruns',
+    'support.kafka.shared',
+    'support.gate.skips',
+)
 
 # The same input each time; `make test-long` draws other ones once more.
 settings.register_profile('same', deadline=None, derandomize=True)

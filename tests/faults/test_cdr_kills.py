@@ -7,13 +7,13 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from from_ros import publish, route
-from harness import Bench, Process, eventually, lines, totals, values
-from leave import Leave
-from messages import cdr_of, exact_of
-from numbers_to_kafka import LATCHED, published, seqs
-from numbers_to_ros import SAMPLES, steps_back, wait_for_lines
-from random_messages import random_message
+from support.bridges.numbers_to_kafka import LATCHED, published, seqs
+from support.bridges.numbers_to_ros import SAMPLES, steps_back, wait_for_lines
+from support.bridges.routes import lines, totals, values
+from support.formats.messages import cdr_of, exact_of, random_message
+from support.processes.harness import Bench, Process, eventually
+from support.processes.lifetimes import Leave
+from support.ros.raw import publish, route
 
 from ros2_kafka_bridge.ros.fastdds_profile import FASTDDS_3, Histories, make_profile
 

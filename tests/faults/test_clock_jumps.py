@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from harness import Bench, eventually, lines, to_kafka, to_ros, totals, values
-from leave import Leave
-from spooled import arrived, numbers, on_disk, route
-from wall_clocks import WallClock
+from support.bridges.routes import lines, to_kafka, to_ros, totals, values
+from support.bridges.spooled import arrived, numbers, on_disk, route
+from support.processes.harness import Bench, eventually
+from support.processes.lifetimes import Leave
+from support.processes.preloads import WallClock
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 

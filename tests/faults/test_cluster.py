@@ -8,9 +8,10 @@ from itertools import groupby
 from pathlib import Path
 
 import pytest
-from harness import Bench, Process, eventually, headers, lines, to_kafka, to_ros, totals, values
-from leave import Leave
-from numbers_to_ros import SAMPLES
+from support.bridges.numbers_to_ros import SAMPLES
+from support.bridges.routes import lines, to_kafka, to_ros, totals, values
+from support.processes.harness import Bench, Process, eventually, headers
+from support.processes.lifetimes import Leave
 
 from rig.local_cluster import LocalCluster
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import finished
+from support.processes.terminal import finished
 
 ROOT = Path(__file__).parents[2]
 SEED = 3

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 from confluent_kafka import Message, Producer
-from forgery import copied, forge, true_ones
-from harness import Bench, Process, eventually, headers, to_kafka, totals, values
-from leave import Leave
-from numbers_to_kafka import LATCHED
-from spooled import arrived, file, on_disk, route
-from spools import newest_on_disk
-from taking_turns import STANDS_BY, TAKES, exclusive
+from support.bridges.numbers_to_kafka import LATCHED
+from support.bridges.routes import to_kafka, totals, values
+from support.bridges.spooled import arrived, file, on_disk, route
+from support.bridges.taking_turns import STANDS_BY, TAKES, exclusive
+from support.kafka.forgery import copied, forge, true_ones
+from support.processes.harness import Bench, Process, eventually, headers
+from support.processes.lifetimes import Leave
+from support.spools.files import newest_on_disk
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 

@@ -15,13 +15,14 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from harness import START, Bench, eventually, totals, values
-from leave import Leave
-from numbers_to_kafka import published
-from patience import patient
-from small_disks import fill, mounted
-from spooled import WINDOW, arrived, numbers, route
-from workers import sized, there_and_back
+from support.bridges.numbers_to_kafka import published
+from support.bridges.routes import totals, values
+from support.bridges.spooled import WINDOW, arrived, numbers, route
+from support.bridges.workers import sized, there_and_back
+from support.patience import patient
+from support.processes.harness import START, Bench, eventually
+from support.processes.lifetimes import Leave
+from support.spools.small_disks import fill, mounted
 
 from rig.processes import END_S, KILLED_S
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka

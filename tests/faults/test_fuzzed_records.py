@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from confluent_kafka import Producer
-from harness import Bench, eventually, lines, to_ros
+from support.bridges.routes import lines, to_ros
+from support.processes.harness import Bench, eventually
 
 from benchmarks.fuzz import play
 

@@ -15,9 +15,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from harness import Bench, Process, eventually, lines, to_ros, totals, wait_until_it_reads
-from leave import Leave
-from numbers_to_ros import (
+from support.bridges.numbers_to_ros import (
     ROS_TOPIC,
     SAMPLES,
     SLOW,
@@ -29,7 +27,10 @@ from numbers_to_ros import (
     wait_for_lines,
     wait_until_lost,
 )
-from paced import Stream
+from support.bridges.routes import lines, to_ros, totals
+from support.kafka.paced import Stream
+from support.processes.harness import Bench, Process, eventually, wait_until_it_reads
+from support.processes.lifetimes import Leave
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 

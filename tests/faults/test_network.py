@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from harness import Bench, Process, eventually, headers, lines, to_kafka, to_ros, totals, values
-from leave import Leave
-from numbers_to_ros import numbered, numbers, steps_back
-from paced import Stream
+from support.bridges.numbers_to_ros import numbered, numbers, steps_back
+from support.bridges.routes import lines, to_kafka, to_ros, totals, values
+from support.kafka.paced import Stream
+from support.processes.harness import Bench, Process, eventually, headers
+from support.processes.lifetimes import Leave
 
 from rig.hosts import Hosts, Network
 from ros2_kafka_bridge.errors import ConfigError

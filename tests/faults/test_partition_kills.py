@@ -13,11 +13,12 @@ from typing import Any
 import pytest
 from builtin_interfaces.msg import Time
 from confluent_kafka import Message
-from from_ros import publish
-from harness import Bench, Process, eventually, headers, totals
-from leave import Leave
-from messages import cdr
-from numbers_to_kafka import LATCHED, published
+from support.bridges.numbers_to_kafka import LATCHED, published
+from support.bridges.routes import totals
+from support.formats.messages import cdr
+from support.processes.harness import Bench, Process, eventually, headers
+from support.processes.lifetimes import Leave
+from support.ros.raw import publish
 
 from rig.topics import records
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka

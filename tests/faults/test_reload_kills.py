@@ -9,10 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from harness import Bench, eventually, lines, to_kafka, to_ros, values
-from numbers_to_ros import numbered
-from reloads import REFUSED, Reloaded, reloadable
-from workers import last_of, pids, wait_until_gone
+from support.bridges.numbers_to_ros import numbered
+from support.bridges.reloads import REFUSED, Reloaded, reloadable
+from support.bridges.routes import lines, to_kafka, to_ros, values
+from support.bridges.workers import last_of, pids, wait_until_gone
+from support.processes.harness import Bench, eventually
 
 COUNT = 6000
 RATE = 300.0

@@ -9,12 +9,13 @@ import signal
 from pathlib import Path
 
 import pytest
-from filling import WINDOW, first_held_back
-from harness import Bench, Process, eventually, to_kafka, totals, values
-from leave import Leave
-from numbers_to_kafka import LATCHED, knock, last, seqs
-from numbers_to_ros import numbered
-from relay import node_behind_relay
+from support.bridges.numbers_to_kafka import LATCHED, knock, last, seqs
+from support.bridges.numbers_to_ros import numbered
+from support.bridges.routes import to_kafka, totals, values
+from support.bridges.window_limits import WINDOW, first_held_back
+from support.kafka.relay import node_behind_relay
+from support.processes.harness import Bench, Process, eventually
+from support.processes.lifetimes import Leave
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka, free_port
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from harness import Bench, Process, eventually, values
-from secured import (
+from support.bridges.routes import values
+from support.kafka.secured import (
     OTHER,
     PASSWORD,
     USER,
@@ -26,6 +26,7 @@ from secured import (
     topic_right,
     watched,
 )
+from support.processes.harness import Bench, Process, eventually
 
 COUNT = 300
 CREDENTIALS = 'check sasl.username and sasl.password'

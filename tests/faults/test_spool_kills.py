@@ -7,11 +7,12 @@ The guarantees are those of docs: 2 at least once, 3 order, 4 full means wait, 6
 import logging
 
 import pytest
-from harness import Bench, Process, eventually, headers, totals
-from leave import Leave
-from numbers_to_kafka import LATCHED, knock
-from spooled import RATE, WINDOW, arrived, file, numbers, on_disk, route
-from spools import newest_on_disk
+from support.bridges.numbers_to_kafka import LATCHED, knock
+from support.bridges.routes import totals
+from support.bridges.spooled import RATE, WINDOW, arrived, file, numbers, on_disk, route
+from support.processes.harness import Bench, Process, eventually, headers
+from support.processes.lifetimes import Leave
+from support.spools.files import newest_on_disk
 
 from ros2_kafka_bridge.spool.store import Spool
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka

@@ -11,11 +11,12 @@ import signal
 from pathlib import Path
 
 import pytest
-from harness import Bench, eventually, to_ros
-from leave import Leave
-from spooled import WINDOW, arrived, file, numbers, on_disk, route
-from spools import newest_on_disk
-from workers import kill, pids, wait_until_gone
+from support.bridges.routes import to_ros
+from support.bridges.spooled import WINDOW, arrived, file, numbers, on_disk, route
+from support.bridges.workers import kill, pids, wait_until_gone
+from support.processes.harness import Bench, eventually
+from support.processes.lifetimes import Leave
+from support.spools.files import newest_on_disk
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 

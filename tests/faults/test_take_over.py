@@ -12,21 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from harness import (
-    Bench,
-    eventually,
-    headers,
-    lines,
-    to_kafka,
-    to_ros,
-    totals,
-    wait_until_it_reads,
-)
-from leave import Leave
-from numbers_to_kafka import LATCHED
-from numbers_to_ros import SAMPLES, steps_back
-from spools import newest_on_disk
-from taking_turns import (
+from support.bridges.numbers_to_kafka import LATCHED
+from support.bridges.numbers_to_ros import SAMPLES, steps_back
+from support.bridges.routes import lines, to_kafka, to_ros, totals
+from support.bridges.taking_turns import (
     HANDS,
     RATE,
     STANDS_BY,
@@ -40,6 +29,9 @@ from taking_turns import (
     wait_for_all,
     wait_for_order,
 )
+from support.processes.harness import Bench, eventually, headers, wait_until_it_reads
+from support.processes.lifetimes import Leave
+from support.spools.files import newest_on_disk
 
 from ros2_kafka_bridge.dedup import Deduplicator
 from ros2_kafka_bridge.spool.store import file_of

@@ -8,11 +8,18 @@ import os
 import signal
 from contextlib import ExitStack
 
-from harness import Bench, Process, eventually, to_kafka, to_ros
-from leave import Leave
-from numbers_to_kafka import LATCHED, published
-from taking_turns import STANDS_BY, TAKES, assert_each_once_in_order, wait_for_all, wait_for_order
-from workers import kill, pids, wait_until_gone
+from support.bridges.numbers_to_kafka import LATCHED, published
+from support.bridges.routes import to_kafka, to_ros
+from support.bridges.taking_turns import (
+    STANDS_BY,
+    TAKES,
+    assert_each_once_in_order,
+    wait_for_all,
+    wait_for_order,
+)
+from support.bridges.workers import kill, pids, wait_until_gone
+from support.processes.harness import Bench, Process, eventually
+from support.processes.lifetimes import Leave
 
 ITS = 2  # the worker of the route; the first one has those to ROS
 

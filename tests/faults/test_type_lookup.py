@@ -8,8 +8,9 @@ that type is seen any more. A node that hears nothing of types is such a publish
 from functools import partial
 
 import pytest
-from harness import Bench, eventually, lines, to_kafka, to_ros, totals, values
-from preloads import library
+from support.bridges.routes import lines, to_kafka, to_ros, totals, values
+from support.processes.harness import Bench, eventually
+from support.processes.preloads import library
 
 COUNT = 100
 

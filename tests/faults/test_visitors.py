@@ -1,6 +1,6 @@
 """ROS nodes that come and go, some killed, on the topics of a steady reader and publisher."""
 
-from harness import Bench
+from support.processes.harness import Bench
 
 from benchmarks.churn import play
 

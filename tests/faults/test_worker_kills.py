@@ -8,10 +8,19 @@ import signal
 from functools import partial
 from pathlib import Path
 
-from harness import Bench, eventually, to_kafka, to_ros, values
-from leave import Leave
-from numbers_to_ros import SAMPLES, numbered, numbers, wait_for_all, wait_for_lines
-from workers import good_and_bad, kill, pids, sized, stream, there_and_back, wait_until_gone
+from support.bridges.numbers_to_ros import SAMPLES, numbered, numbers, wait_for_all, wait_for_lines
+from support.bridges.routes import to_kafka, to_ros, values
+from support.bridges.workers import (
+    good_and_bad,
+    kill,
+    pids,
+    sized,
+    stream,
+    there_and_back,
+    wait_until_gone,
+)
+from support.processes.harness import Bench, eventually
+from support.processes.lifetimes import Leave
 
 COUNT = 6000
 LATCHED = ('--durability', 'transient_local', '--count', str(COUNT))

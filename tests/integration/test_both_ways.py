@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from functools import partial
 from itertools import islice
 
-from harness import Bench, eventually, to_kafka, to_ros, values
-from paced import Stream
+from support.bridges.routes import to_kafka, to_ros, values
+from support.kafka.paced import Stream
+from support.processes.harness import Bench, eventually
 
 from ros2_kafka_bridge.testing.orders import encode, orders
 

@@ -6,12 +6,12 @@ Guarantee 6b: `tests/unit/ros/test_broken_packages.py` has what there is to be b
 from collections.abc import Callable
 from pathlib import Path
 
-from from_ros import publish, route, text
-from harness import Bench, to_kafka, to_ros, values
-from messages import cdr
-from raw_readers import reader_of, received
-from ros_package import install_package, write_package
-from scrapes import watched
+from support.bridges.routes import to_kafka, to_ros, values
+from support.formats.messages import cdr
+from support.monitoring.scrapes import watched
+from support.processes.harness import Bench
+from support.ros.package import install_package, write_package
+from support.ros.raw import publish, reader_of, received, route, text
 
 from ros2_kafka_bridge.route.counters import State
 

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from confluent_kafka import Consumer, TopicPartition
-from ending import ended
-from harness import Bench, eventually, lines, to_kafka, to_ros
-from patience import patient
-from robots import installed, robot
-from terminal import on_terminal, without_colours
+from support.bridges.routes import lines, to_kafka, to_ros
+from support.patience import patient
+from support.processes.harness import Bench, eventually
+from support.processes.lifetimes import ended
+from support.processes.terminal import on_terminal, without_colours
+from support.ros.robots import installed, robot
 
 from ros2_kafka_bridge.kafka.topic_id import TopicId, TopicIds
 from ros2_kafka_bridge.testing.local_kafka import free_port

@@ -7,9 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from command_line import finished
-from harness import START, Bench, Process, lines, to_kafka, to_ros
-from patience import patient
+from support.bridges.routes import lines, to_kafka, to_ros
+from support.patience import patient
+from support.processes.harness import START, Bench, Process
+from support.processes.terminal import finished
 
 from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.commands.run import run

@@ -12,8 +12,8 @@ from unittest.mock import MagicMock
 
 import pytest
 from confluent_kafka import Consumer, ConsumerGroupState, KafkaException
-from harness import Bench, eventually
-from patience import patient
+from support.patience import patient
+from support.processes.harness import Bench, eventually
 
 from ros2_kafka_bridge.kafka import group_client
 from ros2_kafka_bridge.kafka.group_client import GroupClient

@@ -5,10 +5,11 @@
 
 from pathlib import Path
 
-from from_ros import publish, route, text
-from harness import Bench, to_ros, totals, values
-from strangers import stranger
-from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
+from support.bridges.routes import to_ros, totals, values
+from support.bridges.words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
+from support.processes.harness import Bench
+from support.processes.preloads import stranger
+from support.ros.raw import publish, route, text
 
 LIES = 'rmw_stranger does not tell what has arrived: it denied nothing of a message'
 

@@ -6,12 +6,13 @@ tests/faults/test_forged_headers.py.
 
 from pathlib import Path
 
-from forgery import copied, forge, true_ones
-from harness import Bench, eventually, headers, lines, to_kafka, to_ros, totals, values
-from leave import Leave
-from letters import done
-from numbers_to_kafka import LATCHED, seqs
-from words import wait_for_commit
+from support.bridges.letters import done
+from support.bridges.numbers_to_kafka import LATCHED, seqs
+from support.bridges.routes import lines, to_kafka, to_ros, totals, values
+from support.bridges.words import wait_for_commit
+from support.kafka.forgery import copied, forge, true_ones
+from support.processes.harness import Bench, eventually, headers
+from support.processes.lifetimes import Leave
 
 
 def test_guarantee_6b_the_commands_of_a_processor_that_copies_headers_reach_the_robot(

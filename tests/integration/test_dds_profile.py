@@ -4,9 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from from_ros import publish, route, text
-from harness import Bench, eventually, values
-from scrapes import Watched, settings
+from support.bridges.routes import values
+from support.monitoring.scrapes import Watched, settings
+from support.processes.harness import Bench, eventually
+from support.ros.raw import publish, route, text
 
 from ros2_kafka_bridge.testing.local_kafka import free_port
 

@@ -5,10 +5,11 @@ import re
 import shlex
 from pathlib import Path
 
-from harness import Bench, to_kafka
-from letters import HOSTILE, SMALL, done, long, route
-from robots import installed, random_cdr, robot
-from words import wait_for_commit
+from support.bridges.letters import HOSTILE, SMALL, done, long, route
+from support.bridges.routes import to_kafka
+from support.bridges.words import wait_for_commit
+from support.processes.harness import Bench
+from support.ros.robots import installed, random_cdr, robot
 
 from ros2_kafka_bridge.dead_letters.writer import explain, from_ros
 from ros2_kafka_bridge.endpoints import Outgoing

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from demos import all_equal, counted, demo
+from support.bridges.demos import all_equal, counted, demo
 
 
 def test_every_order_comes_back_over_the_embedded_broker(tmp_path: Path, ros_domain: int) -> None:

@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 
 import pytest
-from nobody import NO_IDS, Nobody
-from patience import patient
+from support.kafka.source_stubs import NO_IDS, Nobody
+from support.patience import patient
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.client_health import BROKERS_LOST, ClientHealth

@@ -4,10 +4,11 @@ import math
 from array import array
 from typing import Any, NamedTuple
 
-from harness import Bench, eventually, headers, lines
-from messages import cdr, exact_of, extremes, layout_of, new_message
-from raw_readers import reader_of, received
-from registry_server import RegistryServer
+from support.bridges.routes import lines
+from support.formats.messages import cdr, exact_of, extremes, layout_of, new_message
+from support.processes.harness import Bench, eventually, headers
+from support.registry.server import RegistryServer
+from support.ros.raw import reader_of, received
 
 STRING = 'std_msgs/msg/String'
 FLOAT64 = 'std_msgs/msg/Float64'

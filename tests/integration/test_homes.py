@@ -1,7 +1,8 @@
 """Where a bridge runs as a service, there often is no home, or one that is read-only."""
 
 import pytest
-from harness import Bench, to_kafka
+from support.bridges.routes import to_kafka
+from support.processes.harness import Bench
 
 
 @pytest.mark.parametrize('environ', [{'HOME': ''}, {'ROS_LOG_DIR': '/proc/none'}])

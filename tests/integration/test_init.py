@@ -3,9 +3,10 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from harness import Bench, eventually, lines, values
-from renaming import renamed
-from robots import installed, robot
+from support.bridges.routes import lines, values
+from support.install.checkout import renamed
+from support.processes.harness import Bench, eventually
+from support.ros.robots import installed, robot
 
 
 def test_the_starting_file_is_right_and_carries_messages_both_ways(

@@ -6,9 +6,10 @@ The numbers in the names are those of the guarantees that the tests prove.
 import time
 from pathlib import Path
 
-from harness import Bench, eventually, lines, to_ros, totals
-from leave import Leave
-from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
+from support.bridges.routes import lines, to_ros, totals
+from support.bridges.words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
+from support.processes.harness import Bench, eventually
+from support.processes.lifetimes import Leave
 
 
 def test_guarantee_4_records_wait_until_min_subscribers_are_there(

@@ -19,9 +19,10 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     ResourcePatternType,
     ResourceType,
 )
-from harness import Bench, lines, to_ros, totals
-from patience import patient
-from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
+from support.bridges.routes import lines, to_ros, totals
+from support.bridges.words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
+from support.patience import patient
+from support.processes.harness import Bench
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 

@@ -14,9 +14,10 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     AdminClient,
     NewPartitions,
 )
-from harness import Bench, eventually, lines, to_ros, totals, values
-from patience import patient
-from words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
+from support.bridges.routes import lines, to_ros, totals, values
+from support.bridges.words import ROS_TOPIC, texts, wait_for, wait_for_commit, words
+from support.patience import patient
+from support.processes.harness import Bench, eventually
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 

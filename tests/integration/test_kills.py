@@ -9,12 +9,9 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-import spooled
-from filling import WINDOW, first_held_back
-from harness import Bench, eventually, to_kafka, to_ros, totals, values
-from leave import Leave
-from numbers_to_kafka import LATCHED, last, seqs
-from numbers_to_ros import (
+from support.bridges import spooled
+from support.bridges.numbers_to_kafka import LATCHED, last, seqs
+from support.bridges.numbers_to_ros import (
     ON_ITS_WAY_S,
     ROS_TOPIC,
     SAMPLES,
@@ -27,7 +24,8 @@ from numbers_to_ros import (
     wait_for_lines,
     wait_until_lost,
 )
-from taking_turns import (
+from support.bridges.routes import to_kafka, to_ros, totals, values
+from support.bridges.taking_turns import (
     STANDS_BY,
     TAKES,
     assert_each_once_in_order,
@@ -37,7 +35,10 @@ from taking_turns import (
     said_at_s,
     tell,
 )
-from taking_turns import wait_for_all as wait_for_all_of_a_pair
+from support.bridges.taking_turns import wait_for_all as wait_for_all_of_a_pair
+from support.bridges.window_limits import WINDOW, first_held_back
+from support.processes.harness import Bench, eventually
+from support.processes.lifetimes import Leave
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 

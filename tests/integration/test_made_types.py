@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import finished
-from harness import PEERS, Bench, to_kafka, to_ros, values
+from support.bridges.routes import to_kafka, to_ros, values
+from support.processes.harness import PEERS, Bench
+from support.processes.terminal import finished
 
 
 @pytest.mark.usefixtures('ros_domain')

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from harness import Bench, eventually
-from scrapes import ROUTES, Scrape, under_load
+from support.monitoring.scrapes import ROUTES, Scrape, under_load
+from support.processes.harness import Bench, eventually
 
 
 def test_the_counters_of_each_scrape_balance_and_never_fall_under_load(

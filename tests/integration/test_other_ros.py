@@ -5,7 +5,8 @@ import sysconfig
 from pathlib import Path
 
 import pytest
-from harness import Bench, lines, to_kafka, to_ros
+from support.bridges.routes import lines, to_kafka, to_ros
+from support.processes.harness import Bench
 
 WHEELS = Path(sysconfig.get_paths()['platlib'])
 """Where the rclpy of the tests lies."""

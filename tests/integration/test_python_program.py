@@ -3,9 +3,10 @@
 import signal
 from pathlib import Path
 
-from harness import Bench, to_kafka, values
-from pages import fenced
-from workers import there_and_back
+from support.bridges.routes import to_kafka, values
+from support.bridges.workers import there_and_back
+from support.install.checkout import fenced
+from support.processes.harness import Bench
 
 from rig.processes import Process, Programs, ros_here
 

@@ -3,8 +3,8 @@
 With workers and with monitoring, and all else about reloads: tests/system/test_reload.py.
 """
 
-from harness import Bench
-from reloads import keeps_the_routes_that_stay, refuses_a_bad_file
+from support.bridges.reloads import keeps_the_routes_that_stay, refuses_a_bad_file
+from support.processes.harness import Bench
 
 
 def test_a_reload_under_load_loses_and_repeats_nothing_on_the_routes_that_stay(

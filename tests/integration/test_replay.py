@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from ending import ended
-from harness import eventually
+from support.processes.harness import eventually
+from support.processes.lifetimes import ended
 
 # A replay that is never done with its configuration.
 HELD: Final = """\

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from harness import Bench, eventually, lines, to_ros
-from ros_caller import caller
+from support.bridges.routes import lines, to_ros
+from support.processes.harness import Bench, eventually
+from support.ros.caller import caller
 
 
 def test_a_bridge_that_waits_for_a_manager_is_configured_activated_and_shut_down(

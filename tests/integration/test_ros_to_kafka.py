@@ -10,10 +10,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from from_ros import STRING, identities, of, publish, route, text
-from harness import Bench, eventually, headers, to_kafka, to_ros, totals, values
-from leave import Leave
-from numbers_to_kafka import told
+from support.bridges.numbers_to_kafka import told
+from support.bridges.routes import to_kafka, to_ros, totals, values
+from support.processes.harness import Bench, eventually, headers
+from support.processes.lifetimes import Leave
+from support.ros.raw import STRING, identities, of, publish, route, text
 
 from ros2_kafka_bridge.ros.types import load_type
 

@@ -14,10 +14,11 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     ConfigResource,
     ResourceType,
 )
-from from_ros import identities, publish, text
-from harness import Bench, eventually, headers, to_kafka, totals, values
-from numbers_to_kafka import told
-from patience import patient
+from support.bridges.numbers_to_kafka import told
+from support.bridges.routes import to_kafka, totals, values
+from support.patience import patient
+from support.processes.harness import Bench, eventually, headers
+from support.ros.raw import identities, publish, text
 
 LARGE = 9_003  # with header, length and NUL a multiple of 4: no padding is added to it
 WAYS = {

@@ -7,8 +7,9 @@ import struct
 from collections.abc import Callable
 from typing import Any
 
-from from_ros import STRING, publish, route, text
-from harness import Bench, headers, to_kafka, to_ros, values
+from support.bridges.routes import to_kafka, to_ros, values
+from support.processes.harness import Bench, headers
+from support.ros.raw import STRING, publish, route, text
 
 from ros2_kafka_bridge.ros.types import load_type
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from harness import Bench
-from robots import installed, robot
+from support.processes.harness import Bench
+from support.ros.robots import installed, robot
 
 from ros2_kafka_bridge.message_types import load_layout
 

@@ -6,8 +6,8 @@ The other ways in, and what goes wrong on them, are in tests/system and tests/fa
 from pathlib import Path
 
 import pytest
-from harness import Bench
-from secured import carries_orders, running
+from support.kafka.secured import carries_orders, running
+from support.processes.harness import Bench
 
 
 def test_orders_go_through_both_directions_with_the_permissions_of_the_docs(

@@ -14,9 +14,9 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
 
 import pytest
-from handles import hear
-from harness import eventually
-from patience import patient
+from support.patience import patient
+from support.processes.harness import eventually
+from support.worlds.handles import hear
 
 from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.file import loads

@@ -5,9 +5,10 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from harness import Bench, to_kafka, to_ros
-from robots import installed, robot
-from tables import OFFERED, row
+from support.bridges.routes import to_kafka, to_ros
+from support.processes.harness import Bench
+from support.ros.robots import installed, robot
+from support.said import OFFERED, row
 
 
 def test_both_sides_are_shown_with_their_routes(

@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
-from collector import collector
-from harness import Bench, headers, to_ros
-from words import ROS_TOPIC, wait_for, wait_for_commit
+from support.bridges.routes import to_ros
+from support.bridges.words import ROS_TOPIC, wait_for, wait_for_commit
+from support.monitoring.collector import collector
+from support.processes.harness import Bench, headers
 
 TRACE = '4bf92f3577b34da6a3ce929d0e0e4736'
 

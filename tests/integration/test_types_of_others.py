@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from harness import Bench, Process, eventually, headers, lines, values
-from reloads import Reloaded
-from robots import installed, random_cdr, robot
+from support.bridges.reloads import Reloaded
+from support.bridges.routes import lines, values
+from support.processes.harness import Bench, Process, eventually, headers
+from support.ros.robots import installed, random_cdr, robot
 
 from ros2_kafka_bridge.formats.cdr import make_exact
 from ros2_kafka_bridge.message_types import load_layout

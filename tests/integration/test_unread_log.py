@@ -10,9 +10,10 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from harness import START, Bench, eventually, values
-from patience import patient
-from workers import sized, there_and_back
+from support.bridges.routes import values
+from support.bridges.workers import sized, there_and_back
+from support.patience import patient
+from support.processes.harness import START, Bench, eventually
 
 from rig.processes import END_S, KILLED_S
 

@@ -6,10 +6,10 @@ import sys
 import time
 from contextlib import closing
 
-from command_line import finished
 from confluent_kafka import Consumer, Producer
-from harness import Bench, Process
-from patience import patient
+from support.patience import patient
+from support.processes.harness import Bench, Process
+from support.processes.terminal import finished
 
 from ros2_kafka_warehouse.codec import decode
 from ros2_kafka_warehouse.messages.orders import OrderEvent, OrderStatus

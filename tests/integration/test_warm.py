@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from harness import Process, eventually
-from warm import Warm
+from support.processes.harness import Process, eventually
+from support.processes.warm import Warm
 
 from rig.processes import ProcessError
 
@@ -61,14 +61,16 @@ def test_it_has_imported_what_a_bridge_needs_and_has_no_path_of_the_tests(tmp_pa
         assert process.wait() == 0
     is_under_pytest, *words = process.output().split()
     assert is_under_pytest == 'False'
-    assert {'rclpy.node', 'rosidl_generator_py', 'std_msgs.msg', 'warm_modules'} <= set(words)
+    assert {'rclpy.node', 'rosidl_generator_py', 'std_msgs.msg'} <= set(words)
+    assert 'support.processes.warm_modules' in words
     assert {'confluent_kafka.admin', 'ros2_kafka_bridge.bridge'} <= set(words)
     assert str(Path(__file__).parents[1]) not in words
 
 
 def test_it_ends_with_the_process_that_has_started_it(tmp_path: Path) -> None:
     program = (
-        'import os, pathlib, sys, time; sys.path.insert(0, sys.argv[1]); from warm import Warm\n'
+        'import os, pathlib, sys, time; sys.path.insert(0, sys.argv[1])\n'
+        'from support.processes.warm import Warm\n'
         'log = pathlib.Path(sys.argv[2], "log"); script = str(log.with_name("script.py"))\n'
         'if __name__ == "__main__":\n'
         '    process = Warm([script, "stay"], log, dict(os.environ))\n'

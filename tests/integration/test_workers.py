@@ -3,9 +3,19 @@
 from functools import partial
 from itertools import islice, pairwise
 
-from harness import Bench, eventually, totals, values
-from numbers_to_ros import numbered
-from workers import Watched, bridge, kill, pids, sized, stream, there_and_back, wait_until_gone
+from support.bridges.numbers_to_ros import numbered
+from support.bridges.routes import totals, values
+from support.bridges.workers import (
+    Watched,
+    bridge,
+    kill,
+    pids,
+    sized,
+    stream,
+    there_and_back,
+    wait_until_gone,
+)
+from support.processes.harness import Bench, eventually
 
 from ros2_kafka_bridge.route.counters import Snapshot, State, from_line
 

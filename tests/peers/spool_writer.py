@@ -10,7 +10,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from spools import make, rows
+from support.spools.files import make, rows
 
 
 def say(text: str) -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import finished
-from promql import asked, mistakes, told
 from ruamel.yaml import YAML
+from support.monitoring.promql import asked, mistakes, told
+from support.processes.terminal import finished
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / 'packaging' / 'prometheus'

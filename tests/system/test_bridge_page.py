@@ -11,11 +11,12 @@ from typing import Any, Final
 
 import httpx
 import pytest
-from browsers import CHROMIUM, chromium, opened
-from harness import Bench, eventually, to_kafka, to_ros
-from monitors import TOKEN, Stage
 from playwright.sync_api import Browser, Page, expect
 from ruamel.yaml import YAML
+from support.bridges.routes import to_kafka, to_ros
+from support.monitoring.browsers import CHROMIUM, chromium, opened
+from support.monitoring.monitors import TOKEN, Stage
+from support.processes.harness import Bench, eventually
 
 from ros2_kafka_bridge.testing.local_kafka import free_port
 

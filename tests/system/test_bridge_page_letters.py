@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 import pytest
-from browsers import CHROMIUM, MadeUp, chromium, shown
-from monitors import report, snapshot
 from playwright.sync_api import Browser, expect
+from support.monitoring.browsers import CHROMIUM, MadeUp, chromium, shown
+from support.monitoring.monitors import report, snapshot
 
 CONFIG: Final = """
 name: made-up

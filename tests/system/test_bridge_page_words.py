@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import pytest
-from browsers import CHROMIUM, MadeUp, chromium, opened, shown
-from monitors import Monitor, distribution, report, snapshot
 from playwright.sync_api import Browser, Locator, Page, expect
+from support.monitoring.browsers import CHROMIUM, MadeUp, chromium, opened, shown
+from support.monitoring.monitors import Monitor, distribution, report, snapshot
 
 from ros2_kafka_bridge.protocol.monitor import Report, RouteReport
 from ros2_kafka_bridge.route.counters import Measures, Snapshot, State, Trouble

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from ros_package import build_package, write_package
+from support.ros.package import build_package, write_package
 
 MESSAGES = {
     'Crane': """\

@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from harness import Bench, to_ros
+from support.bridges.routes import to_ros
+from support.processes.harness import Bench
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 

@@ -5,9 +5,10 @@ import re
 from collections.abc import Callable
 from contextlib import ExitStack
 
-from harness import Bench, Process, lines, to_kafka, values
-from leave import Leave
-from numbers_to_kafka import published
+from support.bridges.numbers_to_kafka import published
+from support.bridges.routes import lines, to_kafka, values
+from support.processes.harness import Bench, Process
+from support.processes.lifetimes import Leave
 
 
 def logged(bridge: Process) -> list[str]:

@@ -7,10 +7,10 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from harness import Bench, Process, eventually
-from patience import patient
-from terminal import terminal
-from workers import sized, there_and_back
+from support.bridges.workers import sized, there_and_back
+from support.patience import patient
+from support.processes.harness import Bench, Process, eventually
+from support.processes.terminal import terminal
 
 from rig.processes import END_S
 

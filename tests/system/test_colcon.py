@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import pytest
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
-from command_line import finished
-from harness import Bench, Process, to_kafka, to_ros, values
+from support.bridges.routes import to_kafka, to_ros, values
+from support.processes.harness import Bench, Process
+from support.processes.terminal import finished
 
 from ros2_kafka_bridge import __version__
 

@@ -10,10 +10,11 @@ import signal
 from pathlib import Path
 
 import pytest
-from harness import Bench, Process, eventually, lines, to_ros, totals
-from letters import SMALL, done, long, route
-from strangers import stranger, tried_by
-from words import ROS_TOPIC, texts, wait_for, words
+from support.bridges.letters import SMALL, done, long, route
+from support.bridges.routes import lines, to_ros, totals
+from support.bridges.words import ROS_TOPIC, texts, wait_for, words
+from support.processes.harness import Bench, Process, eventually
+from support.processes.preloads import stranger, tried_by
 
 LIES = 'rmw_stranger does not tell what has arrived: it denied nothing of a message'
 ALONE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}

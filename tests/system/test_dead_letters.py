@@ -17,11 +17,12 @@ from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but
     ConfigResource,
     ResourceType,
 )
-from harness import Bench, Process, eventually, headers, lines, to_kafka, values
-from letters import HOSTILE, SMALL, done, long, route, run, written_one_by_one
-from robots import installed, robot
-from secured import PASSWORD, USER, Right, group_right, running, topic_right
-from words import ROS_TOPIC, wait_for_commit
+from support.bridges.letters import HOSTILE, SMALL, done, long, route, run, written_one_by_one
+from support.bridges.routes import lines, to_kafka, values
+from support.bridges.words import ROS_TOPIC, wait_for_commit
+from support.kafka.secured import PASSWORD, USER, Right, group_right, running, topic_right
+from support.processes.harness import Bench, Process, eventually, headers
+from support.ros.robots import installed, robot
 
 from ros2_kafka_bridge.dead_letters.writer import explain, from_kafka
 from ros2_kafka_bridge.endpoints import Outgoing

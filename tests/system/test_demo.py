@@ -11,8 +11,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
-from demos import all_equal, children_in, counted, demo, numbers
-from harness import Bench, eventually, values
+from support.bridges.demos import all_equal, children_in, counted, demo, numbers
+from support.bridges.routes import values
+from support.processes.harness import Bench, eventually
 
 from ros2_kafka_bridge.demo import traffic
 from ros2_kafka_bridge.demo.run import STOPPED_AT_ONCE, DemoOptions, run

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 from confluent_kafka import Producer
-from harness import Bench, Process
-from numbers_to_kafka import how_many
+from support.bridges.numbers_to_kafka import how_many
+from support.processes.harness import Bench, Process
 
 from ros2_kafka_bridge.testing.local_kafka import free_port
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from command_line import finished
+from support.processes.terminal import finished
 
 from ros2_kafka_bridge.outside.extras import install_command
 

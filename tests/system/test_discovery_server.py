@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from harness import Bench, eventually, lines, to_kafka, to_ros, values
-from tables import row
+from support.bridges.routes import lines, to_kafka, to_ros, values
+from support.processes.harness import Bench, eventually
+from support.said import row
 
 CURE = 'set ROS_SUPER_CLIENT=TRUE to be told of all'
 SUPER = {'ROS_SUPER_CLIENT': 'TRUE'}

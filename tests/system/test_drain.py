@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from harness import Bench, Process
+from support.processes.harness import Bench, Process
 
 from rig.processes import direct
 

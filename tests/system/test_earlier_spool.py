@@ -1,9 +1,10 @@
 """A bridge sends what the spool of an earlier version of it holds, once and in order."""
 
 import pytest
-from earlier_spools import STATES, VERSIONS, held, put
-from harness import Bench, headers, totals
-from spooled import file, route
+from support.bridges.routes import totals
+from support.bridges.spooled import file, route
+from support.processes.harness import Bench, headers
+from support.spools.files import STATES, VERSIONS, held, put
 
 from rig.topics import records
 

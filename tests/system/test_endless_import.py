@@ -4,9 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from from_ros import publish, route, text
-from harness import Bench, values
-from scrapes import watched
+from support.bridges.routes import values
+from support.monitoring.scrapes import watched
+from support.processes.harness import Bench
+from support.ros.raw import publish, route, text
 
 KEYS = 'diagnostic_msgs/msg/KeyValue'
 IMPORTED = {'packages': 'import'}

@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 from confluent_kafka import Producer
 from geometry_msgs.msg import TransformStamped, TwistStamped
-from harness import Bench, Process, eventually, lines, values
 from nav_msgs.msg import OccupancyGrid
-from pages import example
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage
+from support.bridges.routes import lines, values
+from support.install.checkout import example
+from support.processes.harness import Bench, Process, eventually
 
 EXAMPLES = Path(__file__).parents[2] / 'examples'
 FILES = sorted(EXAMPLES.glob('*.yaml'))

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 from confluent_kafka import Consumer, KafkaError, KafkaException, TopicPartition
-from harness import Bench, eventually, headers, to_kafka, totals, values
+from support.bridges.routes import to_kafka, totals, values
+from support.processes.harness import Bench, eventually, headers
 
 from ros2_kafka_bridge.dedup import without_repeats
 from ros2_kafka_bridge.errors import RouteError, TransportError

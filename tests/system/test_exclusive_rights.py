@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from harness import Bench, eventually
-from secured import PASSWORD, USER, SecuredKafka, group_right, running, topic_right
+from support.kafka.secured import PASSWORD, USER, SecuredKafka, group_right, running, topic_right
+from support.processes.harness import Bench, eventually
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.lock import GroupLock

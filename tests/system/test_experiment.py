@@ -9,7 +9,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
-from harness import Bench, Process, eventually, values
+from support.bridges.routes import values
+from support.processes.harness import Bench, Process, eventually
 
 from benchmarks.experiment import cell
 from benchmarks.experiment.__main__ import _parse, _setting

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from command_line import finished
+from support.processes.terminal import finished
 
 from benchmarks.experiment.grid import LOADS
 from benchmarks.experiment.report import write_report

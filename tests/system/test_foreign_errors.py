@@ -10,8 +10,9 @@ import time
 from pathlib import Path
 
 import pytest
-from harness import PEERS, Bench, Process, eventually, to_kafka, to_ros, values
-from numbers_to_kafka import how_many
+from support.bridges.numbers_to_kafka import how_many
+from support.bridges.routes import to_kafka, to_ros, values
+from support.processes.harness import PEERS, Bench, Process, eventually
 
 WITHIN_S = '30'
 # Met while nothing comes, behind a full window, or at the very end: unit tests let them fail.

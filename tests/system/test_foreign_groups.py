@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 from confluent_kafka import Consumer
-from harness import Bench, eventually, to_ros
-from scrapes import watched
+from support.bridges.routes import to_ros
+from support.monitoring.scrapes import watched
+from support.processes.harness import Bench, eventually
 
 
 @contextlib.contextmanager

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from confluent_kafka.schema_registry import Schema, SchemaRegistryClient
-from harness import Bench, Process, eventually, headers, lines, values
-from messages import cdr, layout_of
-from raw_readers import reader_of, received
-from registry_server import RegistryServer
-from ros_package import build_package, write_package
+from support.bridges.routes import lines, values
+from support.formats.messages import cdr, layout_of
+from support.processes.harness import Bench, Process, eventually, headers
+from support.registry.server import RegistryServer
+from support.ros.package import build_package, write_package
+from support.ros.raw import reader_of, received
 
 from ros2_kafka_bridge.config.formats import SchemaSettings
 from ros2_kafka_bridge.formats import FORMATS

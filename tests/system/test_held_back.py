@@ -11,8 +11,9 @@ from typing import Any
 
 from confluent_kafka import Producer
 from confluent_kafka.admin import NewTopic  # type: ignore[attr-defined]  # not in __all__
-from harness import Bench, eventually, lines, to_ros
-from scrapes import watched
+from support.bridges.routes import lines, to_ros
+from support.monitoring.scrapes import watched
+from support.processes.harness import Bench, eventually
 
 from rig.local_cluster import LocalCluster
 from ros2_kafka_bridge.testing.kafka_jars import find_jars

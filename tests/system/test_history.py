@@ -1,7 +1,8 @@
 """What publishers send again from their history is in Kafka once, however long the history is."""
 
 from confluent_kafka import Producer
-from harness import Bench, eventually, headers, to_kafka, totals, values
+from support.bridges.routes import to_kafka, totals, values
+from support.processes.harness import Bench, eventually, headers
 
 from ros2_kafka_bridge.dedup import place_of
 from ros2_kafka_bridge.endpoints import HeaderList

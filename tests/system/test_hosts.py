@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from harness import eventually
+from support.processes.harness import eventually
 
 from rig.hosts import Host, Network
 from ros2_kafka_bridge.errors import ConfigError

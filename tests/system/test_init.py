@@ -2,8 +2,9 @@
 
 from collections.abc import Callable
 
-from harness import Bench, eventually, lines, values
-from renaming import renamed
+from support.bridges.routes import lines, values
+from support.install.checkout import renamed
+from support.processes.harness import Bench, eventually
 
 from ros2_kafka_bridge.testing.local_kafka import free_port
 

@@ -6,9 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import finished
-from harness import Bench, eventually, headers, lines, to_kafka, to_ros, totals, values
-from leave import Leave
+from support.bridges.routes import lines, to_kafka, to_ros, totals, values
+from support.processes.harness import Bench, eventually, headers
+from support.processes.lifetimes import Leave
+from support.processes.terminal import finished
 
 TUNING = Path(__file__).parents[2] / 'docs' / 'tuning.md'
 COUNT = 1000

@@ -4,8 +4,9 @@ import os
 from pathlib import Path
 
 import pytest
-from command_line import finished
-from harness import Bench, eventually, headers, lines, to_kafka, to_ros, values
+from support.bridges.routes import lines, to_kafka, to_ros, values
+from support.processes.harness import Bench, eventually, headers
+from support.processes.terminal import finished
 
 JAZZY = Path(__file__).parents[2] / '.venv-jazzy' / 'bin' / 'python'
 COUNT = 5000

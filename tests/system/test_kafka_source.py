@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from confluent_kafka import Consumer, KafkaError, Producer, TopicPartition
-from harness import Bench, eventually
-from nobody import Nobody
-from patience import patient
+from support.kafka.source_stubs import Nobody
+from support.patience import patient
+from support.processes.harness import Bench, eventually
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka.consumer import KafkaSource

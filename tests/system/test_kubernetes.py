@@ -8,12 +8,13 @@ from typing import Any
 
 import kubernetes_validate
 import pytest
-from command_line import finished
-from crds import problems
-from harness import Bench, eventually, lines, values
-from pages import ROOT
 from ruamel.yaml import YAML
-from secured import USER, Right, SecuredKafka, group_right, running, topic_right
+from support.bridges.routes import lines, values
+from support.install.checkout import ROOT
+from support.install.schemas import problems
+from support.kafka.secured import USER, Right, SecuredKafka, group_right, running, topic_right
+from support.processes.harness import Bench, eventually
+from support.processes.terminal import finished
 
 from ros2_kafka_bridge import __version__
 

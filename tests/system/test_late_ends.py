@@ -7,9 +7,10 @@ from pathlib import Path
 from threading import Thread
 from typing import Final
 
-from harness import Bench, values
-from letters import written_one_by_one
-from relay import Relay, node_behind
+from support.bridges.letters import written_one_by_one
+from support.bridges.routes import values
+from support.kafka.relay import Relay, node_behind
+from support.processes.harness import Bench
 
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.kafka.transactions import Parcel, Send

@@ -5,8 +5,8 @@ import os
 import sys
 from pathlib import Path
 
-from command_line import finished
-from harness import Bench
+from support.processes.harness import Bench
+from support.processes.terminal import finished
 
 from ros2_kafka_bridge.route.readiness import SETTLE_S
 

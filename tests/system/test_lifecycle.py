@@ -10,10 +10,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from harness import Bench, Process, eventually, to_kafka, to_ros, values
-from numbers_to_ros import numbered
-from reloads import Reloaded, request
-from workers import gone, pids, there_and_back, wait_until_gone
+from support.bridges.numbers_to_ros import numbered
+from support.bridges.reloads import Reloaded, request
+from support.bridges.routes import to_kafka, to_ros, values
+from support.bridges.workers import gone, pids, there_and_back, wait_until_gone
+from support.processes.harness import Bench, Process, eventually
 
 from ros2_kafka_bridge.protocol.monitor import Do
 

@@ -10,11 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from command_line import finished
 from confluent_kafka import Consumer, Producer, TopicPartition
-from ending import ended
-from patience import patient
-from shared_kafka import SharedKafka
+from support.kafka.shared import SharedKafka
+from support.patience import patient
+from support.processes.lifetimes import ended
+from support.processes.terminal import finished
 
 from ros2_kafka_bridge.errors import ConfigError, TransportError
 from ros2_kafka_bridge.testing.kafka_jars import archive_flags, find_jars, install_jars, java

@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 
 import pytest
 import rclpy
-from command_line import finished
-from harness import PEERS, eventually
-from messages import cdr_of, extremes, new_message
-from patience import patient
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from support.formats.messages import cdr_of, extremes, new_message
+from support.patience import patient
+from support.processes.harness import PEERS, eventually
+from support.processes.terminal import finished
 
 from ros2_kafka_bridge.message_types import load_layout, type_names
 from ros2_kafka_bridge.message_types.installed import has_key

@@ -6,9 +6,10 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from driven import Driven
-from harness import Bench, eventually, lines, to_kafka, to_ros
-from words import ROS_TOPIC, words
+from support.bridges.driven import Driven
+from support.bridges.routes import lines, to_kafka, to_ros
+from support.bridges.words import ROS_TOPIC, words
+from support.processes.harness import Bench, eventually
 
 from ros2_kafka_bridge.route.counters import Snapshot
 

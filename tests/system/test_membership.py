@@ -5,8 +5,8 @@ import logging
 from collections.abc import Callable, Mapping
 
 import pytest
-from harness import Bench, eventually
-from nobody import Nobody
+from support.kafka.source_stubs import Nobody
+from support.processes.harness import Bench, eventually
 
 from ros2_kafka_bridge.kafka.consumer import KafkaSource
 from ros2_kafka_bridge.kafka.lock import GroupLock

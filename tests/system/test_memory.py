@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from harness import Bench, eventually, to_kafka, to_ros
+from support.bridges.routes import to_kafka, to_ros
+from support.processes.harness import Bench, eventually
 
 from benchmarks.vitals import Vitals, slope, vitals
 

@@ -12,13 +12,14 @@ from typing import Final
 
 import httpx
 import pytest
-from harness import Bench, eventually, to_kafka, to_ros
-from monitors import TOKEN, Stage
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics
 from prometheus_client.parser import text_string_to_metric_families as prometheus
-from scrapes import PREFIX, ROUTES, Watched, settings, under_load, watched
-from shared_kafka import SharedKafka
-from workers import pids
+from support.bridges.routes import to_kafka, to_ros
+from support.bridges.workers import pids
+from support.kafka.shared import SharedKafka
+from support.monitoring.monitors import TOKEN, Stage
+from support.monitoring.scrapes import PREFIX, ROUTES, Watched, settings, under_load, watched
+from support.processes.harness import Bench, eventually
 
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.kafka.overview import Overview

@@ -6,7 +6,7 @@ Messages both ways: test_wheel.py.
 from pathlib import Path
 
 import pytest
-from wheels import LOCK, ROOT, build, install, interpreter, make_venv, run
+from support.install.wheels import LOCK, ROOT, build, install, interpreter, make_venv, run
 
 VERSIONS = ('3.12', '3.13')
 # What the bridge proper stands on; the rest of tests/unit takes as long as all else here.

@@ -6,10 +6,11 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from driven import Driven
-from harness import Bench, eventually, lines, to_kafka, to_ros, values
-from numbers_to_kafka import how_many
-from words import ROS_TOPIC, texts, wait_for, words
+from support.bridges.driven import Driven
+from support.bridges.numbers_to_kafka import how_many
+from support.bridges.routes import lines, to_kafka, to_ros, values
+from support.bridges.words import ROS_TOPIC, texts, wait_for, words
+from support.processes.harness import Bench, eventually
 
 COUNT = 20_000
 

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from command_line import finished
-from harness import Process
-from pages import ROOT, fenced
+from support.install.checkout import ROOT, fenced
+from support.processes.harness import Process
+from support.processes.terminal import finished
 
 from rig.hosts import Host, Network
 from ros2_kafka_bridge.errors import ConfigError

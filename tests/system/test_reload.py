@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from harness import Bench, eventually, to_kafka, to_ros, values
-from numbers_to_kafka import how_many
-from numbers_to_ros import numbered
-from reloads import (
+from support.bridges.numbers_to_kafka import how_many
+from support.bridges.numbers_to_ros import numbered
+from support.bridges.reloads import (
     RATE,
     REFUSED,
     Reloaded,
@@ -19,7 +18,9 @@ from reloads import (
     refuses_a_bad_file,
     reloadable,
 )
-from workers import gone, last_of, pids, there_and_back, wait_until_gone
+from support.bridges.routes import to_kafka, to_ros, values
+from support.bridges.workers import gone, last_of, pids, there_and_back, wait_until_gone
+from support.processes.harness import Bench, eventually
 
 COUNT = 3000
 OFF = {'listen': 'off', 'node': False}

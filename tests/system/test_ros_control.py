@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from harness import Bench, Process, eventually, lines, to_kafka, to_ros, wait_until_it_reads
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-from ros_caller import caller, controlled
+from support.bridges.routes import lines, to_kafka, to_ros
+from support.processes.harness import Bench, Process, eventually, wait_until_it_reads
+from support.ros.caller import caller, controlled
 
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import open_node

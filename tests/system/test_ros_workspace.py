@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import pytest
-from command_line import finished
-from harness import Bench, Process, to_kafka, to_ros, values
-from pages import ROOT, fenced
-from repositories import copy_checkout
-from wheels import LOCK, install, make_venv, uv
+from support.bridges.routes import to_kafka, to_ros, values
+from support.install.checkout import ROOT, copy_checkout, fenced
+from support.install.wheels import LOCK, install, make_venv, uv
+from support.processes.harness import Bench, Process
+from support.processes.terminal import finished
 
 ROS: Final = '/opt/ros/jazzy'
 # Where packages come from, and whom to trust about that, is the machine's own.

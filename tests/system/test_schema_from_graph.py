@@ -3,8 +3,9 @@
 from pathlib import Path
 
 import pytest
-from harness import Bench, to_kafka, to_ros
-from robots import installed, robot
+from support.bridges.routes import to_kafka, to_ros
+from support.processes.harness import Bench
+from support.ros.robots import installed, robot
 
 from ros2_kafka_bridge.message_types import load_layout
 

@@ -7,15 +7,24 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from avro_messages import ROBOT, STOP, avro_bytes, cdr_from, fields_of, framed, json_text, scope_of
 from confluent_kafka.schema_registry import (
     Schema,
     SchemaReference,
     SchemaRegistryClient,
     SchemaRegistryError,
 )
-from local_registry import NoRegistryError, local_registry
-from messages import extremes, layout_of
+from support.formats.avro import (
+    ROBOT,
+    STOP,
+    avro_bytes,
+    cdr_from,
+    fields_of,
+    framed,
+    json_text,
+    scope_of,
+)
+from support.formats.messages import extremes, layout_of
+from support.registry.apicurio import NoRegistryError, local_registry
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError
 from ros2_kafka_bridge.formats import FORMATS

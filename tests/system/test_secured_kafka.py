@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from harness import Bench, values
-from secured import (
+from support.bridges.routes import values
+from support.kafka.secured import (
     DOCS,
     PASSWORD,
     SECRETS,
@@ -21,6 +21,7 @@ from secured import (
     topic_right,
     watched,
 )
+from support.processes.harness import Bench
 
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.kafka.property_check import property_problems

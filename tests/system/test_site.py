@@ -7,9 +7,9 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
 
 import pytest
-from browsers import CHROMIUM, chromium, opened
-from pages import build_site, pages
 from playwright.sync_api import Browser, Page, expect
+from support.install.checkout import build_site, pages
+from support.monitoring.browsers import CHROMIUM, chromium, opened
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason='no chromium: apt install chromium')
 PHONE = {'width': 390, 'height': 844}

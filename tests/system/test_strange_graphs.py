@@ -7,10 +7,11 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from dds_stranger import negative_lifespan, stranger
-from from_ros import publish, route, text
-from harness import Bench, eventually, values
-from scrapes import watched
+from support.bridges.routes import values
+from support.monitoring.scrapes import watched
+from support.processes.harness import Bench, eventually
+from support.ros.dds_stranger import negative_lifespan, stranger
+from support.ros.raw import publish, route, text
 
 LATCHED = ('--durability', 'transient_local', '--readers', '0')
 

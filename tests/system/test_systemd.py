@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import finished
-from harness import Bench, Process, eventually, to_ros
-from reloads import Reloaded
-from workers import pids
+from support.bridges.reloads import Reloaded
+from support.bridges.routes import to_ros
+from support.bridges.workers import pids
+from support.processes.harness import Bench, Process, eventually
+from support.processes.terminal import finished
 
 from ros2_kafka_bridge.protocol.limits import STUCK_S
 from ros2_kafka_bridge.route.counters import Counters, to_line

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from booted import REPOSITORY, Machine, booted
-from harness import Bench, eventually, to_kafka, to_ros
+from support.bridges.routes import to_kafka, to_ros
+from support.install.booted import REPOSITORY, Machine, booted
+from support.processes.harness import Bench, eventually
 
 PAGE = REPOSITORY / 'docs/systemd.md'
 FILES = '/etc/ros2-kafka-bridge'

@@ -4,9 +4,10 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from harness import Bench, to_kafka, to_ros
-from tables import OFFERED, row
-from terminal import on_terminal, without_colours
+from support.bridges.routes import to_kafka, to_ros
+from support.processes.harness import Bench
+from support.processes.terminal import on_terminal, without_colours
+from support.said import OFFERED, row
 
 from ros2_kafka_bridge.testing.local_kafka import free_port
 

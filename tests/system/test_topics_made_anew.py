@@ -8,10 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from anew import Reader, committed, consumer, fill, make_anew, reading_old, reads_group, topic_id
 from confluent_kafka import ConsumerGroupTopicPartitions, TopicPartition
-from harness import Bench, eventually
-from patience import patient
+from support.kafka.anew import (
+    Reader,
+    committed,
+    consumer,
+    fill,
+    make_anew,
+    reading_old,
+    reads_group,
+    topic_id,
+)
+from support.patience import patient
+from support.processes.harness import Bench, eventually
 
 from ros2_kafka_bridge.kafka.topic_id import Question, TopicId, TopicIds
 from ros2_kafka_bridge.testing.local_kafka import QUICK_RETURN, LocalKafka

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from collector import Collector, Seen, collector
-from harness import Bench, Process, eventually, headers, lines, to_kafka, to_ros
-from words import ROS_TOPIC, wait_for, wait_for_commit
+from support.bridges.routes import lines, to_kafka, to_ros
+from support.bridges.words import ROS_TOPIC, wait_for, wait_for_commit
+from support.monitoring.collector import Collector, Seen, collector
+from support.processes.harness import Bench, Process, eventually, headers
 
 from ros2_kafka_bridge.route.trace_context import parse
 

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import finished
+from support.processes.terminal import finished
 
 from ros2_kafka_bridge.ros.fastdds_profile import Histories, make_profile
 

@@ -7,10 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from command_line import finished
-from harness import Bench, Process, eventually
-from pages import ROOT, fenced
-from terminal import Terminal, terminal
+from support.install.checkout import ROOT, fenced
+from support.processes.harness import Bench, Process, eventually
+from support.processes.terminal import Terminal, finished, terminal
 
 BIN = Path(sys.executable).parent
 LOCAL_KAFKA = '~/bridge/bin/python -m ros2_kafka_bridge.testing.local_kafka'

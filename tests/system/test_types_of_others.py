@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from harness import PEERS, Bench, Process, eventually, headers, lines, to_kafka, to_ros, values
-from pages import example
-from patience import patient
-from robots import ends, installed, random_cdr, robot
-from ros_package import build_package, write_package
+from support.bridges.routes import lines, to_kafka, to_ros, values
+from support.install.checkout import example
+from support.patience import patient
+from support.processes.harness import PEERS, Bench, Process, eventually, headers
+from support.ros.package import build_package, write_package
+from support.ros.robots import ends, installed, random_cdr, robot
 
 from rig.processes import Programs
 

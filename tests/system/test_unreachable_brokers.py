@@ -8,8 +8,9 @@ from pathlib import Path
 from threading import Thread
 
 import pytest
-from harness import Bench, eventually, to_kafka, to_ros
-from scrapes import watched
+from support.bridges.routes import to_kafka, to_ros
+from support.monitoring.scrapes import watched
+from support.processes.harness import Bench, eventually
 
 from ros2_kafka_bridge.testing.local_kafka import HOST, LocalKafka, free_port
 

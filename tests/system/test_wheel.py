@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from command_line import finished
-from harness import Bench, to_ros
 from packaging.metadata import Metadata
-from pages import fenced
-from wheels import (
+from support.bridges.routes import to_ros
+from support.install.checkout import fenced
+from support.install.wheels import (
     LOCK,
     ROOT,
     build,
@@ -24,6 +23,8 @@ from wheels import (
     there_and_back,
     uv,
 )  # fmt: skip
+from support.processes.harness import Bench
+from support.processes.terminal import finished
 
 import ros2_kafka_bridge
 

@@ -13,9 +13,8 @@ import pytest
 from confluent_kafka.admin import (  # type: ignore[attr-defined]  # public, but not in __all__
     ConsumerGroupDescription,
 )
-from harness import Bench, Process, eventually, lines, to_kafka, to_ros, values
-from leave import Leave
-from workers import (
+from support.bridges.routes import lines, to_kafka, to_ros, values
+from support.bridges.workers import (
     Watched,
     bridge,
     gone,
@@ -26,6 +25,8 @@ from workers import (
     there_and_back,
     wait_until_gone,
 )
+from support.processes.harness import Bench, Process, eventually
+from support.processes.lifetimes import Leave
 
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
 from ros2_kafka_bridge.ros.node import open_node

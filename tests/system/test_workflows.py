@@ -3,8 +3,8 @@
 import shutil
 
 import pytest
-from command_line import finished
-from pages import ROOT
+from support.install.checkout import ROOT
+from support.processes.terminal import finished
 
 
 def test_the_workflows_are_what_a_forge_takes() -> None:

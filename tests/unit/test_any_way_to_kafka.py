@@ -7,12 +7,12 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-import flights
 import pytest
-from house_to_kafka import House
-from houses import Broker
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.worlds import flights
+from support.worlds.pipeline_to_kafka import House
+from support.worlds.pipeline_with_spool import Broker
 
 from ros2_kafka_bridge import ros_to_kafka
 from ros2_kafka_bridge.endpoints import Message, Outgoing

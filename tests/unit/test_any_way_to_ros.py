@@ -12,11 +12,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-import flights
 import pytest
-from house_to_ros import MINE, House
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from support.worlds import flights
+from support.worlds.pipeline_to_ros import MINE, House
 
 from ros2_kafka_bridge import kafka_to_ros
 from ros2_kafka_bridge.route import pieces, readiness

@@ -6,8 +6,8 @@ from pathlib import PurePosixPath
 from typing import Any
 
 import pytest
-from pages import ROOT
 from ruamel.yaml import YAML
+from support.install.checkout import ROOT
 
 from ros2_kafka_bridge.config.file import load
 from ros2_kafka_bridge.config.settings import Config

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 import typer
-from command_line import finished
-from pages import ROOT, fenced, links, pages, sections
+from support.install.checkout import ROOT, fenced, links, pages, sections
+from support.processes.terminal import finished
 
 from ros2_kafka_bridge.cli import app
 from ros2_kafka_bridge.config.file import loads

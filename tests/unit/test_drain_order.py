@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from flights import TO_KAFKA, TO_ROS
+from support.worlds.flights import TO_KAFKA, TO_ROS
 
 from ros2_kafka_bridge import bridge as bridge_module
 from ros2_kafka_bridge.bridge import Bridge

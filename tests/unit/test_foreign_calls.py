@@ -16,7 +16,7 @@ from unittest.mock import DEFAULT, MagicMock
 import pytest
 from confluent_kafka import KafkaError, KafkaException, TopicPartition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
-from ros_ends import end_of, source_of, still_node, writer_of
+from support.ros.ends import end_of, source_of, still_node, writer_of
 
 from ros2_kafka_bridge import wiring as wiring_module
 from ros2_kafka_bridge.config.settings import Config

@@ -8,16 +8,16 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import finished
-from patience import eventually
-from workers import gone
+from support.bridges.workers import gone
+from support.patience import eventually
+from support.processes.terminal import finished
 
 TESTS = Path(__file__).parents[1]
 SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 PLUGINS = ('-p', 'timeout', '-p', 'rerunfailures', '-p', 'xdist')
 COMMAND = (sys.executable, '-m', 'pytest', *PLUGINS)
-RULES = ('default_signals', 'limits', 'outliving', 'reruns', 'skips')
-CONFTEST = f'pytest_plugins = {RULES}\n'
+RULES = ('signals', 'limits', 'leak_check', 'reruns', 'skips')
+CONFTEST = f'pytest_plugins = {tuple(f"support.gate.{rule}" for rule in RULES)}\n'
 ONCE = """
 from pathlib import Path
 
@@ -101,8 +101,8 @@ def tree(tmp_path: Path) -> Path:
     (tmp_path / 'pytest.ini').write_text(
         '[pytest]\ntimeout_method = signal\ntimeout_func_only = true\n'
     )
-    for name in ('guardian', 'patience', *RULES):
-        shutil.copy(TESTS / f'{name}.py', tmp_path)
+    shutil.copytree(TESTS / 'support' / 'gate', tmp_path / 'support' / 'gate')
+    shutil.copy(TESTS / 'support' / 'patience.py', tmp_path / 'support')
     (tmp_path / 'conftest.py').write_text(CONFTEST)
     for name in ('unit', 'integration'):
         (tmp_path / name).mkdir()
@@ -218,7 +218,7 @@ def test_a_skip_is_a_failure_where_it_must_not_be(tree: Path, skipping: str) -> 
     assert run(tree)[0] in {pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED}
     status, said = run(tree, CI='true')
     assert status in {pytest.ExitCode.TESTS_FAILED, pytest.ExitCode.INTERRUPTED}
-    assert 'no browser: with CI=true a skip is a failure (tests/skips.py)' in said
+    assert 'no browser: with CI=true a skip is a failure (tests/support/gate)' in said
 
 
 def test_a_skip_that_is_a_failure_is_one_also_where_tests_are_run_again(tree: Path) -> None:

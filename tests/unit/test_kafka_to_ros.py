@@ -4,8 +4,8 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
-from house_to_ros import IN_2001_MS, MINE, House
 from hypothesis import given, settings, strategies
+from support.worlds.pipeline_to_ros import IN_2001_MS, MINE, House
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route import readiness

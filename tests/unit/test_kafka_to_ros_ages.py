@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 
 import pytest
-from house_to_ros import IN_2001_MS, House
+from support.worlds.pipeline_to_ros import IN_2001_MS, House
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route import clock

@@ -5,7 +5,7 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
-from house_to_ros import HASH, House
+from support.worlds.pipeline_to_ros import HASH, House
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route.counters import State

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from house_to_ros import IN_2001_MS, MINE, House
+from support.worlds.pipeline_to_ros import IN_2001_MS, MINE, House
 
 from ros2_kafka_bridge import kafka_to_ros
 from ros2_kafka_bridge.endpoints import Record, Reports

@@ -10,8 +10,8 @@ from itertools import takewhile
 from random import Random
 
 import pytest
-from house_to_ros import MINE, House
 from hypothesis import given, settings, strategies
+from support.worlds.pipeline_to_ros import MINE, House
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka_to_ros import BATCH

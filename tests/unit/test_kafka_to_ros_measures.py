@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from house_to_ros import House
+from support.worlds.pipeline_to_ros import House
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route.counters import State

@@ -8,8 +8,8 @@ from typing import Any
 
 import kubernetes_validate
 import pytest
-from pages import ROOT, fenced
 from ruamel.yaml import YAML
+from support.install.checkout import ROOT, fenced
 
 from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.config.file import loads

@@ -1,8 +1,8 @@
 """What stands still holds no other lane: what can be delivered, and what are dead letters."""
 
 import pytest
-from house_to_kafka import House as ToKafka
-from house_to_ros import House as ToRos
+from support.worlds.pipeline_to_kafka import House as ToKafka
+from support.worlds.pipeline_to_ros import House as ToRos
 
 from ros2_kafka_bridge.errors import RouteError
 

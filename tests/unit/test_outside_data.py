@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from handles import handle, hear
-from house_to_ros import House
+from support.worlds.handles import handle, hear
+from support.worlds.pipeline_to_ros import House
 
 import ros2_kafka_bridge
 from ros2_kafka_bridge.config.checks import key_parts, simple_name

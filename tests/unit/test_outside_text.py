@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import given, strategies
 from rich.console import Console
-from ros_ends import end_of
+from support.ros.ends import end_of
 
 from ros2_kafka_bridge.commands.screen import Finding, show_findings, show_line, show_table
 from ros2_kafka_bridge.errors import RecordError

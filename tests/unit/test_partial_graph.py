@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, cast
 from unittest.mock import MagicMock
 
 import pytest
-from command_line import typed
-from made_letters import config as letters_config
-from tables import row
+from support.bridges.made_letters import config as letters_config
+from support.processes.terminal import typed
+from support.said import row
 
 from ros2_kafka_bridge.bridge import Bridge
 from ros2_kafka_bridge.commands.check import ros as check_ros

@@ -16,7 +16,7 @@ from types import FunctionType
 from typing import Any, Final, NamedTuple
 
 import pytest
-from pages import ROOT, fenced, pages
+from support.install.checkout import ROOT, fenced, pages
 
 import ros2_kafka_bridge
 from ros2_kafka_bridge import Bridge, Snapshot

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from releasing import CHANGELOG, CLOCK, FACE, WHEN_PUBLISHED, NotReadyError, cut, main, problems
-from repositories import commit, git, make_repository
+from support.install.checkout import commit, git, make_repository
 
 from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.outside.extras import PUBLISHED

@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from command_line import finished
+from support.processes.terminal import finished
 
 from ros2_kafka_bridge.config.direction import Direction
 

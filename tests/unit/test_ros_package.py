@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from importlib.metadata import packages_distributions
 from typing import Any, Final
 
-from pages import ROOT
+from support.install.checkout import ROOT
 
 from ros2_kafka_bridge import __version__
 

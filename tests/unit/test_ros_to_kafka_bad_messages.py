@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
-from house_to_kafka import House, encode
+from support.worlds.pipeline_to_kafka import House, encode
 
 from ros2_kafka_bridge.endpoints import HeaderList, Message
 from ros2_kafka_bridge.errors import RecordTooLargeError, RouteError

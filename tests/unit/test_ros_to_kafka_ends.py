@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from house_to_kafka import House
+from support.worlds.pipeline_to_kafka import House
 
 from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import RouteError

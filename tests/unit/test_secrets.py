@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import typed
 from confluent_kafka import KafkaError
-from registry_answers import decode_error, encode_error
-from registry_server import RegistryServer
+from support.processes.terminal import typed
+from support.registry.answers import decode_error, encode_error
+from support.registry.server import RegistryServer
 
 from ros2_kafka_bridge.commands.check.report import report
 from ros2_kafka_bridge.config.base import Settings

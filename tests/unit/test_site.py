@@ -10,8 +10,8 @@ from urllib.parse import unquote, urldefrag, urlsplit
 import pytest
 from markdown_it import MarkdownIt
 from mkdocs.config import load_config
-from pages import ROOT, build_site, pages
 from site_pages import BESIDE
+from support.install.checkout import ROOT, build_site, pages
 
 
 class Html(HTMLParser):

@@ -4,7 +4,7 @@ import re
 import tomllib
 from typing import Final, NamedTuple
 
-from pages import ROOT
+from support.install.checkout import ROOT
 
 WAYS: Final = ('gate', 'long', 'once by hand', 'read only', 'no')
 

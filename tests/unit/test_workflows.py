@@ -7,8 +7,8 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, Final
 
-from pages import ROOT
 from ruamel.yaml import YAML
+from support.install.checkout import ROOT
 
 FILES: Final = sorted((ROOT / '.github' / 'workflows').glob('*.yml'))
 WORKFLOWS: Final[dict[str, Any]] = {file.stem: YAML(typ='safe').load(file) for file in FILES}

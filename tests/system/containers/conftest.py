@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from containers import BASE, IMAGE, Engine, engine, provide_base
-from pages import ROOT, fenced
+from support.install.checkout import ROOT, fenced
+from support.install.containers import BASE, IMAGE, Engine, engine, provide_base
 
 from rig.hosts import Host, Network
 from ros2_kafka_bridge.errors import ConfigError

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 
 import httpx
 import pytest
-from command_line import finished
-from containers import Engine, engine
-from harness import Bench, Process, eventually
-from pages import ROOT
-from patience import patient
 from ruamel.yaml import YAML
+from support.install.checkout import ROOT
+from support.install.containers import Engine, engine
+from support.patience import patient
+from support.processes.harness import Bench, Process, eventually
+from support.processes.terminal import finished
 
 from rig.hosts import Host
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka, install_kafka

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from containers import IMAGE, Engine
-from harness import Bench, eventually, lines, to_kafka, to_ros, values
-from pages import ROOT, fenced
+from support.bridges.routes import lines, to_kafka, to_ros, values
+from support.install.checkout import ROOT, fenced
+from support.install.containers import IMAGE, Engine
+from support.processes.harness import Bench, eventually
 
 from rig.hosts import Host
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from containers import IMAGE, Engine, engine
 from releasing import CHANGELOG, FACE, PLACEHOLDERS
-from repositories import commit, copy_checkout, git
-from wheels import LOCK, install, make_venv, run
+from support.install.checkout import commit, copy_checkout, git
+from support.install.containers import IMAGE, Engine, engine
+from support.install.wheels import LOCK, install, make_venv, run
 
 VERSION = '99.0.0'  # the next one, whichever is out
 MAKE = 'make --no-print-directory'

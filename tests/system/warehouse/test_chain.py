@@ -1,8 +1,7 @@
 """The whole warehouse: from an order in Kafka to the robots, and back to Kafka."""
 
-from harness import Bench, eventually
-from warehouse_graph import drawn_graph, running_graph
-from warehouses import Warehouse
+from support.processes.harness import Bench, eventually
+from support.warehouse.warehouses import Warehouse, drawn_graph, running_graph
 
 from ros2_kafka_warehouse.messages.orders import Line, OrderRequest, OrderStatus
 

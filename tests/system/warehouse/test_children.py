@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
-from harness import eventually
+from support.processes.harness import eventually
 
 from ros2_kafka_warehouse import children
 from ros2_kafka_warehouse.children import Child, Program

@@ -9,9 +9,9 @@ from random import Random
 from typing import TypeVar
 
 import pytest
-from floors import assert_right
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.warehouse.floors import assert_right
 
 from ros2_kafka_warehouse.domain.execution_profiles import read_execution_profiles
 from ros2_kafka_warehouse.domain.faults import CODES, FaultPlan

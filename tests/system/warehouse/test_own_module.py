@@ -4,8 +4,8 @@ import sys
 import time
 from pathlib import Path
 
-from harness import Bench, Process, eventually
-from warehouses import Warehouse
+from support.processes.harness import Bench, Process, eventually
+from support.warehouse.warehouses import Warehouse
 
 from ros2_kafka_warehouse.messages.monitor import OperatorCommand
 from ros2_kafka_warehouse.messages.orders import Line, OrderRequest, OrderStatus

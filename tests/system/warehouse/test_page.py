@@ -10,9 +10,9 @@ from typing import Final
 import httpx
 import pytest
 from confluent_kafka.admin import NewTopic  # type: ignore[attr-defined]  # public, not in __all__
-from harness import Bench, Process, eventually
-from page_stage import PATIENCE_MS, ROBOT, Stage
 from playwright.sync_api import Browser, expect, sync_playwright
+from support.processes.harness import Bench, Process, eventually
+from support.warehouse.page_stage import PATIENCE_MS, ROBOT, Stage
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 from ros2_kafka_warehouse.codec import decode

@@ -1,8 +1,8 @@
 """A warehouse whose parts are killed while it works."""
 
 import pytest
-from harness import Bench
-from warehouses import Warehouse
+from support.processes.harness import Bench
+from support.warehouse.warehouses import Warehouse
 
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 from ros2_kafka_warehouse.messages.orders import OrderStatus

@@ -9,9 +9,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from command_line import finished
-from harness import eventually
 from ruamel.yaml import YAML
+from support.processes.harness import eventually
+from support.processes.terminal import finished
 
 import ros2_kafka_warehouse
 from ros2_kafka_warehouse.codec import decode, encode

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, Self
 
 import pytest
-from command_line import finished
-from harness import Process, eventually
-from pages import ROOT, fenced
+from support.install.checkout import ROOT, fenced
+from support.processes.harness import Process, eventually
+from support.processes.terminal import finished
 
 BIN = Path(sys.executable).parent
 PAGE = 'docs/warehouse.md'

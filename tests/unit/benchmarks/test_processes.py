@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from patience import eventually
-from workers import gone
+from support.bridges.workers import gone
+from support.patience import eventually
 
 from rig.processes import Begin, ProcessError, Programs, direct, owned
 

@@ -6,7 +6,7 @@ from typing import cast
 from unittest.mock import MagicMock
 
 import pytest
-from command_line import typed
+from support.processes.terminal import typed
 
 from ros2_kafka_bridge.commands.check import report
 from ros2_kafka_bridge.commands.check.kafka import CheckedCluster

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from command_line import typed
+from support.processes.terminal import typed
 
 FILE = """\
 name: b

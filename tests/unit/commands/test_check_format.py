@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from registry_server import RegistryServer
+from support.registry.server import RegistryServer
 
 from ros2_kafka_bridge.commands.check.formats import format_findings, registry_findings
 from ros2_kafka_bridge.config.settings import Config

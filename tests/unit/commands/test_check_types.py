@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
 
 import pytest
-from command_line import typed
+from support.processes.terminal import typed
 
 from ros2_kafka_bridge.commands.check.types import FoundType, find_types
 from ros2_kafka_bridge.config.file import loads

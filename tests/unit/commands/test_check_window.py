@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from sentences import fits
+from support.said import fits
 
 from ros2_kafka_bridge.commands.check.report import window_to_kafka, window_to_ros
 from ros2_kafka_bridge.config.settings import KafkaToRosRoute, RosToKafkaRoute

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from command_line import typed
-from made_letters import kafka_letter, read
+from support.bridges.made_letters import kafka_letter, read
+from support.processes.terminal import typed
 
 from ros2_kafka_bridge.commands.dead_letters.report import _letter_json, described
 from ros2_kafka_bridge.dead_letters.writer import without_value

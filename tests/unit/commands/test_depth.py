@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import typed
-from sentences import misfits
+from support.processes.terminal import typed
+from support.said import misfits
 
 from ros2_kafka_bridge.depth.recorder import HEADER
 

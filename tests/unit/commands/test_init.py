@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from command_line import typed
+from support.processes.terminal import typed
 
 from ros2_kafka_bridge.commands.init import write
 from ros2_kafka_bridge.ros.types import MessageType, load_type

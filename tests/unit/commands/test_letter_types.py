@@ -7,8 +7,15 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from made_letters import CONFIG, kafka_letter, read, restorer, ros_letter, without_ros
-from ros_package import write_package
+from support.bridges.made_letters import (
+    CONFIG,
+    kafka_letter,
+    read,
+    restorer,
+    ros_letter,
+    without_ros,
+)
+from support.ros.package import write_package
 
 from ros2_kafka_bridge.commands.dead_letters import types
 from ros2_kafka_bridge.config.settings import Config

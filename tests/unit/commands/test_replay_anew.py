@@ -5,7 +5,7 @@ from contextlib import nullcontext
 from typing import Any
 
 import pytest
-from made_letters import CONFIG, TOPIC, kafka_letter, read, stored
+from support.bridges.made_letters import CONFIG, TOPIC, kafka_letter, read, stored
 
 from ros2_kafka_bridge.commands.dead_letters import replay as command
 from ros2_kafka_bridge.commands.dead_letters.replay import ReplayOptions

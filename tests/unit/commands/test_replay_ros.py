@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from made_letters import Readers, to_readers
+from support.bridges.made_letters import Readers, to_readers
 
 from ros2_kafka_bridge.commands.dead_letters import replay_ros
 from ros2_kafka_bridge.commands.dead_letters.replay_ros import LetterChannel

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from made_letters import CONFIG, TOPIC, Readers, kafka_letter, read, to_readers
+from support.bridges.made_letters import CONFIG, TOPIC, Readers, kafka_letter, read, to_readers
 
 from ros2_kafka_bridge.commands.dead_letters import replay as command
 from ros2_kafka_bridge.commands.dead_letters.replay import ReplayOptions

@@ -4,7 +4,15 @@ import struct
 from pathlib import Path
 
 import pytest
-from made_letters import CONFIG, HEADERS, TOPIC, kafka_letter, read, restorer, ros_letter
+from support.bridges.made_letters import (
+    CONFIG,
+    HEADERS,
+    TOPIC,
+    kafka_letter,
+    read,
+    restorer,
+    ros_letter,
+)
 
 from ros2_kafka_bridge.commands.dead_letters.restore import Again
 from ros2_kafka_bridge.config.settings import Config

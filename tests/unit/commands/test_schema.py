@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from ros_package import write_package
+from support.ros.package import write_package
 
 from ros2_kafka_bridge.commands.schema.report import SchemaOptions, report
 from ros2_kafka_bridge.config.file import load

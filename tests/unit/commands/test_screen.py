@@ -5,7 +5,7 @@ import re
 
 import pytest
 from rich.console import Console
-from terminal import without_colours
+from support.processes.terminal import without_colours
 
 from ros2_kafka_bridge.commands.screen import Finding, show_findings
 

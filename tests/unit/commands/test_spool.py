@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import typed
-from spools import GID, make, opened, row, rows
-from terminal import on_terminal, without_colours
+from support.processes.terminal import on_terminal, typed, without_colours
+from support.spools.files import GID, make, opened, row, rows
 
 from ros2_kafka_bridge.commands.spool.report import SpoolOptions, report
 from ros2_kafka_bridge.endpoints import Outgoing

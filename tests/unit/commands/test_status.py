@@ -9,9 +9,9 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
-import endless_answers
 import pytest
-from endless_answers import Answer, answering
+from support.registry import answers as endless_answers
+from support.registry.answers import Answer, answering
 
 from ros2_kafka_bridge.commands.status.ask import ask
 from ros2_kafka_bridge.commands.status.report import report

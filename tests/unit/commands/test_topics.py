@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import typed
-from made_letters import config
-from tables import row
+from support.bridges.made_letters import config
+from support.processes.terminal import typed
+from support.said import row
 
 from ros2_kafka_bridge.commands.topics import report, types
 from ros2_kafka_bridge.commands.topics.report import SideSettings

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
-from schema_check import schema_problems
-from sentences import fits, misfits
+from support.install.schemas import schema_problems
+from support.said import fits, misfits
 
 from ros2_kafka_bridge.config.checks import KeyPart, key_parts
 from ros2_kafka_bridge.config.file import load, loads

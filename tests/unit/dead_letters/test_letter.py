@@ -5,7 +5,15 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_letters import HEADERS, TOPIC, kafka_letter, read, restorer, ros_letter, stored
+from support.bridges.made_letters import (
+    HEADERS,
+    TOPIC,
+    kafka_letter,
+    read,
+    restorer,
+    ros_letter,
+    stored,
+)
 
 from ros2_kafka_bridge.dead_letters.filter import LetterFilter, limited, read_index, time_ms
 from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark, mark, parse

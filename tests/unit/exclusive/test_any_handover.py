@@ -1,9 +1,9 @@
 """Whatever happens to bridges that take turns, what is published is taken by one of them."""
 
-from handover_ros import Voice
-from handover_worlds import Event, a_world
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.worlds.handover_ros import Voice
+from support.worlds.handover_worlds import Event, a_world
 
 # How often each happens, beside the others.
 KINDS = {

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from patience import eventually
-from turning import IN_USE, House, MemoryLock, MemoryPipeline, Nobody
+from support.patience import eventually
+from support.worlds.exclusive_route import IN_USE, House, MemoryLock, MemoryPipeline, Nobody
 
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.threads.stop import Stop

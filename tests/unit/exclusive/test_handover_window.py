@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import pytest
-from clocks import Clock
+from support.worlds.clocks import Clock
 
 from ros2_kafka_bridge.exclusive.handover_window import (
     KNOWN_S,

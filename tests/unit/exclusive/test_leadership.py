@@ -6,8 +6,8 @@ import weakref
 from typing import TYPE_CHECKING, Any, cast
 
 import pytest
-from patience import eventually
-from turning import House, MemoryLock, MemoryPipeline, turn, until_asked
+from support.patience import eventually
+from support.worlds.exclusive_route import House, MemoryLock, MemoryPipeline, turn, until_asked
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.exclusive.beside import beside

@@ -1,7 +1,7 @@
 """Two bridges of one machine that take turns, and the spool that both use."""
 
 import pytest
-from turning import IN_USE, House, MemoryLock, MemoryPipeline, fail, turn
+from support.worlds.exclusive_route import IN_USE, House, MemoryLock, MemoryPipeline, fail, turn
 
 pytestmark = pytest.mark.usefixtures('quick')
 

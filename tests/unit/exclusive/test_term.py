@@ -1,7 +1,7 @@
 """What runs a route by a lock ends when the bridge does, or when the lock is lost: not earlier."""
 
 import pytest
-from clocks import Clock
+from support.worlds.clocks import Clock
 
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.exclusive.handover_window import MOST_AT_END_S, MOST_S

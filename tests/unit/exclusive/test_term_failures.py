@@ -4,8 +4,15 @@ from collections.abc import Callable
 from typing import NoReturn
 
 import pytest
-from clocks import Clock
-from turning import House, MemoryLock, MemoryPipeline, fail, turn, until_asked
+from support.worlds.clocks import Clock
+from support.worlds.exclusive_route import (
+    House,
+    MemoryLock,
+    MemoryPipeline,
+    fail,
+    turn,
+    until_asked,
+)
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route.counters import Measures, State

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 import trustme
-from registry_server import RegistryServer
+from support.registry.server import RegistryServer
 
 
 @pytest.fixture(autouse=True, scope='module')

@@ -10,9 +10,17 @@ import avro.io
 import avro.schema
 import fastavro
 import pytest
-from avro_messages import LOCAL, ROBOT, WIDE, avro_bytes, cdr_from, fields_of, json_text
 from hypothesis import given
-from messages import FEW, big_endian, cdr, cuts, extremes, layout_of, message_values
+from support.formats.avro import LOCAL, ROBOT, WIDE, avro_bytes, cdr_from, fields_of, json_text
+from support.formats.messages import (
+    FEW,
+    big_endian,
+    cdr,
+    cuts,
+    extremes,
+    layout_of,
+    message_values,
+)
 
 from ros2_kafka_bridge.errors import DecodeError, EncodeError
 from ros2_kafka_bridge.formats.avro import make_decode, make_encode

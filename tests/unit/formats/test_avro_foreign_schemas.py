@@ -4,9 +4,19 @@ import tracemalloc
 from typing import Any
 
 import pytest
-from avro_messages import ROBOT, WIDE, avro_bytes, fields_of, framed, json_text, scope_of
-from avro_records import ONE, decoded, robot
-from registry_server import RegistryServer
+from support.formats.avro import (
+    ONE,
+    ROBOT,
+    WIDE,
+    avro_bytes,
+    decoded,
+    fields_of,
+    framed,
+    json_text,
+    robot,
+    scope_of,
+)
+from support.registry.server import RegistryServer
 
 from benchmarks.fuzz_versions import registry_of
 from ros2_kafka_bridge.errors import DecodeError, RecordTooLargeError

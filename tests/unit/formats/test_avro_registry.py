@@ -9,13 +9,25 @@ from typing import Any
 import avro.io
 import avro.schema
 import pytest
-from avro_messages import ROBOT, WIDE, avro_bytes, cdr_from, fields_of, framed, json_text, scope_of
-from avro_records import ONE, STRING, changed, robot
 from confluent_kafka.schema_registry import SchemaRegistryClient
 from confluent_kafka.schema_registry.avro import AvroDeserializer, AvroSerializer
 from confluent_kafka.serialization import MessageField, SerializationContext
-from messages import cdr, extremes, layout_of
-from registry_server import RegistryServer, Request
+from support.formats.avro import (
+    ONE,
+    ROBOT,
+    STRING,
+    WIDE,
+    avro_bytes,
+    cdr_from,
+    changed,
+    fields_of,
+    framed,
+    json_text,
+    robot,
+    scope_of,
+)
+from support.formats.messages import cdr, extremes, layout_of
+from support.registry.server import RegistryServer, Request
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, RouteError
 from ros2_kafka_bridge.formats.avro import make_decode, make_encode

@@ -9,7 +9,7 @@ import avro.io
 import avro.schema
 import fastavro
 import pytest
-from messages import layout_of
+from support.formats.messages import layout_of
 
 from ros2_kafka_bridge.formats.avro.schema import FILLER, avro_schema
 from ros2_kafka_bridge.message_types import load_layout, type_names

@@ -4,10 +4,21 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from avro_messages import ROBOT, avro_bytes, fields_of, framed, json_text, make_cdr_from, scope_of
-from avro_records import STRING, changed, decoded, robot
-from messages import extremes, layout_of
-from registry_server import RegistryServer
+from support.formats.avro import (
+    ROBOT,
+    STRING,
+    avro_bytes,
+    changed,
+    decoded,
+    fields_of,
+    framed,
+    json_text,
+    make_cdr_from,
+    robot,
+    scope_of,
+)
+from support.formats.messages import extremes, layout_of
+from support.registry.server import RegistryServer
 
 from ros2_kafka_bridge.errors import DecodeError
 from ros2_kafka_bridge.formats.avro import make_decode

@@ -3,8 +3,8 @@
 from typing import Any
 
 import pytest
-from messages import new_message
 from rclpy.serialization import serialize_message
+from support.formats.messages import new_message
 
 from ros2_kafka_bridge.errors import DecodeError, EncodeError
 from ros2_kafka_bridge.formats import FORMATS, Decode, Encode

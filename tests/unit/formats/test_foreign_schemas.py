@@ -10,11 +10,11 @@ from typing import Any, Final
 import avro.io
 import avro.schema
 import pytest
-from avro_messages import STOP, avro_bytes, fields_of, framed, json_text
 from fastavro.utils import generate_one
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from messages import extremes, layout_of
+from support.formats.avro import STOP, avro_bytes, fields_of, framed, json_text
+from support.formats.messages import extremes, layout_of
 
 from benchmarks.fuzz_versions import (
     VERSIONS,

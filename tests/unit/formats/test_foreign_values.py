@@ -7,9 +7,9 @@ import tracemalloc
 from typing import Any, Final
 
 import pytest
-from json_records import STRING, from_json, refusal, scope
-from messages import cdr, layout_of
-from registry_server import RegistryServer
+from support.formats.json import STRING, from_json, refusal, scope
+from support.formats.messages import cdr, layout_of
+from support.registry.server import RegistryServer
 
 from ros2_kafka_bridge.config.formats import SchemaSettings
 from ros2_kafka_bridge.errors import DecodeError

@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 import pytest
-from json_records import (
+from support.formats.json import (
     FLOAT32,
     FLOAT64,
     ODD_NAMES,
@@ -16,7 +16,7 @@ from json_records import (
     scope,
     to_json,
 )
-from messages import big_endian, cdr, layout_of, new_message
+from support.formats.messages import big_endian, cdr, layout_of, new_message
 
 from ros2_kafka_bridge.errors import EncodeError
 from ros2_kafka_bridge.formats.json import make_decode, make_encode, schema

@@ -5,7 +5,7 @@ import math
 from typing import Literal
 
 import pytest
-from messages import layout_of
+from support.formats.messages import layout_of
 
 from ros2_kafka_bridge.config.formats import JsonSettings
 from ros2_kafka_bridge.formats.json import schema

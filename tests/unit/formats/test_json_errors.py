@@ -6,8 +6,17 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from json_records import FLOAT32, FLOAT64, ODOMETRY, STRING, from_json, refusal, scope, to_json
-from messages import cdr
+from support.formats.json import (
+    FLOAT32,
+    FLOAT64,
+    ODOMETRY,
+    STRING,
+    from_json,
+    refusal,
+    scope,
+    to_json,
+)
+from support.formats.messages import cdr
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError
 from ros2_kafka_bridge.formats.cdr import make_decode as make_cdr_decode

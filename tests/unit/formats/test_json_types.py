@@ -8,8 +8,8 @@ from typing import Any, NoReturn
 
 import pytest
 from hypothesis import given
-from messages import FEW, big_endian, cuts, extremes, layout_of, message_values
-from schema_check import schema_problems
+from support.formats.messages import FEW, big_endian, cuts, extremes, layout_of, message_values
+from support.install.schemas import schema_problems
 
 from ros2_kafka_bridge.config.formats import JsonSettings
 from ros2_kafka_bridge.errors import DecodeError, EncodeError

@@ -10,7 +10,15 @@ from typing import Any
 
 import pytest
 from hypothesis import given
-from messages import FEW, big_endian, cdr, cuts, extremes, layout_of, message_values
+from support.formats.messages import (
+    FEW,
+    big_endian,
+    cdr,
+    cuts,
+    extremes,
+    layout_of,
+    message_values,
+)
 
 from ros2_kafka_bridge.config.formats import SchemaSettings
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, EncodeError

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from confluent_kafka.schema_registry import SchemaRegistryClient
 from confluent_kafka.schema_registry.protobuf import ProtobufDeserializer
-from messages import cdr, extremes
-from protobuf_records import BY_TOPIC, NUMBER, SEVEN, VALUE, mine, scope, serialized
-from registry_server import RegistryServer
+from support.formats.messages import cdr, extremes
+from support.formats.protobuf import BY_TOPIC, NUMBER, SEVEN, VALUE, mine, scope, serialized
+from support.registry.server import RegistryServer
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, RouteError
 from ros2_kafka_bridge.formats.protobuf import make_decode, make_encode

@@ -5,11 +5,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import finished
 from confluent_kafka.schema_registry.confluent import meta_pb2
 from google.protobuf import descriptor_pool, json_format
 from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto, FileDescriptorSet
-from messages import cdr_of, new_message
+from support.formats.messages import cdr_of, new_message
+from support.processes.terminal import finished
 
 from ros2_kafka_bridge.config.formats import SchemaSettings
 from ros2_kafka_bridge.errors import ConfigError

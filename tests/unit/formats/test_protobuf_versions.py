@@ -7,8 +7,8 @@ import pytest
 from google.protobuf import descriptor_pool, message_factory
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
 from google.protobuf.timestamp_pb2 import DESCRIPTOR as TIMESTAMP
-from protobuf_records import NUMBER, SEVEN, mine, scope, serialized
-from registry_server import RegistryServer
+from support.formats.protobuf import NUMBER, SEVEN, mine, scope, serialized
+from support.registry.server import RegistryServer
 
 from ros2_kafka_bridge.errors import DecodeError
 from ros2_kafka_bridge.formats.protobuf import make_decode, make_encode

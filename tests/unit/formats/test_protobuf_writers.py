@@ -4,10 +4,10 @@ import base64
 from typing import Any
 
 import pytest
-from avro_messages import fields_of, framed
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
 from google.protobuf.timestamp_pb2 import DESCRIPTOR as TIMESTAMP
-from registry_server import RegistryServer
+from support.formats.avro import fields_of, framed
+from support.registry.server import RegistryServer
 
 from ros2_kafka_bridge.config.formats import SchemaSettings
 from ros2_kafka_bridge.errors import DecodeError

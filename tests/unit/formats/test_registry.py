@@ -6,9 +6,17 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from avro_messages import ROBOT, avro_bytes, cdr_from, fields_of, framed, json_text, scope_of
-from registry_answers import ONCE, SECRET, decode_error, encode_error
-from registry_server import RegistryServer
+from support.formats.avro import (
+    ROBOT,
+    avro_bytes,
+    cdr_from,
+    fields_of,
+    framed,
+    json_text,
+    scope_of,
+)
+from support.registry.answers import ONCE, SECRET, decode_error, encode_error
+from support.registry.server import RegistryServer
 
 from ros2_kafka_bridge.config.formats import SchemaSettings
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, DecodeError, RouteError

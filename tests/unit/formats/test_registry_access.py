@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 import trustme
-from avro_messages import ROBOT, cdr_from, framed, scope_of
-from registry_answers import SECRET, decode_error, encode_error
-from registry_server import RegistryServer
+from support.formats.avro import ROBOT, cdr_from, framed, scope_of
+from support.registry.answers import SECRET, decode_error, encode_error
+from support.registry.server import RegistryServer
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.formats.avro import make_decode, make_encode

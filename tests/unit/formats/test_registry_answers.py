@@ -6,11 +6,19 @@ import tracemalloc
 from collections.abc import Iterator
 from typing import Any
 
-import endless_answers as endless
 import pytest
-from avro_messages import ROBOT, avro_bytes, cdr_from, fields_of, framed, json_text, scope_of
-from registry_answers import ONCE, decode_error, encode_error
-from registry_server import RegistryServer
+from support.formats.avro import (
+    ROBOT,
+    avro_bytes,
+    cdr_from,
+    fields_of,
+    framed,
+    json_text,
+    scope_of,
+)
+from support.registry import answers as endless
+from support.registry.answers import ONCE, decode_error, encode_error
+from support.registry.server import RegistryServer
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError, RouteError
 from ros2_kafka_bridge.formats import answers, avro, protobuf, registry

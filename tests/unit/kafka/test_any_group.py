@@ -1,8 +1,8 @@
 """Whatever happens to a member of a group, the group is told what has ended, and all of it."""
 
-from group_worlds import Event, a_world
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from support.worlds.group_worlds import Event, a_world
 
 # How often each happens, beside the others.
 KINDS = {

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from confluent_kafka import KafkaError, TopicPartition
-from made_letters import TOPIC, config, kafka_letter, stored
+from support.bridges.made_letters import TOPIC, config, kafka_letter, stored
 
 from ros2_kafka_bridge.commands.dead_letters import replay, report
 from ros2_kafka_bridge.commands.dead_letters.report import LetterQuery

@@ -13,7 +13,7 @@ from confluent_kafka import (
     KafkaException,
     TopicPartition,
 )
-from told_ids import NEW, OLD, ToldIds
+from support.kafka.source_stubs import NEW, OLD, ToldIds
 
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.kafka import group_client

@@ -7,7 +7,7 @@ from unittest.mock import MagicMock
 import pytest
 from confluent_kafka import KafkaError
 from hypothesis import given, strategies
-from nobody import NO_IDS
+from support.kafka.source_stubs import NO_IDS
 
 from ros2_kafka_bridge.kafka import group_client
 from ros2_kafka_bridge.kafka.consumer import KafkaSource

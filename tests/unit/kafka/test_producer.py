@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 
 import pytest
 from confluent_kafka import KafkaError
-from patience import eventually
+from support.patience import eventually
 
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import TransportError

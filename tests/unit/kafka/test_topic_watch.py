@@ -7,7 +7,7 @@ from unittest.mock import MagicMock
 
 import pytest
 from confluent_kafka import KafkaError, KafkaException
-from told_ids import NEW, OLD, ToldIds
+from support.kafka.source_stubs import NEW, OLD, ToldIds
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.kafka import topic_id as under_test

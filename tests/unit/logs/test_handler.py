@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from patience import eventually
+from support.patience import eventually
 
 from ros2_kafka_bridge.logs import handler as module
 from ros2_kafka_bridge.logs.handler import LogHandler

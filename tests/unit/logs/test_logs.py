@@ -6,7 +6,7 @@ import logging
 import os
 
 import pytest
-from clocks import Clock
+from support.worlds.clocks import Clock
 
 from ros2_kafka_bridge.errors import About, DecodeError
 from ros2_kafka_bridge.logs import lines as logs

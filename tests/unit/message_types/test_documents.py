@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ros_package import write_package
+from support.ros.package import write_package
 
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.message_types import document, load_layout, type_names

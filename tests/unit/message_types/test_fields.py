@@ -1,9 +1,8 @@
 """Fields of a message that are read by their path, and fields that hold raw data."""
 
 import pytest
-from messages import Writer, layout_of, new_message
-from random_messages import random_message
 from rclpy.serialization import serialize_message
+from support.formats.messages import Writer, layout_of, new_message, random_message
 
 from ros2_kafka_bridge.errors import ConfigError, DecodeError
 from ros2_kafka_bridge.formats.walk import make_reader

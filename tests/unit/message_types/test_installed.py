@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from ros_package import install_package, write_package
+from support.ros.package import install_package, write_package
 
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.message_types import load_layout, type_names, unknown_type

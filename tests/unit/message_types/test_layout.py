@@ -8,9 +8,8 @@ from functools import lru_cache
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from messages import Writer, layout_of, new_message
-from random_messages import random_message
 from rclpy.serialization import deserialize_message, serialize_message
+from support.formats.messages import Writer, layout_of, new_message, random_message
 
 from ros2_kafka_bridge.errors import DecodeError
 from ros2_kafka_bridge.formats import FORMATS

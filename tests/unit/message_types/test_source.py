@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from ros_package import install_package, write_package
+from support.ros.package import install_package, write_package
 
 from ros2_kafka_bridge.config.endpoints import RosSettings
 from ros2_kafka_bridge.errors import ConfigError, RouteError

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from ros_package import install_package, write_package
+from support.ros.package import install_package, write_package
 
 from ros2_kafka_bridge.errors import ConfigError
 from ros2_kafka_bridge.message_types import document, load_layout, type_names

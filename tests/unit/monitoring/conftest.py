@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 import pytest
-from monitors import TOKEN, report, snapshot
+from support.monitoring.monitors import TOKEN, report, snapshot
 
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.validation import plain

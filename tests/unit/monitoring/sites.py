@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import httpx
-from monitors import TOKEN
+from support.monitoring.monitors import TOKEN
 
 from ros2_kafka_bridge.logs.lines import route_log, summed
 from ros2_kafka_bridge.monitoring.replay_process import ReplayOrder

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from promql import asked, mistakes
+from support.monitoring.promql import asked, mistakes
 
 from ros2_kafka_bridge.monitoring.prometheus import METRICS
 

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 from typing import Any, Final
 
 import pytest
-from monitors import TOKEN
 from starlette.types import Message
+from support.monitoring.monitors import TOKEN
 
 from ros2_kafka_bridge.logs.lines import route_log, summed
 from ros2_kafka_bridge.monitoring import rights

@@ -1,7 +1,7 @@
 """When a bridge lives, and when it is ready."""
 
 import pytest
-from monitors import report, snapshot
+from support.monitoring.monitors import report, snapshot
 
 from ros2_kafka_bridge.monitoring.health import Health, liveness, readiness
 from ros2_kafka_bridge.protocol.monitor import Lifecycle, Report, RouteReport, Worker

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any, Final, Self
 
 import pytest
-from made_letters import TOPIC, config, kafka_letter, read, ros_letter
+from support.bridges.made_letters import TOPIC, config, kafka_letter, read, ros_letter
 
 from ros2_kafka_bridge.dead_letters.letter import Letter, LetterPlace, Mark
 from ros2_kafka_bridge.endpoints import HeaderList

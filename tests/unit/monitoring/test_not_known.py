@@ -8,7 +8,16 @@ here; those of the page and of `status` are in `test_not_known_on_the_page.py`.
 from typing import Any, Final
 
 import pytest
-from not_known import ALWAYS, NONE, ORDERS, SILENT, SLOW, bad_report, badly, unknown_report
+from support.monitoring.not_known import (
+    ALWAYS,
+    NONE,
+    ORDERS,
+    SILENT,
+    SLOW,
+    bad_report,
+    badly,
+    unknown_report,
+)
 
 from ros2_kafka_bridge.monitoring.prometheus import METRICS, Seen
 from ros2_kafka_bridge.protocol.monitor import Report

@@ -7,7 +7,7 @@ field without a row fails here.
 from typing import Any, Final
 
 import pytest
-from not_known import ALWAYS, NONE, ORDERS, RETURNED, bad_report, unknown_report
+from support.monitoring.not_known import ALWAYS, NONE, ORDERS, RETURNED, bad_report, unknown_report
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.kafka.overview import ClusterState, TopicState

@@ -3,12 +3,12 @@
 import re
 
 import pytest
-from monitors import distribution, report, snapshot
 from prometheus_client.exposition import generate_latest
 from prometheus_client.openmetrics.exposition import generate_latest as generate_openmetrics
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics
 from prometheus_client.parser import text_string_to_metric_families as prometheus
 from prometheus_client.registry import CollectorRegistry
+from support.monitoring.monitors import distribution, report, snapshot
 
 from ros2_kafka_bridge.monitoring.prometheus import METRICS, PREFIX, BridgeCollector
 from ros2_kafka_bridge.protocol.monitor import Lifecycle, Reload

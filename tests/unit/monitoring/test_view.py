@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from monitors import report, snapshot
+from support.monitoring.monitors import report, snapshot
 
 from ros2_kafka_bridge.monitoring import view
 from ros2_kafka_bridge.protocol.monitor import Report, RouteReport

@@ -1,7 +1,7 @@
 """What the process that watches knows, and what it asks for."""
 
 import pytest
-from monitors import report, snapshot
+from support.monitoring.monitors import report, snapshot
 
 from ros2_kafka_bridge.monitoring.board import Board
 from ros2_kafka_bridge.monitoring.history import SPAN_S, History, RouteStatistics

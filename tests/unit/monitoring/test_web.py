@@ -6,9 +6,9 @@ import threading
 from typing import Any, Final
 
 import pytest
-from monitors import TOKEN, report, snapshot
 from prometheus_client.exposition import generate_latest
 from prometheus_client.registry import Collector
+from support.monitoring.monitors import TOKEN, report, snapshot
 
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.monitoring import letters, view, web

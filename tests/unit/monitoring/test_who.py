@@ -6,8 +6,8 @@ import os
 from typing import Any, Final
 
 import pytest
-from monitors import TOKEN
 from starlette.routing import Route
+from support.monitoring.monitors import TOKEN
 
 from ros2_kafka_bridge.monitoring import letters, rights
 from ros2_kafka_bridge.web.guard import is_loopback

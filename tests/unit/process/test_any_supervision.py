@@ -9,8 +9,8 @@ from typing import Final
 
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from supervised_processes import NEVER, File, Life, Worker
-from supervised_worlds import (
+from support.worlds.supervised_processes import NEVER, File, Life, Worker
+from support.worlds.supervised_worlds import (
     LATER,
     LIVES,
     TICK_S,

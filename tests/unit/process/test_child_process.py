@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NoReturn
 
 import pytest
-from harness import eventually
+from support.processes.harness import eventually
 
 from ros2_kafka_bridge.process.child_process import ChildProcess
 from ros2_kafka_bridge.process.lines import LineReader, LineWriter

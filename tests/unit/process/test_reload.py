@@ -12,8 +12,8 @@ from typing import Any
 
 import msgspec
 import pytest
-from handles import handle, hear
-from ros_package import write_package
+from support.ros.package import write_package
+from support.worlds.handles import handle, hear
 
 from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.config.mistakes import field_names

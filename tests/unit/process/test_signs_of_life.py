@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from handles import handle, hear
+from support.worlds.handles import handle, hear
 
 from ros2_kafka_bridge.process.reports import in_words, is_live
 from ros2_kafka_bridge.process.systemd import Systemd

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import pytest
-from handles import handle, hear
-from harness import eventually
 from hypothesis import given
 from hypothesis import strategies as st
+from support.processes.harness import eventually
+from support.worlds.handles import handle, hear
 
 from ros2_kafka_bridge import bridge
 from ros2_kafka_bridge.config.direction import Direction

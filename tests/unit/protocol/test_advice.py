@@ -1,6 +1,6 @@
 """What the page and /diagnostics say to do about the state of a route."""
 
-from monitors import snapshot
+from support.monitoring.monitors import snapshot
 
 from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.protocol.advice import advice

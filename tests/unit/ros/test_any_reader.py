@@ -2,7 +2,7 @@
 
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from reader_worlds import Event, a_world
+from support.worlds.reader_worlds import Event, a_world
 
 from ros2_kafka_bridge.config.settings import QoS
 

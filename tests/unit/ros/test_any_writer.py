@@ -2,7 +2,7 @@
 
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from writer_worlds import Event, a_world
+from support.worlds.writer_worlds import Event, a_world
 
 # How often each happens, beside the others.
 KINDS = {

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from rclpy.qos import QoSProfile
-from ros_ends import end_of
+from support.ros.ends import end_of
 
 from ros2_kafka_bridge.ros import rcl
 from ros2_kafka_bridge.ros.arrivals import Arrivals

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from ros_package import generate_python, install_package, write_package
+from support.ros.package import generate_python, install_package, write_package
 
 from ros2_kafka_bridge.config.endpoints import RosSettings
 from ros2_kafka_bridge.errors import RouteError, blamed

@@ -8,7 +8,7 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
-from ros_ends import end_of, source_of, still_node, writer_of
+from support.ros.ends import end_of, source_of, still_node, writer_of
 
 from ros2_kafka_bridge.ros import rcl, take
 from ros2_kafka_bridge.ros.types import load_type

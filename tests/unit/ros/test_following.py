@@ -13,7 +13,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.type_hash import TypeHash
-from ros_ends import end_of, source_of, still_graph
+from support.ros.ends import end_of, source_of, still_graph
 
 from ros2_kafka_bridge.endpoints import Offer
 from ros2_kafka_bridge.errors import RouteError, TransportError

@@ -9,7 +9,7 @@ from functools import partial
 
 import pytest
 from rclpy.qos import QoSProfile
-from ros_ends import end_of, still_graph
+from support.ros.ends import end_of, still_graph
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.ros import graph as graph_module

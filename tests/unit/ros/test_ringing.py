@@ -3,7 +3,7 @@
 from unittest.mock import MagicMock
 
 import pytest
-from ros_ends import end_of, still_node
+from support.ros.ends import end_of, still_node
 
 from ros2_kafka_bridge.message_types.layout import Layout
 from ros2_kafka_bridge.ros import rcl

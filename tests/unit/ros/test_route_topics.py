@@ -4,7 +4,7 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
-from ros_ends import end_of, still_node, writer_of
+from support.ros.ends import end_of, still_node, writer_of
 
 from ros2_kafka_bridge.endpoints import Load, Matches, Message
 from ros2_kafka_bridge.errors import RouteError

@@ -5,7 +5,7 @@ from pathlib import Path
 from unittest.mock import MagicMock
 
 import pytest
-from ros_ends import still_node
+from support.ros.ends import still_node
 
 from ros2_kafka_bridge.commands.check import report
 from ros2_kafka_bridge.commands.check import ros as check_ros

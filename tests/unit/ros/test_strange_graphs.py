@@ -12,7 +12,7 @@ from unittest.mock import MagicMock
 import pytest
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros_ends import end_of, source_of, still_node
+from support.ros.ends import end_of, source_of, still_node
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.message_types.layout import Layout

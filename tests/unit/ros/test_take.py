@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import pytest
 from rclpy.qos import QoSProfile
-from ros_ends import end_of
+from support.ros.ends import end_of
 
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.ros import rcl

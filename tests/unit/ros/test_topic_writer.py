@@ -7,7 +7,7 @@ from unittest.mock import MagicMock
 
 import pytest
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from ros_ends import end_of, still_graph, writer_of
+from support.ros.ends import end_of, still_graph, writer_of
 
 from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.errors import RouteError

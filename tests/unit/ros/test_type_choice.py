@@ -7,7 +7,7 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
-from messages import new_message
+from support.formats.messages import new_message
 
 from ros2_kafka_bridge.ros import take
 from ros2_kafka_bridge.ros.type_support import choice, self_test

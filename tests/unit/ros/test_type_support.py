@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
-from messages import new_message
+from support.formats.messages import new_message
 
 from ros2_kafka_bridge.message_types import describe, type_names
 from ros2_kafka_bridge.message_types.description import (

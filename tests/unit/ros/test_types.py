@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ros_package import install_package, write_package
 from rosidl_parser import definition as idl
+from support.ros.package import install_package, write_package
 
 from ros2_kafka_bridge.errors import ConfigError, RouteError
 from ros2_kafka_bridge.message_types import load_layout, type_names

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import pytest
-from ros_package import write_package
+from support.ros.package import write_package
 
 from ros2_kafka_bridge.config.endpoints import RosSettings
 from ros2_kafka_bridge.config.settings import QoS

@@ -4,7 +4,7 @@ import logging
 from typing import NoReturn
 
 import pytest
-from clocks import Clock
+from support.worlds.clocks import Clock
 
 from ros2_kafka_bridge.endpoints import Message, Outgoing
 from ros2_kafka_bridge.errors import BridgeError, RouteError

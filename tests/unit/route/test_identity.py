@@ -5,7 +5,7 @@ import tracemalloc
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from identified import headers_by, identify
+from support.kafka.identities import headers_by, identify
 
 from ros2_kafka_bridge.dedup import place_in
 from ros2_kafka_bridge.endpoints import HeaderList

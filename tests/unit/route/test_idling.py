@@ -1,7 +1,7 @@
 """A route that has nothing to do costs little."""
 
 import pytest
-from clocks import Clock
+from support.worlds.clocks import Clock
 
 from ros2_kafka_bridge.route.idling import Idling
 

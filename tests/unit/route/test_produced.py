@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from identified import AUTHOR, headers_by, identify, record_by
+from support.kafka.identities import AUTHOR, headers_by, identify, record_by
 
 from ros2_kafka_bridge.config.settings import RosToKafkaRoute
 from ros2_kafka_bridge.config.validation import validated

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, cast
 
 import pytest
-from turning import House, MemoryLock, MemoryPipeline, until_asked
+from support.worlds.exclusive_route import House, MemoryLock, MemoryPipeline, until_asked
 
 if TYPE_CHECKING:
     from ros2_kafka_bridge.wiring import Pipeline

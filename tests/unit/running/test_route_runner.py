@@ -5,7 +5,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from turning import House, MemoryLock, Told
+from support.worlds.exclusive_route import House, MemoryLock, Told
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.route.counters import Counters, Outcome, State

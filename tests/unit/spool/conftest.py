@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from damaged_spools import Sample, fill
-from houses import House, Make
-from spools import opened, read_all, rows
+from support.spools.files import Sample, fill, opened, read_all, rows
+from support.worlds.pipeline_with_spool import House, Make
 
 
 @pytest.fixture

@@ -3,12 +3,12 @@
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import flights
 import pytest
-from houses import House, come_back, make_room
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_worlds import does
+from support.worlds import flights
+from support.worlds.pipeline_with_spool import House, come_back, make_room
+from support.worlds.spool_worlds import does
 
 Event = tuple[str, int]
 EVENTS = st.lists(

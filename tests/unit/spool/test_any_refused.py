@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from houses import Broker, House, come_back, make_room
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from spool_worlds import (
+from support.worlds.pipeline_with_spool import Broker, House, come_back, make_room
+from support.worlds.spool_worlds import (
     BATCH,
     KINDS,
     LARGE,

@@ -1,9 +1,9 @@
 """From ROS over the disk to Kafka, in order."""
 
 import pytest
-from house_to_kafka import House as HouseWithoutSpool
-from houses import GID, LOG, Make, come_back, go_away, go_on, made_ns
-from identified import record_by
+from support.kafka.identities import record_by
+from support.worlds.pipeline_to_kafka import House as HouseWithoutSpool
+from support.worlds.pipeline_with_spool import GID, LOG, Make, come_back, go_away, go_on, made_ns
 
 from ros2_kafka_bridge.endpoints import Message
 from ros2_kafka_bridge.errors import RecordTooLargeError

@@ -1,7 +1,7 @@
 """What is on disk when a run fails, is stopped by a message, or ends."""
 
 import pytest
-from houses import GID, Make, come_back, go_on
+from support.worlds.pipeline_with_spool import GID, Make, come_back, go_on
 
 from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import RecordTooLargeError, RouteError, TransportError

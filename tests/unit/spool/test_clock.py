@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from houses import House, Make, go_on
+from support.worlds.pipeline_with_spool import House, Make, go_on
 
 from ros2_kafka_bridge.errors import TransportError
 from ros2_kafka_bridge.spool.ages import Older

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from ending import ended
-from small_disks import fill, mounted
-from spools import GID, make, numbers, opened, read_all, reopened, rows
+from support.processes.lifetimes import ended
+from support.spools.files import GID, make, numbers, opened, read_all, reopened, rows
+from support.spools.small_disks import fill, mounted
 
 from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.spool.store import Spool, file_of

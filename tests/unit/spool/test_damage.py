@@ -6,10 +6,22 @@ import shutil
 from pathlib import Path
 
 import pytest
-from damaged_spools import Sample, beside, flip, overwrite, put_aside, zero_page
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from spools import make, numbers, opened, read_all, reopened, rows
+from support.spools.files import (
+    Sample,
+    beside,
+    flip,
+    make,
+    numbers,
+    opened,
+    overwrite,
+    put_aside,
+    read_all,
+    reopened,
+    rows,
+    zero_page,
+)
 
 from ros2_kafka_bridge.spool import database, repair
 

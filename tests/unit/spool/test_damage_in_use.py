@@ -5,8 +5,8 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from houses import Make, go_on
-from spools import EVERYTHING, GID, numbers, opened, read_all, rows
+from support.spools.files import EVERYTHING, GID, numbers, opened, read_all, rows
+from support.worlds.pipeline_with_spool import Make, go_on
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.spool.store import file_of

@@ -6,8 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from damaged_spools import Sample, beside, flip, overwrite, read
-from spools import make, reopened
+from support.spools.files import Sample, beside, flip, make, overwrite, read, reopened
 
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.spool import database

@@ -3,8 +3,7 @@
 from pathlib import Path
 
 import pytest
-from earlier_spools import STATES, VERSIONS, held, put
-from spools import opened, read_all, reopened, row
+from support.spools.files import STATES, VERSIONS, held, opened, put, read_all, reopened, row
 
 from ros2_kafka_bridge.spool.ledger import VERSION
 from ros2_kafka_bridge.spool.look import look

@@ -4,7 +4,16 @@ import time
 from typing import Any
 
 import pytest
-from houses import GID, Make, come_back, fill, fill_while_away, go_away, go_on, make_room
+from support.worlds.pipeline_with_spool import (
+    GID,
+    Make,
+    come_back,
+    fill,
+    fill_while_away,
+    go_away,
+    go_on,
+    make_room,
+)
 
 from ros2_kafka_bridge.endpoints import Message, Reports
 

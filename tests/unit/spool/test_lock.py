@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from ending import ended
-from spools import make, opened
+from support.processes.lifetimes import ended
+from support.spools.files import make, opened
 
 from ros2_kafka_bridge.errors import SpoolInUseError
 from ros2_kafka_bridge.spool.lock import holder, is_in_use, lock_of

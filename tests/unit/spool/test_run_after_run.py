@@ -4,7 +4,17 @@ import itertools
 from typing import Any
 
 import pytest
-from houses import GID, House, Make, come_back, fill, go_away, go_on, made_ns, make_room
+from support.worlds.pipeline_with_spool import (
+    GID,
+    House,
+    Make,
+    come_back,
+    fill,
+    go_away,
+    go_on,
+    made_ns,
+    make_room,
+)
 
 from ros2_kafka_bridge.endpoints import Message, Reports
 from ros2_kafka_bridge.errors import RouteError

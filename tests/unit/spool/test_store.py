@@ -7,7 +7,17 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from spools import EVERYTHING, GID, make, numbers, opened, read_all, reopened, row, rows
+from support.spools.files import (
+    EVERYTHING,
+    GID,
+    make,
+    numbers,
+    opened,
+    read_all,
+    reopened,
+    row,
+    rows,
+)
 
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import RouteError, SpoolInUseError

@@ -2,7 +2,7 @@
 
 import sys
 
-from command_line import finished
+from support.processes.terminal import finished
 
 KNOWN = """
 import threading

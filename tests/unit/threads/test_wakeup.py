@@ -7,7 +7,7 @@ import threading
 import time
 
 import pytest
-from command_line import finished
+from support.processes.terminal import finished
 
 from ros2_kafka_bridge.threads.wakeup import Wakeup
 

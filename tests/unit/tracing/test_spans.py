@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest
-from collector import Collector, collector
+from support.monitoring.collector import Collector, collector
 
 from ros2_kafka_bridge import __version__
 from ros2_kafka_bridge.config.file import loads

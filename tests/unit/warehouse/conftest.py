@@ -1,7 +1,7 @@
 """What the tests of the warehouse share."""
 
 import pytest
-from watched import Watched
+from support.warehouse.watched import Watched
 
 
 @pytest.fixture

@@ -1,7 +1,18 @@
 """The Cost Estimator: what a task costs, and who cannot do it."""
 
-from floors import CHARGER, PACKING, PROFILES, SAFE, TEA, report, site, state, task, tasks
 from msgspec.structs import replace
+from support.warehouse.floors import (
+    CHARGER,
+    PACKING,
+    PROFILES,
+    SAFE,
+    TEA,
+    report,
+    site,
+    state,
+    task,
+    tasks,
+)
 
 from ros2_kafka_warehouse.domain.cost_estimator import BATTERY_S, CARRY, SPARE_S, CostEstimator
 from ros2_kafka_warehouse.domain.execution_profiles import Battery

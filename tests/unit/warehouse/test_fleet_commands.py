@@ -1,7 +1,7 @@
 """What people do to the simulated fleet, and that a fleet that was killed goes on where it was."""
 
 import pytest
-from small_fleet import PROFILES, STOCK, Floor, loaded, pick, report_of, site
+from support.warehouse.small_fleet import PROFILES, STOCK, Floor, loaded, pick, report_of, site
 
 from ros2_kafka_warehouse.domain.faults import FaultPlan
 from ros2_kafka_warehouse.domain.robots import Fleet

@@ -1,7 +1,7 @@
 """What a fault does to a simulated robot, what the robot shows of it, and how it ends."""
 
 import pytest
-from small_fleet import CHARGER, QUICK, STOCK, Floor, loaded, pick
+from support.warehouse.small_fleet import CHARGER, QUICK, STOCK, Floor, loaded, pick
 
 from ros2_kafka_warehouse.domain.faults import CRASH_STEPS
 from ros2_kafka_warehouse.messages.robots import Action, ActionStatus, ErrorLevel, FleetOrders

@@ -2,7 +2,7 @@
 
 import msgspec
 import pytest
-from watched import PROFILES, TABLE, Watched
+from support.warehouse.watched import PROFILES, TABLE, Watched
 
 from ros2_kafka_warehouse.domain.order_plan import OrderPlan
 from ros2_kafka_warehouse.domain.simulation import Simulation

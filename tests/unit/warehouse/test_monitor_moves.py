@@ -1,7 +1,7 @@
 """What the Monitor sees in how a robot moves, and what it does about that."""
 
 import msgspec
-from watched import SITE, Watched, a_task, block_ahead
+from support.warehouse.watched import SITE, Watched, a_task, block_ahead
 
 from ros2_kafka_warehouse.domain.monitor import Monitor
 from ros2_kafka_warehouse.messages.message import node_id

@@ -1,7 +1,7 @@
 """What people do about failures, and how the Monitor has them decide."""
 
 import msgspec
-from watched import SITE, Watched
+from support.warehouse.watched import SITE, Watched
 
 from ros2_kafka_warehouse.codec import decode, encode
 from ros2_kafka_warehouse.domain.monitor import Monitor

@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from watched import Watched, block_ahead
+from support.warehouse.watched import Watched, block_ahead
 
 from ros2_kafka_warehouse.messages.monitor import FailureEvent, OperatorCommand
 from ros2_kafka_warehouse.messages.onlookers import ValidatorReport, Violation

@@ -1,7 +1,7 @@
 """What the Monitor sees of batteries, loads and actions, and who gets the tasks."""
 
 import msgspec
-from watched import CHARGER, SITE, Watched, a_task
+from support.warehouse.watched import CHARGER, SITE, Watched, a_task
 
 from ros2_kafka_warehouse.domain.monitor import Monitor
 from ros2_kafka_warehouse.messages.message import node_id

@@ -4,7 +4,7 @@ from random import Random
 
 import pytest
 from msgspec.structs import replace
-from shop import SITE, Shop, request, said, task
+from support.bridges.shop import SITE, Shop, request, said, task
 
 from ros2_kafka_warehouse.codec import encode
 from ros2_kafka_warehouse.domain.execution_profiles import read_execution_profiles

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
-from shop import ENDS, SITE, Shop, request, said, task
+from support.bridges.shop import ENDS, SITE, Shop, request, said, task
 
 from ros2_kafka_warehouse.domain.orders import OrderDesk, event_name
 from ros2_kafka_warehouse.messages.orders import Line, OrderEvent, OrderRequest, OrderStatus

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 import pytest
-from pages import ROOT, fenced
+from support.install.checkout import ROOT, fenced
 from typer.testing import CliRunner
 
 from ros2_kafka_warehouse.cli import app

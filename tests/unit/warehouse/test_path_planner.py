@@ -2,7 +2,18 @@
 
 from collections.abc import Sequence
 
-from floors import CHARGER, PACKING, PROFILES, TEA, fleet, report, site, state, task, tasks
+from support.warehouse.floors import (
+    CHARGER,
+    PACKING,
+    PROFILES,
+    TEA,
+    fleet,
+    report,
+    site,
+    state,
+    task,
+    tasks,
+)
 
 from ros2_kafka_warehouse.domain.path_planner import PathPlanner
 from ros2_kafka_warehouse.messages.message import Cell, node_cell

@@ -8,7 +8,16 @@ from typing import Any, NamedTuple
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from refereed import AT_STOCK, FREE, HOMES, RULES, TEA, WITH_TEA, judged, robot
+from support.warehouse.referee_cases import (
+    AT_STOCK,
+    FREE,
+    HOMES,
+    RULES,
+    TEA,
+    WITH_TEA,
+    judged,
+    robot,
+)
 
 from ros2_kafka_warehouse.domain.referee import Referee
 from ros2_kafka_warehouse.domain.rules import Frame, Job, Seen

@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from refereed import AT_STOCK, RULES, TEA, WITH_TEA, judged, robot
+from support.warehouse.referee_cases import AT_STOCK, RULES, TEA, WITH_TEA, judged, robot
 
 from ros2_kafka_warehouse.domain.referee import Referee
 from ros2_kafka_warehouse.domain.rules import Frame, Job, Limits, Seen

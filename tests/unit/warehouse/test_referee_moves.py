@@ -1,7 +1,7 @@
 """The referee finds each rule that a robot breaks on its way."""
 
 import pytest
-from refereed import HOMES, judged, robot
+from support.warehouse.referee_cases import HOMES, judged, robot
 
 from ros2_kafka_warehouse.domain.referee import Referee
 from ros2_kafka_warehouse.domain.rules import Frame, Rules

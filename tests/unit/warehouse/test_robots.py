@@ -5,7 +5,17 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_fleet import CHARGER, PROFILES, ROWS, STOCK, Floor, drop, loaded, pick, report_of
+from support.warehouse.small_fleet import (
+    CHARGER,
+    PROFILES,
+    ROWS,
+    STOCK,
+    Floor,
+    drop,
+    loaded,
+    pick,
+    report_of,
+)
 
 from ros2_kafka_warehouse.domain.faults import CODES
 from ros2_kafka_warehouse.domain.robots import Fleet

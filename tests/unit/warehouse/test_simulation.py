@@ -6,10 +6,10 @@ from random import Random
 from typing import Any
 
 import pytest
-from floors import assert_right
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
+from support.warehouse.floors import assert_right
 from typer import Typer
 from typer.testing import CliRunner
 

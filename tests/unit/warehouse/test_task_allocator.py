@@ -1,6 +1,16 @@
 """The Task Allocator: who does what, in which order, and who charges."""
 
-from floors import CHARGER, PACKING, PROFILES, SAFE, report, site, state, task, tasks
+from support.warehouse.floors import (
+    CHARGER,
+    PACKING,
+    PROFILES,
+    SAFE,
+    report,
+    site,
+    state,
+    task,
+    tasks,
+)
 
 from ros2_kafka_warehouse.domain.cost_estimator import CostEstimator
 from ros2_kafka_warehouse.domain.task_allocator import TaskAllocator

@@ -1,7 +1,18 @@
 """What becomes of a task whose pick fails, or whose robot does."""
 
-from hall import FAILED, FAR, FINISHED, NEAR, SITE, STATION, UNDER_WAY, Hall, carried, order
 from msgspec.structs import replace
+from support.warehouse.robot_hall import (
+    FAILED,
+    FAR,
+    FINISHED,
+    NEAR,
+    SITE,
+    STATION,
+    UNDER_WAY,
+    Hall,
+    carried,
+    order,
+)
 
 from ros2_kafka_warehouse.domain.site import RobotPlace
 from ros2_kafka_warehouse.domain.task_organizer import TaskOrganizer

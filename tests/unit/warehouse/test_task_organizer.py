@@ -1,8 +1,19 @@
 """The Task Organizer makes a task of each line, and knows where each load is."""
 
 import pytest
-from hall import FAILED, FAR, FINISHED, NEAR, SITE, STATION, UNDER_WAY, Hall, carried, order
 from msgspec.structs import replace
+from support.warehouse.robot_hall import (
+    FAILED,
+    FAR,
+    FINISHED,
+    NEAR,
+    SITE,
+    STATION,
+    UNDER_WAY,
+    Hall,
+    carried,
+    order,
+)
 
 from ros2_kafka_warehouse.domain.task_organizer import TaskOrganizer
 from ros2_kafka_warehouse.messages.orders import LineStatus, OpenOrders, Order, OrderLine

@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from refereed import HOMES, ROWS
+from support.warehouse.referee_cases import HOMES, ROWS
 
 from ros2_kafka_warehouse.domain.claims import GRACE
 from ros2_kafka_warehouse.domain.execution_profiles import ExecutionProfiles, RobotType

@@ -3,8 +3,8 @@
 from typing import Any
 
 import pytest
-from floors import PACKING, PROFILES, TEA, site, state, task
 from msgspec.structs import replace
+from support.warehouse.floors import PACKING, PROFILES, TEA, site, state, task
 
 from ros2_kafka_warehouse.domain.claims import FORMER, GRACE, QUIET
 from ros2_kafka_warehouse.domain.robots import Fleet
