@@ -15,7 +15,7 @@ PROJECT: Final[dict[str, Any]] = tomllib.loads((ROOT / 'pyproject.toml').read_te
 PACKAGE: Final = ET.parse(ROOT / 'package.xml').getroot()  # noqa: S314 (our own file)
 REQUIREMENTS: Final = ROOT / 'packaging' / 'ros' / 'requirements.txt'
 NO_WHEELS: Final = {'launch', 'launch_ros'}
-MIDDLEWARE: Final = {'rmw_fastrtps_cpp'}  # loaded by its name
+BY_NAME: Final = {'rmw_fastrtps_cpp', 'std_msgs'}  # the middleware, and the type of text
 
 
 def imported() -> Iterator[str]:
@@ -54,9 +54,9 @@ def test_the_package_depends_on_every_package_of_ros_that_the_bridge_imports() -
         for name in imported()
         if name in NO_WHEELS or any(wheel.startswith('ros-') for wheel in wheels.get(name, ()))
     }
-    assert {'rclpy', 'std_msgs', 'launch'} <= of_ros
+    assert {'rclpy', 'std_srvs', 'launch'} <= of_ros
     of_python = {name for name in depended_on() if name.startswith('python3-')}
-    assert depended_on() - of_python == of_ros | MIDDLEWARE
+    assert depended_on() - of_python == of_ros | BY_NAME
 
 
 def test_pip_is_given_the_libraries_of_the_bridge_and_of_monitoring() -> None:
