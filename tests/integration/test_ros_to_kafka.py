@@ -107,6 +107,7 @@ def test_a_key_of_a_field_that_the_type_lacks_fails_the_route_and_names_it(
     options = ('--count', '0', '--readers', '0')
     with bench.drained(config) as bridge, bench.publisher('/orders', *options):
         bridge.wait_for('failed: std_msgs/msg/String has no number or text at x')
+    assert 'subscribes to' not in bridge.output(), 'a publisher would begin for nobody'
 
 
 # Publishers of every kind
