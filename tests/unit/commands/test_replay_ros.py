@@ -11,6 +11,7 @@ from ros2_kafka_bridge.config.settings import KafkaToRosRoute
 from ros2_kafka_bridge.config.validation import validated
 from ros2_kafka_bridge.endpoints import Outgoing
 from ros2_kafka_bridge.errors import TransportError
+from ros2_kafka_bridge.route import obstacle
 from ros2_kafka_bridge.threads.stop import Stop
 
 pytestmark = pytest.mark.usefixtures('no_settle_time')
@@ -119,7 +120,8 @@ def test_subscribers_that_are_too_few_or_do_not_acknowledge_are_said_after_a_whi
 def test_a_subscriber_that_would_misread_the_letters_is_named(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(replay_ros, '_PATIENCE_S', 1.5)  # a wait is told after a second
+    monkeypatch.setattr(obstacle, 'SAID_AFTER_S', 0.0)  # a wait is told by the first step
+    monkeypatch.setattr(replay_ros, '_PATIENCE_S', 1.5)
     to = channel(Readers(misread='/old would misread it'))
     is_not_delivered(to, r'^/orders: /old would misread it$')
 
