@@ -149,7 +149,7 @@ class KafkaToRos:
     # 1. Kafka -> entries
 
     def _poll(self, timeout_s: float) -> None:
-        for piece in in_pieces(self._source, BATCH, timeout_s):
+        for piece in in_pieces(self._source, BATCH, timeout_s, lambda: self._flight.is_full):
             self._accept_all(piece)
 
     def _accept_all(self, last_first: list[Record]) -> None:
@@ -240,13 +240,12 @@ class KafkaToRos:
             self._poll(_BUSY_S)
         elif self._blocked.is_long:
             self._accept_all([*reversed(self._source.stay())])
-        if drops:
-            self._flight.drop_oldest()
-            self._settle()
+        dropped = drops and self._flight.drop_oldest()
         if obstacle.cause is Cause.PACE:
             time.sleep(min(LONGEST_NAP_S, self._publishing.paced_s))
             return
-        self._blocked.nap()
+        if not dropped:  # else more may be there
+            self._blocked.nap()
         self._meter.waited_s += time.monotonic() - since_s
 
     def _may_drop(self, obstacle: Obstacle) -> bool:

@@ -39,7 +39,7 @@ from ros2_kafka_bridge.tracing.messages import NO_MESSAGE_TRACES, MessageTraces
 BATCH = 500
 _BUSY_S = 0.005
 _FULL_S = 0.02
-_LAST_TAKES = 100
+_LAST_TAKES = 500
 # A bridge that hands over takes what was published before the next one read. Where publishers are
 # held back there is always more; what is taken after so long, the next one has, too.
 _REST_S = 60.0

@@ -126,8 +126,8 @@ def sabotage_ros(saboteur: Saboteur) -> None:
             setattr(_rclpy, name, saboteur.wrap(name, function))
     make_take = rcl.make_take
 
-    def make(subscription: Any, otherwise: rcl.Take) -> rcl.Take:
-        return saboteur.wrap('rcl.take', make_take(subscription, otherwise))
+    def make(subscription: Any, otherwise: rcl.Take, most_bytes: int = sys.maxsize) -> rcl.Take:
+        return saboteur.wrap('rcl.take', make_take(subscription, otherwise, most_bytes))
 
     rcl.make_take = make
 

@@ -14,8 +14,8 @@ from hypothesis import given, settings, strategies
 from support.worlds.pipeline_to_ros import MINE, House
 
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.kafka_to_ros import BATCH
 from ros2_kafka_bridge.route import obstacle, readiness
+from ros2_kafka_bridge.route.pieces import PIECE
 from ros2_kafka_bridge.testing.memory import MemoryMessageSink
 
 pytestmark = pytest.mark.usefixtures('no_settle_time')
@@ -105,6 +105,7 @@ def test_what_drop_oldest_drops_behind_an_unconfirmed_head_takes_no_memory() -> 
         house.take(
             *[b'%05d' % n + b'x' * 995 for n in range(first, first + 50)], first=first, steps=1
         )
+    house.steps(1)
     assert len(flight) <= 3 * 10 + 50
     assert flight.size_bytes <= 50_000 + 50 * 1_400
     assert house.source.waiting == deque()
@@ -162,13 +163,13 @@ def test_the_window_is_bounded_in_bytes() -> None:
     assert len(house.source.waiting) == 4
 
 
-def test_what_is_in_flight_to_ros_is_bounded_by_bytes_and_a_batch() -> None:
+def test_what_is_in_flight_to_ros_is_bounded_by_bytes_and_a_piece() -> None:
     house = House(max_in_flight=2, max_in_flight_bytes=401_000)  # 1000 of one byte
     house.sink.room = 10_000  # most of it acknowledged, and too young to be confirmed
     house.sink.acknowledging = False
     house.take(*[b'a'] * 5000, steps=20)
     house.pipeline._take_snapshot(None)
-    assert house.pipeline.snapshot.in_flight == 1000 + BATCH
+    assert house.pipeline.snapshot.in_flight == 1000 + PIECE
 
 
 def test_where_the_oldest_are_dropped_as_many_wait_as_are_not_acknowledged() -> None:
@@ -194,7 +195,7 @@ def test_what_is_dropped_takes_no_room_from_the_newest() -> None:
     house = House(when_full='drop_oldest', max_in_flight=2, max_in_flight_bytes=2000)
     house.sink.room = 2
     house.sink.acknowledging = False
-    house.take(*[b'%d' % number for number in range(2000)], steps=8)
+    house.take(*[b'%d' % number for number in range(2000)], steps=60)
     house.sink.acknowledging = True
     house.steps(3)
     assert house.sink.published == [b'cdr:0', b'cdr:1', b'cdr:1998', b'cdr:1999']

@@ -8,6 +8,7 @@ another thread holds that waits for the lock (rclpy's issue 1722).
 
 import ctypes
 import struct
+import sys
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
@@ -73,7 +74,7 @@ def _set_callback(subscription: Any, callback: Any, user_data: int | None) -> bo
         return not _rcl().rcl_subscription_set_on_new_message_callback(place, callback, user_data)
 
 
-def make_take(subscription: Any, otherwise: Take) -> Take:
+def make_take(subscription: Any, otherwise: Take, most_bytes: int = sys.maxsize) -> Take:
     """Make what takes the messages of a subscription with one call of rcl for each.
 
     rclpy makes two dicts and a buffer for each message, which cost more than the take itself.
@@ -81,6 +82,7 @@ def make_take(subscription: Any, otherwise: Take) -> Take:
     Args:
         subscription: That of rclpy.
         otherwise: Asked where rcl fails, so that it tells why.
+        most_bytes: With how much a take ends.
 
     Raises:
         OSError: There is no rcl as the bridge knows it.
@@ -101,20 +103,21 @@ def make_take(subscription: Any, otherwise: Take) -> Take:
 
     def take(limit: int) -> tuple[list[Message], bool]:
         taken: list[Message] = []
-        status = 0
+        status, left_bytes = 0, most_bytes
         with handle:
             if begin(into, ctypes.c_size_t(room), memory):
                 return otherwise(limit)
             try:
                 subscribed, place = _ADDRESS(handle.pointer), read(told)[0]
                 buffer = _ROOM.from_address(place)
-                while len(taken) < limit:
+                while len(taken) < limit and left_bytes > 0:
                     if status := take_one(subscribed, into, info, None):
                         break
                     at, length, made_ns, seq, gid = read(told)
                     in_place = at == place and length <= room  # `string_at` costs a call more
                     cdr = buffer[:length] if in_place else ctypes.string_at(at, length)
                     taken.append(new((cdr, gid, seq, made_ns)))
+                    left_bytes -= length
             finally:
                 end(into)  # it is as large as the largest one
         if status and status != _NOTHING_THERE:

@@ -7,6 +7,7 @@ in the middle of the traffic.
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
@@ -29,8 +30,10 @@ _LONG_NS: Final = 10_000_000_000
 _ANSWER_S: Final = 5.0
 
 
-def take(subscription: Subscription[Any], limit: int) -> tuple[list[Taken], bool]:
-    """Take at most `limit` messages that are there, without waiting.
+def take(
+    subscription: Subscription[Any], limit: int, most_bytes: int = sys.maxsize
+) -> tuple[list[Taken], bool]:
+    """Take at most `limit` messages that are there, without waiting; none behind `most_bytes`.
 
     Where the middleware fails in the middle, what was taken is returned; the next call tells.
 
@@ -41,32 +44,42 @@ def take(subscription: Subscription[Any], limit: int) -> tuple[list[Taken], bool
     handle, message_type = subscription.handle, subscription.msg_type
     with handle:
         try:
-            for _ in range(limit):
+            while len(taken) < limit and most_bytes > 0:
                 one = handle.take_message(message_type, True)  # noqa: FBT003 (raw: its signature)
                 if one is None:
                     return taken, True
                 taken.append(one)
+                most_bytes -= len(one[0])
         except _rclpy.RCLError:
             if not taken:
                 raise
     return taken, False
 
 
-def make_take(subscription: Subscription[Any], *, has_gid: bool, by_rcl: bool) -> rcl.Take:
+def make_take(
+    subscription: Subscription[Any],
+    most_bytes: int = sys.maxsize,
+    *,
+    has_gid: bool,
+    by_rcl: bool,
+) -> rcl.Take:
     """Make what takes the messages of a subscription.
 
     Args:
         subscription: Whose messages are taken as bytes.
+        most_bytes: With how much a take ends.
         has_gid: Whether the middleware tells the publisher and the number of a message.
         by_rcl: Whether rcl itself may be called: it tells the same of a message as rclpy.
     """
     read = _told if has_gid else _untold
 
     def by_rclpy(limit: int) -> tuple[list[Message], bool]:
-        taken, is_empty = take(subscription, limit)
+        taken, is_empty = take(subscription, limit, most_bytes)
         return [read(*one) for one in taken], is_empty
 
-    return rcl.make_take(subscription, by_rclpy) if by_rcl and has_gid else by_rclpy
+    if by_rcl and has_gid:
+        return rcl.make_take(subscription, by_rclpy, most_bytes)
+    return by_rclpy
 
 
 def is_told_by_rcl(subscription: Subscription[Any], before: Taken) -> bool:

@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
@@ -62,6 +63,7 @@ class TopicReader:
         arrivals: Where it is told that messages have come.
         has_gid: Whether the middleware tells the publisher of a message.
         by_rcl: Whether messages may be taken by rcl itself.
+        take_bytes: With how much a take of one subscription ends.
         on_offer: Called before a subscription of a new offer is made.
     """
 
@@ -72,6 +74,7 @@ class TopicReader:
         *,
         has_gid: bool = True,
         by_rcl: bool = False,
+        take_bytes: int = sys.maxsize,
         on_offer: Callable[[Offer], None] = lambda _: None,
     ) -> None:
         self.exhausted = False  # whether the last take has found nothing more to take
@@ -80,6 +83,7 @@ class TopicReader:
         self._occasional = summed(end.log)
         self._has_gid = has_gid
         self._by_rcl = by_rcl
+        self._take_bytes = take_bytes
         self._on_offer = on_offer
         # News of the graph ring as messages do: both are for the next take.
         self._publishers = Publishers(end._replace(interrupt=self._notifier.wakeup.ring))
@@ -207,7 +211,7 @@ class TopicReader:
             return
         handle = self._end.subscribe(profile(self._end.qos, *offer))
         self._notifier.attach(handle)
-        take = make_take(handle, has_gid=self._has_gid, by_rcl=self._by_rcl)
+        take = make_take(handle, self._take_bytes, has_gid=self._has_gid, by_rcl=self._by_rcl)
         self._subscriptions[offer] = _Subscription(handle, take)
         self.exhausted = False
         self._end.log.info('subscribes to %s (%s, %s)', self._end.topic, *offer)

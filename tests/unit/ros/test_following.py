@@ -90,7 +90,9 @@ def peer(gid: bytes, durability: str) -> Peer:
     return Peer('/node', TYPE.name, gid, '', 'reliable', durability, QoSProfile(depth=1))
 
 
-def take(reader: Reader, limit: int) -> tuple[list[tuple[bytes, dict[str, Any]]], bool]:
+def take(
+    reader: Reader, limit: int, _most_bytes: int = 0
+) -> tuple[list[tuple[bytes, dict[str, Any]]], bool]:
     assert reader.alive, 'taken from a destroyed subscription'
     if reader.broken is not None:
         raise reader.broken
@@ -364,7 +366,7 @@ def test_a_take_that_fails_in_the_middle_returns_what_it_has_and_tells_the_next_
     class Handle(contextlib.nullcontext[None]):
         def __init__(self) -> None:
             super().__init__()
-            self.messages: list[object] = [1, 2, RCLError('no memory')]
+            self.messages: list[object] = [(b'a', {}), (b'b', {}), RCLError('no memory')]
 
         def take_message(self, *_: object) -> object:
             message = self.messages[0]
@@ -374,7 +376,7 @@ def test_a_take_that_fails_in_the_middle_returns_what_it_has_and_tells_the_next_
 
     subscription: Any = SimpleNamespace(handle=Handle(), msg_type=object)
     taken, is_empty = inner.take(subscription, 500)
-    assert (list[object](taken), is_empty) == ([1, 2], False)
+    assert (taken, is_empty) == ([(b'a', {}), (b'b', {})], False)
     with pytest.raises(RCLError):
         inner.take(subscription, 500)
 

@@ -87,6 +87,22 @@ def test_no_more_are_taken_than_asked_for_and_it_tells_whether_that_was_all(
     assert take_some(5) == ([], True)
 
 
+@pytest.mark.parametrize('by_rcl', [True, False])
+def test_a_take_ends_with_so_many_bytes_and_says_that_something_is_left(
+    ends: tuple[Any, Any, Any], *, by_rcl: bool
+) -> None:
+    publisher, one, two = ends
+    for letter in b'abcd':
+        publisher.publish(cdr(100, bytes([letter])))
+    assert len(all_of(make_take(two, has_gid=True, by_rcl=True), 4)) == 4, 'all are there'
+    take_some = make_take(one, 150, has_gid=True, by_rcl=by_rcl)
+    first, none_left = take_some(500)
+    assert ([message.cdr[8:9] for message in first], none_left) == ([b'a', b'b'], False)
+    rest, _ = take_some(500)
+    assert [message.cdr[8:9] for message in rest] == [b'c', b'd']
+    assert take_some(500) == ([], True)
+
+
 def test_rcl_is_called_only_where_it_was_seen_to_tell_the_same(
     ends: tuple[Any, Any, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
