@@ -61,7 +61,8 @@ def _messages(args: Any, kind: Any) -> Iterator[Any]:
         numbers = itertools.count() if args.count is None else range(args.count)
         return (kind(data=f'{args.prefix}{number}'.ljust(args.size)) for number in numbers)
     sent: Sequence[bytes] = [bytes.fromhex(line) for line in args.file.read_text().split()]
-    return (deserialize_message(cdr, kind) if args.typed else cdr for cdr in sent)
+    made = [deserialize_message(cdr, kind) if args.typed else cdr for cdr in sent]
+    return itertools.chain.from_iterable(itertools.repeat(made, args.times))
 
 
 def _publish(publisher: Any, message: Any, number: int) -> None:
@@ -78,6 +79,7 @@ def _parse() -> Any:
     add('topic')
     add('--type', default='std_msgs/msg/String')
     add('--file', type=Path, help='publish these, in hex, a line each')
+    add('--times', type=int, default=1, help='publish the file so many times')
     add('--typed', action='store_true', help='as message objects, not as bytes')
     add('--count', type=int, help='without it, and without a file, until --until')
     add('--until', type=Path, help='publish until this file is there')

@@ -16,6 +16,7 @@ from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.logs.lines import RouteLog, route_log
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.protocol.worker import Begun, Event, Loaded, RouteFailed, RoutesEnded
+from ros2_kafka_bridge.ros.message_sizes import histories_of, message_sizes
 from ros2_kafka_bridge.ros.node import RosNode, middleware, open_node, worker_name
 from ros2_kafka_bridge.ros.probe import Abilities, limits, probe, probe_topic
 from ros2_kafka_bridge.ros.type_support.choice import why_import
@@ -25,7 +26,7 @@ from ros2_kafka_bridge.running.route_runner import RouteRunner
 from ros2_kafka_bridge.threads.pause import Pause
 from ros2_kafka_bridge.threads.stop import Part, Stop, ctrl_c_asks
 from ros2_kafka_bridge.tracing.routes import open_tracing
-from ros2_kafka_bridge.wiring import Wiring, histories_of
+from ros2_kafka_bridge.wiring import Wiring
 
 _CLOSING_S = 10.0
 _AT_ONCE_S = 2.0
@@ -107,14 +108,15 @@ class Bridge:
         """
         probed = probe_topic()
         routes = [runner.route for runner in self._runners]
-        histories = histories_of(routes, probed, self.config.ros.lease_s)
         name = worker_name(self.config.name, self._worker)
+        sizes = message_sizes(routes, self.config.ros, name, self.stop, self._log)
+        histories = histories_of(routes, sizes, probed, self.config.ros.lease_s)
         with (
             open_node(name, self.config.ros.domain_id, histories) as node,
             open_tracing(self.config, self._worker, self._log) as tracing,
         ):
             abilities = self._start(node, probed)
-            wiring = Wiring(self.config, node, abilities, histories, tracing)
+            wiring = Wiring(self.config, node, abilities, histories, sizes, tracing)
             tell(Loaded())
             if waits and not self._wait_for_begin():
                 return 0

@@ -1,12 +1,11 @@
 """How a route is made of its settings: which ends, which format, which labels."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.endpoints import RecordSource
@@ -18,6 +17,7 @@ from ros2_kafka_bridge.kafka.producer import KafkaSink
 from ros2_kafka_bridge.kafka.properties import (
     common_properties,
     consumer_properties,
+    prefetch_bytes,
     producer_properties,
 )
 from ros2_kafka_bridge.kafka.tail import KafkaTail
@@ -25,11 +25,14 @@ from ros2_kafka_bridge.kafka.topic_id import TopicIds
 from ros2_kafka_bridge.kafka.topics import ensure_topic
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.logs.lines import Log
+from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.message_types.size import largest_message_bytes
 from ros2_kafka_bridge.ros.arrivals import Arrivals, enough_files
 from ros2_kafka_bridge.ros.confirmation import Confirmation, asks_readers
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
+from ros2_kafka_bridge.ros.message_sizes import Sizes
 from ros2_kafka_bridge.ros.node import RosNode
-from ros2_kafka_bridge.ros.probe import SAMPLES, Abilities
+from ros2_kafka_bridge.ros.probe import Abilities
 from ros2_kafka_bridge.ros.sink import RosSink
 from ros2_kafka_bridge.ros.source import OnTake, RosSource
 from ros2_kafka_bridge.ros.successor import SuccessorWatch
@@ -45,6 +48,13 @@ from ros2_kafka_bridge.route.flight.messages import MessageEntry
 from ros2_kafka_bridge.route.format import asks_registry, decode_of, encode_of
 from ros2_kafka_bridge.route.identity import Author, make_identify
 from ros2_kafka_bridge.route.labels import Conversion, make_headers, make_key
+from ros2_kafka_bridge.route.memory import (
+    FRAME_BYTES,
+    Kept,
+    note_memory,
+    queue_bytes,
+    take_bytes,
+)
 from ros2_kafka_bridge.route.produced import Produced
 from ros2_kafka_bridge.route.rejections import message_of_letter
 from ros2_kafka_bridge.route.type_hash import check_message_of, check_record_of
@@ -58,19 +68,9 @@ from ros2_kafka_bridge.tracing.routes import Tracing
 _LARGEST_BATCH_BYTES = 1_000_000
 _LEAST_KBYTES = 1024
 _LARGEST_LETTER_BYTES = 1_000_000_000  # the most that librdkafka takes
-_FRAME_BYTES = 10_000  # of key, headers and protocol around a message
 
 Pipeline = KafkaToRos | RosToKafka
 Say = Callable[[str], None]
-
-
-def histories_of(routes: Iterable[AnyRoute], probed: str, lease_s: float | None) -> Histories:
-    """List the ROS endpoints of the routes, with the lengths of their histories."""
-    lengths = {direction: {probed: SAMPLES} for direction in Direction}
-    for route in routes:
-        known, topic = lengths[route.direction], route.ros_topic
-        known[topic] = max(known.get(topic, 0), route.ros_history)
-    return Histories(lengths[Direction.KAFKA_TO_ROS], lengths[Direction.ROS_TO_KAFKA], lease_s)
 
 
 class Wiring:
@@ -82,6 +82,7 @@ class Wiring:
         node: RosNode,
         abilities: Abilities,
         histories: Histories,
+        sizes: Sizes,
         tracing: Tracing,
     ) -> None:
         self._config = config
@@ -89,6 +90,7 @@ class Wiring:
         self._abilities = abilities
         self._confirmation = Confirmation(node, abilities)
         self._histories = histories
+        self._sizes = sizes
         self._tracing = tracing
         self._types = RouteTypes(node, config.ros)
         self._topic_ids = TopicIds(common_properties(config.kafka, client_id=config.name))
@@ -206,7 +208,7 @@ class Wiring:
         sink = RosSink({topic: TopicWriter(end, WriterHistory(room, asks=asks, bounded=bounded))})
         decode = decode_of(route, self._config, message_type.layout)
         stack.enter_context(_open(sink))
-        return KafkaToRos(
+        pipeline = KafkaToRos(
             route,
             self._config.name,
             source,
@@ -217,6 +219,8 @@ class Wiring:
             log,
             self._tracing.records(route),
         )
+        self._note_memory(pipeline, route, room, message_type.layout, log)
+        return pipeline
 
     def _ros_to_kafka(
         self,
@@ -254,7 +258,7 @@ class Wiring:
             arrivals = Arrivals(stop.wakeup)
             reader = TopicReader(
                 end, arrivals, has_gid=has_gid, by_rcl=self._abilities.by_rcl,
-                on_offer=produced.look,
+                take_bytes=take_bytes(route), on_offer=produced.look,
             )  # fmt: skip
         source = RosSource(arrivals, {topic: reader}, on_take)
         asks = asks_registry(route)
@@ -288,9 +292,19 @@ class Wiring:
             log,
             self._tracing.messages(route, kind.name),
         )
+        self._note_memory(pipeline, route, self._histories.readers[topic], kind.layout, log)
         if pipeline.spool is not None:
             stack.callback(pipeline.spool.release)
         return pipeline
+
+    def _note_memory(
+        self, pipeline: Pipeline, route: AnyRoute, samples: int, layout: Layout, log: Log
+    ) -> None:
+        if not self._abilities.bounded:
+            return  # nobody knows how much is kept
+        kept = Kept(samples, largest_message_bytes(layout, route.max_message_bytes))
+        prefetched, known = prefetch_bytes(self._config.kafka), route.name in self._sizes
+        note_memory(pipeline.counters, route, kept, prefetched, log, known=known)
 
     def _produced(self, route: RosToKafkaRoute, log: Log) -> Produced:
         properties = self._consumer_properties(tail_group(self._config.name, route.name))
@@ -335,7 +349,7 @@ class Wiring:
         own = {
             'queue.buffering.max.messages': route.max_in_flight,
             'queue.buffering.max.kbytes': _kbytes(route),
-            'message.max.bytes': max(_LARGEST_BATCH_BYTES, route.max_message_bytes + _FRAME_BYTES),
+            'message.max.bytes': max(_LARGEST_BATCH_BYTES, route.max_message_bytes + FRAME_BYTES),
         }
         return own | producer_properties(users, client_id=self._config.name)
 
@@ -357,9 +371,8 @@ class Wiring:
 
 
 def _kbytes(route: AnyRoute) -> int:
-    """Room of a producer's queue: for the window, and for one message of any size allowed."""
-    largest_bytes = max(route.max_in_flight_bytes, route.max_message_bytes + _FRAME_BYTES)
-    return max(_LEAST_KBYTES, largest_bytes // 1024 + 1)
+    """Room of a producer's queue."""
+    return max(_LEAST_KBYTES, queue_bytes(route) // 1024 + 1)
 
 
 @contextmanager

@@ -383,7 +383,7 @@ def test_guarantee_4_a_route_that_cannot_be_made_leaves_no_reader_behind(
         },
     )
     abilities = Abilities(bounded=True, gid=True, seq=True, denies=True, own=b'')
-    wiring = Wiring(config, MagicMock(), abilities, Histories({}, {}, None), MagicMock())
+    wiring = Wiring(config, MagicMock(), abilities, Histories({}, {}, None), {}, MagicMock())
     with contextlib.ExitStack() as stack:
         with pytest.raises(RouteError):
             wiring.make(config.routes[0], LOG, Stop(), stack)

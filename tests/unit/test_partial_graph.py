@@ -120,7 +120,7 @@ def test_a_route_that_waits_for_its_type_says_so_and_the_cure_in_its_log_and_its
 
     graph = Graph(lambda: None)
     node = SimpleNamespace(publishers=publishers, graph=graph)
-    wiring = Wiring(config, cast('RosNode', node), ABILITIES, Histories({}, {}), MagicMock())
+    wiring = Wiring(config, cast('RosNode', node), ABILITIES, Histories({}, {}), {}, MagicMock())
     bridge._keep_running(runner, wiring, lambda _: None)
     graph.close()
     [line] = [line for line in caplog.messages if 'waits for a publisher of /out' in line]

@@ -30,7 +30,7 @@ def test_a_message_without_a_number_has_no_publisher_to_compare_it_with(
     kafka = {'bootstrap.servers': 'localhost:9092'}
     config = validated(Config, {'name': 'b', 'kafka': kafka, 'routes': routes})
     abilities = Abilities(bounded=True, gid=gid, seq=seq, denies=True, own=b'', by_rcl=seq)
-    wiring = Wiring(config, MagicMock(), abilities, Histories({}, {}), MagicMock())
+    wiring = Wiring(config, MagicMock(), abilities, Histories({}, {'/t': 2000}), {}, MagicMock())
     with contextlib.ExitStack() as stack:
         wiring.make(config.routes[0], LOG, Stop(), stack)
     assert made.call_args.kwargs['has_gid'] is (gid and seq)

@@ -194,11 +194,11 @@ class FromRos(Settings):
         'Message type. Without it, the type that the graph shows.', default=None
     )
     qos: QoS = setting("Quality of service of the bridge's reader.", default_factory=QoS)
-    max_samples: PositiveCount = setting(
+    max_samples: PositiveCount | None = setting(
         'Maximum number of messages that DDS keeps for the bridge while it does not '
-        'take them, for each QoS that publishers offer. Choose fewer for large messages: while '
-        'Kafka is away, this many are held in memory.',
-        default=2000,
+        'take them, for each QoS that publishers offer. Without it, as many as fit into '
+        'max_cache_bytes, at most 2,000. With history: keep_last, its depth counts.',
+        default=None,
     )
 
 

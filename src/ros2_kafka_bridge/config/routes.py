@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from pydantic import ValidationInfo
 
 TEXT_TYPE = 'std_msgs/msg/String'
-
+MOST_SAMPLES = 2000
+"""How many messages DDS keeps for a route from ROS, however small they are."""
 
 FORMAT_NAMES = ('text', 'cdr', 'json', 'avro', 'protobuf')
 BLOCKS = {'json': ('json',), 'schema': ('avro', 'protobuf')}
@@ -73,6 +74,12 @@ class Route(Settings, ABC):
     )
     max_message_bytes: PositiveCount = setting(
         'Largest message, or value of a record, in bytes.', default=1_000_000
+    )
+    max_cache_bytes: PositiveCount = setting(
+        'Bytes of messages that DDS keeps for the route: fewer messages where they are large. '
+        'Counts where the type tells how large they are: with fields of fixed length, or with '
+        'raw data such as images, of which each counts with max_message_bytes.',
+        default=64 * 1024 * 1024,
     )
     drain_s: NotNegative = setting('Longest time for the drain at a stop, in seconds.', default=8)
 
@@ -118,6 +125,26 @@ class Route(Settings, ABC):
     def qos(self) -> QoS:
         """What is said of the quality of service of its end in ROS."""
         return self._ends[1].qos
+
+    @property
+    def has_fixed_history(self) -> bool:
+        """Whether the file says how many messages DDS keeps for it, however large they are."""
+        return self.qos.depth is not None
+
+    def ros_history(self, message_bytes: int | None) -> int:
+        """How many messages DDS keeps for it.
+
+        Args:
+            message_bytes: How large one may be; None where that is not known.
+        """
+        if message_bytes is None or self.has_fixed_history:
+            return self._most_samples
+        return max(1, min(self._most_samples, self.max_cache_bytes // message_bytes))
+
+    @property
+    @abstractmethod
+    def _most_samples(self) -> int:
+        """How many messages DDS keeps for it, however small they are."""
 
     @property
     def dead_letter_topic(self) -> str:
@@ -191,9 +218,8 @@ class KafkaToRosRoute(Route):
         return self.sink.type
 
     @property
-    def ros_history(self) -> int:
-        """How many messages DDS keeps for it: what is not acknowledged."""
-        return self.max_in_flight
+    def _most_samples(self) -> int:
+        return max(self.max_in_flight, self.qos.depth or 0)  # what is not acknowledged
 
 
 @settings
@@ -252,9 +278,14 @@ class RosToKafkaRoute(Route):
         return self.sink.key
 
     @property
-    def ros_history(self) -> int:
-        """How many messages DDS keeps for it, while it does not take them."""
-        return self.source.max_samples
+    def has_fixed_history(self) -> bool:
+        """Whether the file says how many messages DDS keeps for it, however large they are."""
+        return super().has_fixed_history or self.source.max_samples is not None
+
+    @property
+    def _most_samples(self) -> int:
+        # With less room than its depth, a KEEP_LAST reader refuses the newest.
+        return self.qos.depth or self.source.max_samples or MOST_SAMPLES
 
 
 _ENDPOINTS: dict[tuple[str, str], type[Settings]] = {

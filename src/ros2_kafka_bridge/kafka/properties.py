@@ -51,6 +51,9 @@ CONSUMER_ONLY = _words(
     queued.min.messages rebalance_cb session.timeout.ms share.acknowledgement.mode
     """
 )
+_PREFETCH = 'queued.max.messages.kbytes'
+_PREFETCH_KBYTES = 8192
+
 PRODUCER_ONLY = _words(
     """
     acks batch.num.messages batch.size compression.codec compression.level compression.type
@@ -260,7 +263,7 @@ def consumer_properties(
     own: dict[str, PropertyValue] = {
         'client.id': client_id,
         **_CONNECTION,
-        'queued.max.messages.kbytes': 8192,
+        _PREFETCH: _PREFETCH_KBYTES,
         # Fetching rests for so long once the prefetch is full: the default is a whole second.
         'fetch.queue.backoff.ms': 10,
         'topic.metadata.refresh.interval.ms': 10000,
@@ -277,6 +280,12 @@ def consumer_properties(
         'enable.auto.offset.store': 'false',
         'auto.offset.reset': 'error',
     }
+
+
+def prefetch_bytes(properties: Mapping[str, Any]) -> int:
+    """How much a consumer reads ahead; its client refuses what is no number."""
+    kbytes = str(properties.get(_PREFETCH, _PREFETCH_KBYTES)).strip()
+    return 1024 * (int(kbytes) if kbytes.isdecimal() else _PREFETCH_KBYTES)
 
 
 def is_classic(properties: Mapping[str, Any]) -> bool:

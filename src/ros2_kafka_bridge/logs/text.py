@@ -10,6 +10,11 @@ _HOSTILE: Final = re.compile(
 )
 
 
+def in_mb(size_bytes: int) -> str:
+    """Say how much it is, rounded up: `111 MB`."""
+    return f'{-(-size_bytes // 1_000_000):,} MB'
+
+
 def count(number: int, thing: str) -> str:
     """Say how many there are of a thing: `1 route`, `2 routes`."""
     return f'{number} {thing}' if number == 1 else f'{number} {thing}s'

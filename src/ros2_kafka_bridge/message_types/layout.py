@@ -46,6 +46,8 @@ class Sequence:
     bound: int | None = None
 
 
+_BULK_BYTES: Final = 65_536
+
 Scalar: TypeAlias = bool | int | float | str
 
 
@@ -176,10 +178,10 @@ def with_layout(kind: Kind, change: Callable[[Layout], Layout]) -> Kind:
 
 
 def is_bulk(kind: Kind) -> bool:
-    """Whether such a message carries raw data of any length, as an image does."""
+    """Whether such a message carries raw data of any length, or nearly so, as an image does."""
     match kind:
-        case Sequence(item=Primitive() as item, bound=None):
-            return width_of(item) == 1
+        case Sequence(item=Primitive() as item, bound=bound):
+            return width_of(item) == 1 and (bound is None or bound > _BULK_BYTES)
         case Layout():
             return any(is_bulk(field.kind) for field in kind.fields)
         case Sequence() | Array():

@@ -39,7 +39,7 @@ class TypeSource:
     """
 
     def __init__(self, message_path: Sequence[Path] = ()) -> None:
-        self._folders = tuple(message_path)
+        self.folders = tuple(message_path)
         self._lock = threading.Lock()
         self._told: dict[tuple[str, str], DescribedTypes] = {}
         self._fields = 0  # of what was told
@@ -57,12 +57,12 @@ class TypeSource:
 
     def unknown(self, name: str) -> str | None:
         """Why no folder and no package has a type, and what is near it; None where one has."""
-        return unknown_type(name, self._folders)
+        return unknown_type(name, self.folders)
 
     def unsettled(self, name: str) -> str | None:
         """Why those who use a type have to show how it is defined; None where they need not."""
         problem = self.unknown(name)
-        if problem or not self._folders:
+        if problem or not self.folders:
             return problem
         known, _ = self._known(name)
         if len({type_hash(name, one.types) for one in known}) < 2:
@@ -103,10 +103,10 @@ class TypeSource:
     def _known(self, name: str) -> tuple[list[DescribedTypes], ConfigError | None]:
         """What the folders say of it, then what is installed; or why there is neither."""
         try:
-            known = [describe(name, self._folders)]
+            known = [describe(name, self.folders)]
         except ConfigError as error:
             return [], error
-        if self._folders and unknown_type(name) is None:
+        if self.folders and unknown_type(name) is None:
             known.append(describe(name))
         return known, None
 

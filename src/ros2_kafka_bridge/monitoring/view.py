@@ -140,6 +140,7 @@ def _numbers(told: RouteReport, recent: RouteStatistics) -> Json:
         'mismatched': measures.mismatched,
         'queued': measures.queued,
         'queue_limit': measures.queue_limit,
+        'memory_limit': now.memory_limit,
         'errors': measures.errors,
     }
 

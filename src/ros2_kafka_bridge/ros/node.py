@@ -224,7 +224,7 @@ def open_made(
         ConfigError: rclpy is missing or too old, or refuses the name or the environment.
         TransportError: Nothing can be written.
     """
-    rclpy = _import_rclpy()
+    rclpy = import_rclpy()
     with ExitStack() as stack:
         with _STARTING:
             # Under the lock, too: another start names a file of its own for a moment.
@@ -235,6 +235,12 @@ def open_made(
                 if is_fastdds():
                     check_profile(node, users)
         yield node
+
+
+def users_environ() -> dict[str, str]:
+    """The environment, as the user has set it: a start shows Fast DDS another for a moment."""
+    with _STARTING:
+        return dict(os.environ)
 
 
 def _joined(
@@ -257,7 +263,13 @@ def _joined(
     return made
 
 
-def _import_rclpy() -> Any:
+def import_rclpy() -> Any:
+    """Load rclpy.
+
+    Raises:
+        ConfigError: It is missing or too old.
+        RouteError: It is broken.
+    """
     try:
         with blamed('rclpy cannot be loaded'):
             import rclpy  # noqa: PLC0415 (heavy, and perhaps not there)

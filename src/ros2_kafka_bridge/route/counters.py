@@ -190,6 +190,7 @@ class Snapshot(NamedTuple):
     the route holds, not a difference. `lag` is in records (Kafka -> ROS only), `lost_upstream`
     what was lost before the bridge could take it, `repeated` what was published again, `unproved`
     what was sent though a record in Kafka had its number.
+    `memory_limit` is how many bytes of memory the route may take, None before that is known.
     `final` says that the route has failed and is not tried again.
     `made_s` is when it was made, by the monotonic clock that all processes of a machine share; 0
     where the route has told nothing.
@@ -219,6 +220,7 @@ class Snapshot(NamedTuple):
     measures: Measures = Measures()
     unproved: int = 0
     published: int = 0
+    memory_limit: int | None = None
 
     @property
     def carried(self) -> int:
@@ -250,6 +252,7 @@ class Counters:
     lost_upstream: int = 0
     repeated: int = 0
     unproved: int = 0
+    memory_limit: int | None = None
     ended: dict[Outcome, int] = field(default_factory=lambda: dict.fromkeys(Outcome, 0))
 
     def end(self, outcome: Outcome, count: int = 1) -> None:
@@ -311,6 +314,7 @@ class Counters:
             measures=measures,
             unproved=self.unproved,
             published=self.ended[Outcome.PUBLISHED],
+            memory_limit=self.memory_limit,
         )
 
 

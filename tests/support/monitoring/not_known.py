@@ -31,7 +31,7 @@ BAD_MEASURES = Measures(
 BAD = {
     'taken': 72, 'confirmed': 10, 'published': 12, 'dead_lettered': 9, 'dropped': 8, 'skipped': 1,
     'returned': 2, 'lost': 3, 'given_up': 4, 'spooled': 16, 'in_flight': 7, 'lost_upstream': 5,
-    'repeated': 6, 'unproved': 2, 'measures': BAD_MEASURES,
+    'repeated': 6, 'unproved': 2, 'memory_limit': 111_000_000, 'measures': BAD_MEASURES,
 }  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from ros2_kafka_bridge.config.file import loads
 from ros2_kafka_bridge.kafka.overview import Overview
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.route import clock
+from ros2_kafka_bridge.route.memory import Kept
 
 FILE = """\
 name: b
@@ -87,6 +88,7 @@ def test_a_route_that_waits_for_the_clock_is_not_said_to_run(text: str, says: st
     node.subscribers.return_value = []
     kafka = CheckedCluster(cast('Overview', MagicMock(spec=Overview)), 'not asked', None, '')
     orders, _ = config.routes
-    met = report.Surroundings(config, cast('RosNode', node), kafka, '')
+    kept = {'orders': Kept(500, None)}
+    met = report.Surroundings(config, cast('RosNode', node), kafka, '', kept)
     found = report._route_findings(orders, FoundType(), met)
     assert report.summary({'orders': found}) == says

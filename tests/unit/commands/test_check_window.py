@@ -16,10 +16,11 @@ DROPS = {'when_full': 'drop_oldest'}
 
 # The bounds, the setting of each, and what comes then.
 ALL = '16,777,216 bytes ... a batch of 500 ...'
+PIECE = '16,777,216 bytes ... a batch of 50 ...'
 SAID = {
-    'to ROS': f'ok: {ALL} 500 messages not acknowledged (max_in_flight) ... waits',
+    'to ROS': f'ok: {PIECE} 500 messages not acknowledged (max_in_flight) ... waits',
     'to ROS, drops': f"""
-        note: {ALL} 500 messages not acknowledged and 500 waiting (max_in_flight)
+        note: {PIECE} 500 messages not acknowledged and 500 waiting (max_in_flight)
         ... oldest ... dropped (when_full)""",
     'to Kafka': f"""
         ok: 2,000 messages ... (max_in_flight) ... {ALL} (max_in_flight_bytes) ... waits""",

@@ -33,6 +33,7 @@ routes:
 ROUTE = {
     'name': 'orders', 'state': 'running', 'reason': '', 'rate': 1.5, 'delay_s': [0.004, 2.0],
     'lag': 7, 'in_flight': 0, 'ended': {'dead_lettered': 3}, 'spooled': 0, 'age_s': 0.4,
+    'memory_limit': 110_500_000,
 }  # fmt: skip
 STATE: dict[str, Any] = {
     'bridge': {
@@ -87,8 +88,17 @@ def test_what_a_route_has_no_figure_for_is_a_dash(
     told = capsys.readouterr()
     assert told.err == ''
     assert told.out.startswith('warehouse-1: ready, active\n')
-    assert cells(told.out, 'orders')[3:] == ['4.0 ms', '2.0 s', '7', '0', '3', '-']
-    assert cells(told.out, 'returned')[3:] == ['-', '-', '-', '0', '3', '-']
+    assert cells(told.out, 'orders')[3:] == ['4.0 ms', '2.0 s', '7', '0', '3', '111', '-']
+    assert cells(told.out, 'returned')[3:] == ['-', '-', '-', '0', '3', '111', '-']
+
+
+def test_a_bridge_of_before_tells_nothing_of_memory(
+    monkeypatch: pytest.MonkeyPatch, file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    older = {name: value for name, value in ROUTE.items() if name != 'memory_limit'}
+    monkeypatch.setitem(STATE, 'routes', [older])
+    assert report(file, '', as_json=False) == 0
+    assert 'MB at most' not in capsys.readouterr().out
 
 
 def test_numbers_of_before_are_told_with_their_age(
@@ -118,12 +128,13 @@ def test_before_anything_is_told_nothing_is_made_up(
 def test_a_route_that_has_told_nothing_shows_no_numbers(
     monkeypatch: pytest.MonkeyPatch, file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    unknown = dict.fromkeys(('rate', 'delay_s', 'lag', 'in_flight', 'spooled', 'age_s'))
+    names = 'rate', 'delay_s', 'lag', 'in_flight', 'spooled', 'age_s', 'memory_limit'
+    unknown = dict.fromkeys(names)
     silent = {**ROUTE, **unknown, 'name': 'silent', 'ended': {'dead_lettered': None}}
     monkeypatch.setitem(STATE, 'routes', [ROUTE, silent])
     assert report(file, '', as_json=False) == 0
     found = cells(capsys.readouterr().out, 'silent')
-    assert found == ['silent', 'running', *['-'] * 7, 'not yet', '-']
+    assert found == ['silent', 'running', *['-'] * 8, 'not yet', '-']
 
 
 def test_what_waits_on_disk_is_a_column_where_there_is_any(

@@ -66,6 +66,7 @@ ROUTE_ROWS: Final = {
     'mismatched': (NONE, 2),
     'queued': (NONE, 500),
     'queue_limit': (NONE, 500),
+    'memory_limit': (NONE, 111_000_000),
     'errors': (NONE, {'DecodeError': 9}),
     'paused': (False, True),
     'advice': ('', 'It is not tried again'),

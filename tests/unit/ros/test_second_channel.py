@@ -28,6 +28,7 @@ from ros2_kafka_bridge.ros.second_channel import unheard
 from ros2_kafka_bridge.ros.topic_end import TopicEnd
 from ros2_kafka_bridge.ros.topic_reader import TopicReader
 from ros2_kafka_bridge.ros.types import load_type
+from ros2_kafka_bridge.route.memory import Kept
 from ros2_kafka_bridge.threads.wakeup import Wakeup
 
 IMAGE = 'sensor_msgs/msg/Image'
@@ -126,7 +127,7 @@ def test_check_tells_it_with_all_else_of_the_route(monkeypatch: pytest.MonkeyPat
     node = MagicMock(domain_id=0)
     node.publishers.return_value = []
     kafka = MagicMock(problem='away')
-    met = report.Surroundings(config, node, kafka, '')
+    met = report.Surroundings(config, node, kafka, '', {'r': Kept(67, None)})
     found = report._route_findings(config.routes[0], FoundType(IMAGE, load_layout(IMAGE)), met)
     assert unheard(load_layout(IMAGE)) in [finding.text for finding in found]
 

@@ -11,6 +11,7 @@ from rich.console import Console
 from ros2_kafka_bridge.commands.check import clock as check_clock
 from ros2_kafka_bridge.commands.check import formats as check_format
 from ros2_kafka_bridge.commands.check import kafka as check_kafka
+from ros2_kafka_bridge.commands.check import memory as check_memory
 from ros2_kafka_bridge.commands.check import ros as check_ros
 from ros2_kafka_bridge.commands.check import types as check_types
 from ros2_kafka_bridge.commands.screen import (
@@ -30,13 +31,14 @@ from ros2_kafka_bridge.config.settings import (
     warnings,
 )
 from ros2_kafka_bridge.errors import BridgeError
-from ros2_kafka_bridge.kafka_to_ros import BATCH as TO_ROS_BATCH
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
-from ros2_kafka_bridge.ros.node import RosNode, open_node
+from ros2_kafka_bridge.ros.node import RosNode, is_fastdds, open_node
 from ros2_kafka_bridge.ros.probe import SAMPLES, probe, probe_topic
 from ros2_kafka_bridge.ros_to_kafka import BATCH as TO_KAFKA_BATCH
+from ros2_kafka_bridge.route.memory import Kept
+from ros2_kafka_bridge.route.pieces import PIECE
 
 
 class Surroundings(NamedTuple):
@@ -44,12 +46,14 @@ class Surroundings(NamedTuple):
 
     Args:
         unconfirmed: Why no route to ROS would know what has arrived.
+        kept: What DDS would keep for each route.
     """
 
     config: Config
     node: RosNode
     kafka: check_kafka.CheckedCluster
     unconfirmed: str
+    kept: Mapping[str, Kept]
 
 
 def report(config: Config, file: Path, *, connect: bool) -> int:
@@ -69,9 +73,12 @@ def report(config: Config, file: Path, *, connect: bool) -> int:
     failed = _show_clock(console, config)
     if connect:
         return _report_connected(console, config) or int(failed)
+    types = {route.name: check_types.named_type(route, config) for route in config.routes}
+    kept = check_memory.kept_by_routes(config, {it: found.layout for it, found in types.items()})
     for route in config.routes:
-        console.print(f'  {_way(route)}')
-        named = check_types.named_type(route, config)
+        named = types[route.name]
+        memory = check_memory.memory_words(route, config, kept[route.name])
+        console.print(f'  {_way(route)}{memory}')
         found = [*named.found, *check_format.format_findings(route, config, named.layout)]
         failed = _show_short(console, found) or failed
     return 1 if failed else 0
@@ -121,7 +128,8 @@ def _report_connected(console: Console, config: Config) -> int:
         sees_none = check_ros.sees_none(node)
         _show(console, 'ROS', check_ros.graph_findings(abilities, config, sees_none=sees_none))
         types = check_types.find_types(config, node)
-        met = Surroundings(config, node, kafka, unconfirmed)
+        kept = check_memory.kept_by_routes(config, {it: one.layout for it, one in types.items()})
+        met = Surroundings(config, node, kafka, unconfirmed, kept)
         found = {route.name: _findings(route, types[route.name], met) for route in config.routes}
     for route in config.routes:
         _show(console, _way(route), found[route.name])
@@ -182,6 +190,9 @@ def _route_findings(
         found = _findings_to_ros(route, message_type, met)
     else:
         found = _findings_to_kafka(route, message_type, met)
+    if is_fastdds():  # no other middleware counts by the profile
+        kept, layout = met.kept[route.name], message_type.layout
+        found = chain(found, [check_memory.memory_finding(route, met.config, kept, layout)])
     asks = not met.kafka.problem
     return [*found, *(check_kafka.dead_letter_findings(route, met.kafka) if asks else ())]
 
@@ -189,7 +200,7 @@ def _route_findings(
 def _findings_to_ros(
     route: KafkaToRosRoute, message_type: check_types.FoundType, met: Surroundings
 ) -> Iterator[Finding]:
-    config, node, kafka, unconfirmed = met
+    config, node, kafka, unconfirmed, _ = met
     if not kafka.problem:
         yield from check_kafka.source_findings(route, config, kafka)
     yield from message_type.found
@@ -205,7 +216,7 @@ def _findings_to_ros(
 def _findings_to_kafka(
     route: RosToKafkaRoute, message_type: check_types.FoundType, met: Surroundings
 ) -> Iterator[Finding]:
-    config, node, kafka, _ = met
+    config, node, kafka, *_ = met
     name, layout, type_hash, found = message_type
     publishers = check_ros.publishers(route, config, node)
     yield from check_ros.publisher_findings(route, publishers, name, type_hash)
@@ -237,8 +248,8 @@ def window_to_ros(route: KafkaToRosRoute) -> Finding:
     most, size_bytes, drops = route.max_in_flight, route.max_in_flight_bytes, _drops(route)
     waiting = f' and {most:,} waiting' if drops else ''
     text = (
-        f'at most {size_bytes:,} bytes in flight and a batch of {TO_ROS_BATCH} '
-        f'(max_in_flight_bytes), of it {most:,} messages not acknowledged{waiting} '
+        f'at most {size_bytes:,} bytes in flight and a batch of {PIECE} '
+        f'(max_in_flight_bytes), of it at most {most:,} messages not acknowledged{waiting} '
         f'(max_in_flight), then {_then(drops=drops)}'
     )
     return Finding('note' if drops else 'ok', 'window', text)

@@ -19,11 +19,12 @@ from ros2_kafka_bridge.errors import RouteError, TransportError
 from ros2_kafka_bridge.kafka_to_ros import KafkaToRos
 from ros2_kafka_bridge.logs.lines import route_log
 from ros2_kafka_bridge.logs.text import count
+from ros2_kafka_bridge.ros.message_sizes import described_sizes, histories_of
 from ros2_kafka_bridge.ros.node import RosNode, open_node
 from ros2_kafka_bridge.ros.probe import probe, probe_topic
 from ros2_kafka_bridge.threads.stop import Part, Stop
 from ros2_kafka_bridge.tracing.routes import Tracing
-from ros2_kafka_bridge.wiring import Wiring, histories_of
+from ros2_kafka_bridge.wiring import Wiring
 
 _PATIENCE_S: Final = 30.0
 
@@ -54,10 +55,11 @@ def open_channels(config: Config, stop: Stop) -> Iterator[Channels]:
     # Whatever the routes do: what a reader has not acknowledged would be marked as sent.
     config = replace(config, ros=replace(config.ros, confirmation='acknowledged'))
     probed = probe_topic()
-    histories = histories_of(config.routes, probed, config.ros.lease_s)
+    sizes = described_sizes(config.routes, config.ros)
+    histories = histories_of(config.routes, sizes, probed, config.ros.lease_s)
     name = f'{config.name}_replay'
     with open_node(name, config.ros.domain_id, histories) as node, ExitStack() as stack:
-        wiring = Wiring(config, node, probe(node, probed), histories, Tracing())
+        wiring = Wiring(config, node, probe(node, probed), histories, sizes, Tracing())
 
         @cache
         def channel(route: KafkaToRosRoute) -> LetterChannel:

@@ -53,6 +53,7 @@ class RouteState(msgspec.Struct, frozen=True):
     spooled: int | None
     ended: EndedState
     age_s: float | None
+    memory_limit: int | None = None  # older bridges do not tell it
 
 
 class WorkerState(msgspec.Struct, frozen=True):

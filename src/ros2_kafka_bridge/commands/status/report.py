@@ -17,7 +17,7 @@ from ros2_kafka_bridge.config.monitoring import ADDRESSES, Address, is_address
 from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.dead_letters.shown import shortened
 from ros2_kafka_bridge.errors import ConfigError
-from ros2_kafka_bridge.logs.text import printable
+from ros2_kafka_bridge.logs.text import in_mb, printable
 from ros2_kafka_bridge.process.load import load_checked
 from ros2_kafka_bridge.protocol.limits import OLD_S
 
@@ -149,11 +149,14 @@ def _show_routes(console: Console, routes: list[RouteState]) -> None:
         '#in flight': [_number(it.in_flight) for it in routes],
         '#on disk': [_number(it.spooled) for it in routes],
         '#dead letters': [_number(it.ended.dead_lettered) for it in routes],
+        '#MB at most': [_mb(it.memory_limit) for it in routes],
         '#told': [_ago(it.age_s) for it in routes],
         'reason': [it.reason or '-' for it in routes],
     }
     if all(it.spooled == 0 for it in routes):
         del columns['#on disk']
+    if all(it.memory_limit is None for it in routes):
+        del columns['#MB at most']
     if all(it.age_s is not None and it.age_s <= OLD_S for it in routes):
         del columns['#told']
     rows = [[[cell] for cell in row] for row in zip(*columns.values(), strict=True)]
@@ -164,6 +167,10 @@ def _number(value: float | None) -> str:
     if value is None:
         return '-'
     return f'{value:g}' if isinstance(value, float) else str(value)
+
+
+def _mb(size_bytes: int | None) -> str:
+    return '-' if size_bytes is None else in_mb(size_bytes).removesuffix(' MB')
 
 
 def _ago(age_s: float | None) -> str:

@@ -104,6 +104,7 @@ export class Detail {
         ['sink holds', `${count(route.queued)}${route.queue_limit ? ` of ${count(route.queue_limit)}` : ''}`],
         ['DDS endpoints that match', count(route.matched)],
         ['that do not match', count(route.mismatched)],
+        ['memory, at most', route.memory_limit === null ? null : bytes(route.memory_limit)],
         ['rebalances', readsKafka(about) ? count(route.rebalances) : null],
         ['worker', route.worker ? count(route.worker) : null],
         ['numbers are', route.age_s === null ? 'not told yet' : `${seconds(Math.max(0.1, route.age_s))} old`],

@@ -373,6 +373,7 @@ def _counted(told: RouteReport, change: Change) -> Iterator[tuple[str, str]]:
         ('matched', measures.matched),
         ('mismatched', measures.mismatched),
         ('queued', _queued(measures)),
+        ('memory at most (bytes)', now.memory_limit),
     )
     for name, seconds in zip(('p50', 'p99'), change.delay_s or (), strict=False):
         yield f'delay {name} (s)', f'{seconds:.6g}'
