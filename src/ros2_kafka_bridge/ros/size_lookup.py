@@ -7,7 +7,6 @@ It reads a question from its standard input, and writes a line for each answer t
 
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,10 +28,11 @@ from ros2_kafka_bridge.message_types.source import TypeSource
 from ros2_kafka_bridge.outside.parent import end_with_parent
 from ros2_kafka_bridge.ros.discovery import ANNOUNCED_S
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
+from ros2_kafka_bridge.ros.helper_process import helper_process
 from ros2_kafka_bridge.ros.node import RosNode, open_node
 from ros2_kafka_bridge.ros.type_request import ask_users
 from ros2_kafka_bridge.ros.used_type import UsedType, definitions, users
-from ros2_kafka_bridge.threads.stop import SIGNALS, Stop
+from ros2_kafka_bridge.threads.stop import Stop
 
 _ANSWER_S: Final = 2.5
 _ALL_S: Final = 15.0
@@ -110,28 +110,15 @@ def _run(
     asked: BinaryIO, answers: BinaryIO, said: BinaryIO, environ: Mapping[str, str], stop: Stop
 ) -> int | None:
     """Run the process to its end, or for as long as it may take; returns its exit status."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # Ctrl-C is for this process
-    try:
-        process = subprocess.Popen(  # noqa: S603 (this program)
-            [sys.executable, '-P', '-m', __name__, str(answers.fileno())],
-            env=environ,
-            stdin=asked,
-            stdout=said,
-            stderr=said,
-            pass_fds=[answers.fileno()],
-            process_group=0,
-        )
-        with process:
-            try:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
-                until_s = time.monotonic() + _ALL_S
-                while process.poll() is None and time.monotonic() < until_s and not stop.asked:
-                    time.sleep(_LOOK_S)
-            finally:
-                process.kill()
-        return process.returncode
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    options = [str(answers.fileno())]
+    with helper_process(
+        __name__, options, env=environ, stdin=asked, stdout=said, stderr=said,
+        pass_fds=[answers.fileno()],
+    ) as process:  # fmt: skip
+        until_s = time.monotonic() + _ALL_S
+        while process.poll() is None and time.monotonic() < until_s and not stop.asked:
+            time.sleep(_LOOK_S)
+    return process.returncode
 
 
 def _in_memory(name: str) -> BinaryIO:

@@ -3,7 +3,6 @@
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -14,11 +13,12 @@ from ros2_kafka_bridge.config.settings import QoS
 from ros2_kafka_bridge.errors import RouteError
 from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.ros.errors import translated
+from ros2_kafka_bridge.ros.helper_process import helper_process
 from ros2_kafka_bridge.ros.node import RosNode, middleware
 from ros2_kafka_bridge.ros.probe import MESSAGE, denies, probe_topic
 from ros2_kafka_bridge.ros.qos import profile
 from ros2_kafka_bridge.ros.types import load_type
-from ros2_kafka_bridge.threads.stop import SIGNALS, Stop
+from ros2_kafka_bridge.threads.stop import Stop
 
 _MATCHED_S: Final = 10.0  # a process that imports ROS, and its discovery, on a busy machine
 # One that counts what the kernel of the reader has taken says so in this time. Less than a lease:
@@ -26,6 +26,7 @@ _MATCHED_S: Final = 10.0  # a process that imports ROS, and its discovery, on a 
 _DENIES_S: Final = 0.5
 _STEP_S: Final = 0.01
 _LAST_BYTES: Final = 300
+_READER: Final = 'ros2_kafka_bridge.ros.trial_reader'
 _FORGOTTEN_S: Final = 0.1  # a reader that is lost is forgotten before it is reported as gone
 
 
@@ -127,28 +128,17 @@ def _not_known(why: str) -> RouteError:
 
 @contextmanager
 def _reader(node: RosNode, topic: str) -> Iterator[_Reader]:
-    """Start a subscription in a process of its own, which ends with this one.
-
-    Of a group of its own: what lets a group go on that has lost its session is not for it.
-    """
+    """Start a subscription in a process of its own, which ends with this one."""
     name = f'{node.handle.get_name()}_trial'
-    program = [sys.executable, '-P', '-m', 'ros2_kafka_bridge.ros.trial_reader']
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # Ctrl-C is for this process
-    try:
-        said = os.fdopen(os.memfd_create('said'), 'w+b')  # no folder may be writable
-        process = subprocess.Popen(  # noqa: S603 (this program)
-            [*program, name, topic, str(node.domain_id), str(os.getpid())],
-            stdin=subprocess.DEVNULL,
-            stdout=said,
-            stderr=said,
-            process_group=0,
-        )
-    except OSError as error:
-        raise _not_known(f'could not be started: {error}') from error
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    with said, process:
+    options = [name, topic, str(node.domain_id), str(os.getpid())]
+    with ExitStack() as stack:
         try:
-            yield _Reader(process, said)
-        finally:
-            process.kill()
+            said = stack.enter_context(os.fdopen(os.memfd_create('said'), 'w+b'))  # no folder
+            process = stack.enter_context(
+                helper_process(
+                    _READER, options, stdin=subprocess.DEVNULL, stdout=said, stderr=said
+                )
+            )
+        except OSError as error:
+            raise _not_known(f'could not be started: {error}') from error
+        yield _Reader(process, said)

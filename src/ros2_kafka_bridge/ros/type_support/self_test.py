@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from ros2_kafka_bridge.logs.text import printable
 from ros2_kafka_bridge.outside.parent import end_with_parent
+from ros2_kafka_bridge.ros.helper_process import helper_process
 from ros2_kafka_bridge.threads.stop import Stop
 
 _PATIENCE_S: Final = 30.0
@@ -38,22 +39,16 @@ def self_test_problem(stop: Stop) -> str:
         stop: Ends the waiting.
     """
     with TemporaryFile() as said:
+        no_input = subprocess.DEVNULL
         try:
-            child = subprocess.Popen(  # noqa: S603 (this program)
-                [sys.executable, '-P', '-m', __name__],
-                env=os.environ | _OWN,
-                stdin=subprocess.DEVNULL,
-                stdout=said,
-                stderr=said,
-                process_group=0,  # Ctrl-C is for this process
-            )
+            with helper_process(
+                __name__, env=os.environ | _OWN, stdin=no_input, stdout=said, stderr=said
+            ) as child:
+                until_s = time.monotonic() + _PATIENCE_S
+                while child.poll() is None and time.monotonic() < until_s and not stop.asked:
+                    time.sleep(_LOOK_S)
         except OSError as error:
             return f'types without them could not be tried: {error}'
-        with child:
-            until_s = time.monotonic() + _PATIENCE_S
-            while child.poll() is None and time.monotonic() < until_s and not stop.asked:
-                time.sleep(_LOOK_S)
-            child.kill()
         if child.returncode == 0:
             return ''
         if stop.asked:
