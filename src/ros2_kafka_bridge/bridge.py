@@ -109,7 +109,7 @@ class Bridge:
         probed = probe_topic()
         routes = [runner.route for runner in self._runners]
         name = worker_name(self.config.name, self._worker)
-        sizes = message_sizes(routes, self.config.ros, name, self.stop, self._log)
+        sizes = message_sizes(self.config, routes, name, self.stop, self._log)
         histories = histories_of(routes, sizes, probed, self.config.ros.lease_s)
         with (
             open_node(name, self.config.ros.domain_id, histories) as node,

@@ -11,6 +11,7 @@ from functools import cache
 from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.config.endpoints import RosSettings
 from ros2_kafka_bridge.config.routes import AnyRoute
+from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.logs.lines import Log
 from ros2_kafka_bridge.message_types.description import make_layout
@@ -31,9 +32,12 @@ It is left out where its type is not known.
 """
 
 
-def described_sizes(routes: Sequence[AnyRoute], ros: RosSettings) -> Sizes:
-    """The sizes of messages whose types the file names and somebody here describes."""
-    source = TypeSource.of(ros)
+def described_sizes(config: Config) -> Sizes:
+    """The sizes of messages whose types the file names and somebody here describes.
+
+    A route that names none has the type that another route of the file names for its topic.
+    """
+    source = TypeSource.of(config.ros)
 
     @cache
     def layout_of(name: str) -> Layout | None:
@@ -42,30 +46,31 @@ def described_sizes(routes: Sequence[AnyRoute], ros: RosSettings) -> Sizes:
                 return make_layout(name, source.describe(name))
         return None
 
-    named = ((route, layout_of(route.type_name)) for route in routes if route.type_name)
+    of_topics = {route.ros_topic: route.type_name for route in config.routes if route.type_name}
+    names = ((route, route.type_name or of_topics.get(route.ros_topic)) for route in config.routes)
     return {
         route.name: largest_message_bytes(layout, route.max_message_bytes)
-        for route, layout in named
-        if layout is not None
+        for route, name in names
+        if name is not None and (layout := layout_of(name)) is not None
     }
 
 
 def message_sizes(
-    routes: Sequence[AnyRoute], ros: RosSettings, bridge: str, stop: Stop, log: Log
+    config: Config, routes: Sequence[AnyRoute], bridge: str, stop: Stop, log: Log
 ) -> Sizes:
     """The sizes of the messages of routes; those of other types than described ones, as seen.
 
     Args:
-        routes: Of a process that has not joined the graph.
-        ros: As of the file.
-        bridge: Its name.
+        config: With all routes.
+        routes: Those of this process, which has not joined the graph.
+        bridge: The name of the process there.
         stop: Ends the look.
         log: Where to say whom it is for, and what is not known.
 
     Raises:
         ConfigError, RouteError: There is no ROS here, or it cannot be loaded.
     """
-    sizes = described_sizes(routes, ros)
+    sizes = described_sizes(config)
     unknown = [it for it in routes if it.name not in sizes and not it.has_fixed_history]
     if not unknown:
         return sizes
@@ -79,7 +84,7 @@ def message_sizes(
             'known here',
             ', '.join(_topics(unknown)), ANNOUNCED_S,
         )  # fmt: skip
-        found = ask(_question(unknown, ros, bridge), environ, stop, log)
+        found = ask(_question(unknown, config.ros, bridge), environ, stop, log)
         sizes = {**sizes, **{unknown[it.number].name: it.size_bytes for it in found}}
     if late := [route for route in unknown if route.name not in sizes]:
         log.info(

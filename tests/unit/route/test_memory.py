@@ -5,10 +5,13 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
 import pytest
 
+from ros2_kafka_bridge.config.file import load
 from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.config.settings import Config, KafkaToRosRoute, RosToKafkaRoute
 from ros2_kafka_bridge.config.validation import validated
@@ -26,6 +29,7 @@ IMAGE = 'sensor_msgs/msg/Image'
 TWIST = 'geometry_msgs/msg/Twist'
 STRING = 'std_msgs/msg/String'
 MIB = 1 << 20
+ROOT = Path(__file__).parents[3]
 PREFETCH_BYTES = 8 * MIB
 KEEP_LAST = {'qos': {'history': 'keep_last', 'depth': 100}}
 
@@ -42,10 +46,19 @@ def to_ros(message_type: str = IMAGE, name: str = 'r', **more: Any) -> KafkaToRo
     return validated(KafkaToRosRoute, given)
 
 
+def with_routes(*routes: AnyRoute) -> Config:
+    return replace(validated(Config, FILE), routes=[*routes])
+
+
+def seen_from(domain: int) -> Config:
+    """A route whose type nobody names, in a ROS domain."""
+    ros = replace(validated(Config, FILE).ros, domain_id=domain)
+    return replace(with_routes(from_ros(None)), ros=ros)
+
+
 def samples_of(route: AnyRoute) -> int:
     """How many messages DDS keeps for a route of a type that is installed here."""
-    sizes = described_sizes([route], validated(Config, FILE).ros)
-    return route.ros_history(sizes[route.name])
+    return route.ros_history(described_sizes(with_routes(route))[route.name])
 
 
 FILE: dict[str, Any] = {
@@ -85,7 +98,7 @@ def test_dds_keeps_what_fits_as_far_as_the_type_says_how_large_messages_are(
 
 def test_of_a_type_that_nobody_here_knows_as_many_are_kept_as_of_small_ones() -> None:
     route = from_ros(None)
-    assert described_sizes([route, from_ros('acme/msg/Map')], validated(Config, FILE).ros) == {}
+    assert described_sizes(with_routes(route, from_ros('acme/msg/Map', name='map'))) == {}
     assert route.ros_history(None) == 2000
 
 
@@ -93,7 +106,7 @@ def test_the_profile_has_the_longest_of_the_histories_of_a_topic() -> None:
     routes: list[AnyRoute] = [
         from_ros(name='x'), from_ros(name='y', max_cache_bytes=16 * MIB), to_ros(name='z'),
     ]  # fmt: skip
-    sizes = described_sizes(routes, validated(Config, FILE).ros)
+    sizes = described_sizes(with_routes(*routes))
     probed = {'/probed': SAMPLES}
     found = histories_of(routes, sizes, '/probed', 3.0)
     assert found == Histories({**probed, '/b': 67}, {**probed, '/a': 67}, 3.0)
@@ -103,24 +116,36 @@ def test_nobody_looks_at_the_graph_where_the_file_says_it_all(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr('ros2_kafka_bridge.ros.message_sizes.ask', None)
-    routes = [from_ros(name='x'), from_ros(None, name='y', source={'max_samples': 5})]
-    ros = validated(Config, FILE).ros
-    assert message_sizes(routes, ros, 'b', Stop(), route_log()) == {'x': 1_000_000}
+    config = with_routes(from_ros(name='x'), from_ros(None, name='y', source={'max_samples': 5}))
+    sizes = {'x': 1_000_000, 'y': 1_000_000}
+    assert message_sizes(config, config.routes, 'b', Stop(), route_log()) == sizes
     assert caplog.messages == []
 
 
+def test_what_a_route_of_the_file_publishes_has_the_type_that_it_names(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As the routes of the README, there and back: nobody has to be waited for."""
+    monkeypatch.setattr('ros2_kafka_bridge.ros.message_sizes.ask', None)
+    config = load(ROOT / 'examples/bridge.yaml', {})
+    back = [route for route in config.routes if route.type_name is None]
+    sizes = message_sizes(config, back, 'b', Stop(), route_log())
+    assert back
+    assert {route.name for route in config.routes} == sizes.keys()
+
+
 def test_a_stop_ends_the_look_at_the_graph(ros_domain: int) -> None:
-    stop, ros = Stop(), validated(Config, FILE | {'ros': {'domain_id': ros_domain}}).ros
+    stop, config = Stop(), seen_from(ros_domain)
     stop.ask()
     since_s = time.monotonic()
-    assert message_sizes([from_ros(None)], ros, 'b', stop, route_log()) == {}
+    assert message_sizes(config, config.routes, 'b', stop, route_log()) == {}
     assert time.monotonic() - since_s < ANNOUNCED_S
 
 
 def test_whoever_interrupts_the_look_leaves_no_process_behind(
     ros_domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ros = validated(Config, FILE | {'ros': {'domain_id': ros_domain}}).ros
+    config = seen_from(ros_domain)
     started: list[subprocess.Popen[bytes]] = []
     popen = subprocess.Popen
 
@@ -135,7 +160,7 @@ def test_whoever_interrupts_the_look_leaves_no_process_behind(
 
     monkeypatch.setattr('subprocess.Popen', start)
     with pytest.raises(KeyboardInterrupt):
-        message_sizes([from_ros(None)], ros, 'b', Interrupted(), route_log())
+        message_sizes(config, config.routes, 'b', Interrupted(), route_log())
     assert [one.returncode for one in started] == [-signal.SIGKILL]
 
 
@@ -143,20 +168,21 @@ def test_a_look_that_cannot_be_begun_is_said_and_ends_nothing(
     ros_domain: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
-    ros = validated(Config, FILE | {'ros': {'domain_id': ros_domain}}).ros
+    config = seen_from(ros_domain)
     monkeypatch.setattr('sys.executable', None)
-    assert message_sizes([from_ros(None)], ros, 'b', Stop(), route_log()) == {}
+    assert message_sizes(config, config.routes, 'b', Stop(), route_log()) == {}
     monkeypatch.setattr('sys.executable', '/bin/false')
-    assert message_sizes([from_ros(None)], ros, 'b', Stop(), route_log()) == {}
+    assert message_sizes(config, config.routes, 'b', Stop(), route_log()) == {}
     said = [line for line in caplog.messages if 'cannot look who is there' in line]
     assert len(said) == 2
     assert 'DDS keeps as many as of small ones' in caplog.messages[-1]
 
 
 def test_without_ros_it_says_so_and_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    config = with_routes(from_ros(None))
     monkeypatch.setitem(sys.modules, 'rclpy', None)
     with pytest.raises(ConfigError, match='ROS 2 is not here'):
-        message_sizes([from_ros(None)], validated(Config, FILE).ros, 'b', Stop(), route_log())
+        message_sizes(config, config.routes, 'b', Stop(), route_log())
 
 
 def test_what_a_route_takes_at_most_is_all_that_waits() -> None:

@@ -9,23 +9,12 @@ from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.kafka.properties import prefetch_bytes
 from ros2_kafka_bridge.logs.text import in_mb
 from ros2_kafka_bridge.message_types.layout import Layout
-from ros2_kafka_bridge.message_types.size import largest_message_bytes
-from ros2_kafka_bridge.ros.message_sizes import histories_of
+from ros2_kafka_bridge.ros.message_sizes import Sizes, histories_of
 from ros2_kafka_bridge.route.memory import Kept, in_words, most_memory
 
 
-def kept_by_routes(config: Config, layouts: Mapping[str, Layout | None]) -> Mapping[str, Kept]:
-    """What DDS would keep for each route.
-
-    Args:
-        config: With the routes.
-        layouts: Of their messages; None where nobody tells it.
-    """
-    sizes = {
-        route.name: largest_message_bytes(layout, route.max_message_bytes)
-        for route in config.routes
-        if (layout := layouts[route.name]) is not None
-    }
+def kept_by_routes(config: Config, sizes: Sizes) -> Mapping[str, Kept]:
+    """What DDS would keep for each route."""
     histories = histories_of(config.routes, sizes, '', None)
     samples = {
         Direction.KAFKA_TO_ROS: histories.writers, Direction.ROS_TO_KAFKA: histories.readers,

@@ -34,6 +34,7 @@ from ros2_kafka_bridge.errors import BridgeError
 from ros2_kafka_bridge.logs.lines import keep_clients_quiet
 from ros2_kafka_bridge.logs.text import count
 from ros2_kafka_bridge.ros.fastdds_profile import Histories
+from ros2_kafka_bridge.ros.message_sizes import described_sizes
 from ros2_kafka_bridge.ros.node import RosNode, is_fastdds, open_node
 from ros2_kafka_bridge.ros.probe import SAMPLES, probe, probe_topic
 from ros2_kafka_bridge.ros_to_kafka import BATCH as TO_KAFKA_BATCH
@@ -73,10 +74,9 @@ def report(config: Config, file: Path, *, connect: bool) -> int:
     failed = _show_clock(console, config)
     if connect:
         return _report_connected(console, config) or int(failed)
-    types = {route.name: check_types.named_type(route, config) for route in config.routes}
-    kept = check_memory.kept_by_routes(config, {it: found.layout for it, found in types.items()})
+    kept = check_memory.kept_by_routes(config, described_sizes(config))
     for route in config.routes:
-        named = types[route.name]
+        named = check_types.named_type(route, config)
         memory = check_memory.memory_words(route, config, kept[route.name])
         console.print(f'  {_way(route)}{memory}')
         found = [*named.found, *check_format.format_findings(route, config, named.layout)]
@@ -128,7 +128,7 @@ def _report_connected(console: Console, config: Config) -> int:
         sees_none = check_ros.sees_none(node)
         _show(console, 'ROS', check_ros.graph_findings(abilities, config, sees_none=sees_none))
         types = check_types.find_types(config, node)
-        kept = check_memory.kept_by_routes(config, {it: one.layout for it, one in types.items()})
+        kept = check_memory.kept_by_routes(config, check_types.sizes_of(config, types))
         met = Surroundings(config, node, kafka, unconfirmed, kept)
         found = {route.name: _findings(route, types[route.name], met) for route in config.routes}
     for route in config.routes:

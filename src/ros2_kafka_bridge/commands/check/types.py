@@ -1,6 +1,6 @@
 """What `check` finds of the type of a route: it is found out once, and as its route does it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from ros2_kafka_bridge.commands.check.ros import publishers
@@ -10,8 +10,10 @@ from ros2_kafka_bridge.config.settings import Config
 from ros2_kafka_bridge.errors import BridgeError, ConfigError, RouteError
 from ros2_kafka_bridge.message_types.description import make_layout
 from ros2_kafka_bridge.message_types.layout import Layout
+from ros2_kafka_bridge.message_types.size import largest_message_bytes
 from ros2_kafka_bridge.message_types.source import TypeSource
 from ros2_kafka_bridge.ros.matching import type_of
+from ros2_kafka_bridge.ros.message_sizes import Sizes
 from ros2_kafka_bridge.ros.node import RosNode
 from ros2_kafka_bridge.ros.shown_types import TypeOrError, load_all
 from ros2_kafka_bridge.ros.types import WantedType
@@ -69,6 +71,15 @@ def find_types(config: Config, node: RosNode) -> dict[str, FoundType]:
         is_here = types.loader.unsettled(one.name) is None
         found[name] = _loaded_type(one.name, it, is_here=is_here)
     return found
+
+
+def sizes_of(config: Config, types: Mapping[str, FoundType]) -> Sizes:
+    """How large the messages of routes may be whose types were found."""
+    return {
+        route.name: largest_message_bytes(layout, route.max_message_bytes)
+        for route in config.routes
+        if (layout := types[route.name].layout) is not None
+    }
 
 
 def _seen_type(

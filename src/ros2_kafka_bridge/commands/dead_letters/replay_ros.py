@@ -55,7 +55,7 @@ def open_channels(config: Config, stop: Stop) -> Iterator[Channels]:
     # Whatever the routes do: what a reader has not acknowledged would be marked as sent.
     config = replace(config, ros=replace(config.ros, confirmation='acknowledged'))
     probed = probe_topic()
-    sizes = described_sizes(config.routes, config.ros)
+    sizes = described_sizes(config)
     histories = histories_of(config.routes, sizes, probed, config.ros.lease_s)
     name = f'{config.name}_replay'
     with open_node(name, config.ros.domain_id, histories) as node, ExitStack() as stack:
