@@ -41,7 +41,7 @@ from ros2_kafka_bridge.route.obstacle import (
 from ros2_kafka_bridge.route.pieces import in_pieces
 from ros2_kafka_bridge.route.publishing import Publishing
 from ros2_kafka_bridge.route.rejections import letter_of_record, rejection_of_record
-from ros2_kafka_bridge.route.status import held
+from ros2_kafka_bridge.route.status import held, tell_dropped
 from ros2_kafka_bridge.route.telling import Telling
 from ros2_kafka_bridge.route.type_hash import CheckHeaders
 from ros2_kafka_bridge.threads.drain_time import DrainTime
@@ -101,7 +101,8 @@ class KafkaToRos:
         self._log = log
         self._occasional = summed(log)
         self._traces = traces
-        self._flight = RecordFlight(route.max_in_flight, route.max_in_flight_bytes)
+        limits = route.max_in_flight, route.max_in_flight_bytes
+        self._flight = RecordFlight(*limits, drops=route.drops)
         self._publishing = Publishing(self._flight, sink.writer(route.ros_topic), route)
         self._blocked = Blocked()
         self._idling = Idling(_BUSY_S)
@@ -149,7 +150,7 @@ class KafkaToRos:
     # 1. Kafka -> entries
 
     def _poll(self, timeout_s: float) -> None:
-        for piece in in_pieces(self._source, BATCH, timeout_s, lambda: self._flight.is_full):
+        for piece in in_pieces(self._source, BATCH, timeout_s, lambda: self._flight.fills_window):
             self._accept_all(piece)
 
     def _accept_all(self, last_first: list[Record]) -> None:
@@ -240,7 +241,8 @@ class KafkaToRos:
             self._poll(_BUSY_S)
         elif self._blocked.is_long:
             self._accept_all([*reversed(self._source.stay())])
-        dropped = drops and self._flight.drop_oldest()
+        dropped = len(self._flight.drop_oldest()) if drops else 0
+        tell_dropped(dropped, self._occasional)
         if obstacle.cause is Cause.PACE:
             time.sleep(min(LONGEST_NAP_S, self._publishing.paced_s))
             return
@@ -249,10 +251,10 @@ class KafkaToRos:
         self._meter.waited_s += time.monotonic() - since_s
 
     def _may_drop(self, obstacle: Obstacle) -> bool:
-        """Whether what waits may be dropped, for what comes behind it can be published."""
+        """Whether what waits may be dropped for what comes behind it."""
         return (
-            self._route.when_full == 'drop_oldest'
-            and obstacle.cause not in {Cause.PACE, Cause.CLOCK}
+            self._flight.drops
+            and self._publishing.lets_drop(obstacle)
             and self._flight.failure is None
             and not self._dead_letters.problem
         )

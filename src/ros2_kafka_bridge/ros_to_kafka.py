@@ -27,7 +27,7 @@ from ros2_kafka_bridge.route.obstacle import KAFKA_IS_SLOW
 from ros2_kafka_bridge.route.produced import Produced
 from ros2_kafka_bridge.route.producing import Producing
 from ros2_kafka_bridge.route.rejections import Rejection, letter_of_message, rejection_of_message
-from ros2_kafka_bridge.route.status import given_up
+from ros2_kafka_bridge.route.status import given_up, tell_dropped
 from ros2_kafka_bridge.route.telling import Telling
 from ros2_kafka_bridge.spool.backlog import Backlog
 from ros2_kafka_bridge.spool.spooling import Spooling
@@ -84,7 +84,7 @@ class RosToKafka:
         self._dead_letters = dead_letters
         self._occasional = summed(log)
         self._traces = traces
-        drops = route.when_full == 'drop_oldest' and backlog is None
+        drops = route.drops and backlog is None
         self._flight = MessageFlight(route.max_in_flight, route.max_in_flight_bytes, drops=drops)
         self._producing = Producing(self._flight, sink, self._refuse_waiting)
         self.spool = backlog.spool if backlog else None
@@ -130,7 +130,6 @@ class RosToKafka:
     def _step(self) -> None:
         """Go on by one take, if there is room for it."""
         self._spooling.step(self._sink.away, self._dead_letters.problem)
-        self._producing.produce_ready()
         self._drop_excess()
         room = self._room()
         if room > 0:
@@ -165,13 +164,16 @@ class RosToKafka:
         return 0 if self._dead_letters.problem else min(BATCH, self._flight.room)
 
     def _drop_excess(self) -> None:
-        """Keep the newest, where the route asks for it."""
+        """Keep the newest of what the producer does not take, where the route asks for it."""
+        self._producing.produce_ready()
         if self._flight.ends:
             return
         if self._spooling.active:
             self._spooling.drop_excess()
         elif self._flight.drops and not self._dead_letters.problem:
-            for entry in self._flight.drop_oldest():
+            dropped = self._flight.drop_oldest()
+            tell_dropped(len(dropped), self._occasional)
+            for entry in dropped:
                 self._traces.ended(entry, Outcome.DROPPED)
         self._settle()
 
@@ -291,7 +293,7 @@ class RosToKafka:
         if not self.telling.is_due(self._pause, is_calm=not self._flight and self._idling.is_calm):
             return
         self._drop_excess()
-        full = self._room() <= 0 or len(self._flight.lane.ready) >= self._flight.max_entries
+        full = self._room() <= 0 or self._flight.pushes_out
         reason = self._sink.away or (KAFKA_IS_SLOW if full else '')
         self._show(self._spooling.full or reason)
 

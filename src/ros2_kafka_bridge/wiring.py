@@ -336,7 +336,7 @@ class Wiring:
             spool,
             route.spool,
             log,
-            drops=route.when_full == 'drop_oldest',
+            drops=route.drops,
             largest_bytes=route.max_message_bytes,
         )
 

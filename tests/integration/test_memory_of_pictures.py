@@ -4,42 +4,17 @@ import os
 import re
 import signal
 from pathlib import Path
-from typing import Any
 
 import pytest
-from rclpy.serialization import serialize_message
-from support.formats.messages import new_message
 from support.processes.harness import Bench, Process, eventually
+from support.ros.cameras import IMAGE, camera, from_camera
 from support.ros.robots import installed, robot
 
 from benchmarks.vitals import vitals, watched
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
-IMAGE = 'sensor_msgs/msg/Image'
-PICTURE_BYTES = 900_000
-RATE = 60
 MIB = 1 << 20
 KEPT = 'DDS keeps 67 messages (max_cache_bytes) of up to 1,000,000 bytes'
-
-
-@pytest.fixture
-def pictures(tmp_path: Path) -> Path:
-    """One picture, as a publisher reads it."""
-    file = tmp_path / 'picture'
-    file.write_text(serialize_message(new_message(IMAGE, data=bytes(PICTURE_BYTES))).hex())
-    return file
-
-
-def camera(bench: Bench, file: Path, *options: str) -> Process:
-    words = ('--type', IMAGE, '--file', str(file), '--times', '100000', '--rate', str(RATE))
-    return bench.publisher('/camera', *words, *options)
-
-
-def from_camera(topic: str, **more: Any) -> dict[str, Any]:
-    source = {'ros': '/camera'} | more.pop('source', {})
-    return {
-        'name': 'camera', 'from': source, 'to': {'kafka': topic}, 'format': 'cdr', **more,
-    }  # fmt: skip
 
 
 def anon_bytes(process: Process) -> int:
@@ -51,15 +26,20 @@ def most_bytes(bridge: Process) -> int:
     return 1_000_000 * int(re.findall(r'at most (\d+) MB of memory', bridge.output())[0])
 
 
-@pytest.mark.parametrize('depth', ['10', '0'], ids=['KEEP_LAST', 'KEEP_ALL'])
+@pytest.mark.parametrize(
+    ('depth', 'when_full'),
+    [('10', 'wait'), ('0', 'wait'), ('10', 'drop_oldest')],
+    ids=['KEEP_LAST', 'KEEP_ALL', 'drop_oldest'],
+)
 def test_a_camera_takes_no_more_memory_than_is_told_while_kafka_is_away_and_when_it_is_back(
-    own_bench: Bench, own_topic: str, own_kafka: LocalKafka, pictures: Path, depth: str
+    own_bench: Bench, own_topic: str, own_kafka: LocalKafka, depth: str, when_full: str
 ) -> None:
-    route = from_camera(own_topic, source={'type': IMAGE}, max_cache_bytes=16 * MIB)
+    small = {'source': {'type': IMAGE}, 'max_cache_bytes': 16 * MIB}
+    route = from_camera(own_topic, when_full=when_full, **small)
     with own_bench.drained(own_bench.config([route])) as bridge:
         bridge.wait_for('subscribes to /camera')
         before_bytes = anon_bytes(bridge)
-        with camera(own_bench, pictures, '--depth', depth):
+        with camera(own_bench, '--depth', depth):
             eventually(lambda: own_bench.end_offset(own_topic) > 5, 60, bridge.output)
             with watched(lambda: bridge.pid, 0.05) as seen:
                 os.kill(own_kafka.pid, signal.SIGSTOP)
@@ -76,10 +56,10 @@ def test_a_camera_takes_no_more_memory_than_is_told_while_kafka_is_away_and_when
 
 
 def test_a_type_that_the_file_does_not_name_is_looked_up_before_the_bridge_joins_the_graph(
-    bench: Bench, topic: str, pictures: Path
+    bench: Bench, topic: str
 ) -> None:
     config = bench.config([from_camera(topic)])
-    with camera(bench, pictures, '--readers', '0'), bench.drained(config) as bridge:
+    with camera(bench, '--readers', '0'), bench.drained(config) as bridge:
         bridge.wait_for(KEPT)
 
 
@@ -98,12 +78,12 @@ def test_a_type_that_a_robot_alone_has_is_looked_up_there(
 
 
 def test_where_nobody_was_there_the_log_says_what_is_kept_and_the_cure(
-    bench: Bench, topic: str, pictures: Path
+    bench: Bench, topic: str
 ) -> None:
     with bench.drained(bench.config([from_camera(topic)])) as bridge:
         bridge.wait_for('DDS keeps as many as of small ones')
         bridge.wait_for('waits for a publisher of /camera')
-        with camera(bench, pictures):
+        with camera(bench):
             bridge.wait_for('at most 2,044 MB of memory: DDS keeps 2,000 messages')
             bridge.wait_for('67 would fit into max_cache_bytes')
             bridge.wait_for('set from.type, or start it again')
@@ -136,9 +116,9 @@ def test_what_another_route_of_the_topic_needs_is_kept_and_said_so(
     assert kept in ' '.join(said.split()), said
 
 
-def test_check_says_the_same_as_the_bridge(bench: Bench, topic: str, pictures: Path) -> None:
+def test_check_says_the_same_as_the_bridge(bench: Bench, topic: str) -> None:
     config = bench.config([from_camera(topic)])
-    with camera(bench, pictures, '--readers', '0'):
+    with camera(bench, '--readers', '0'):
         _, said, _ = bench.command('check', '--connect', str(config))
     assert KEPT in ' '.join(said.split()), said
 

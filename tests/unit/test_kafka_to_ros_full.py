@@ -11,14 +11,39 @@ from random import Random
 
 import pytest
 from hypothesis import given, settings, strategies
+from support.worlds.clocks import Clock
 from support.worlds.pipeline_to_ros import MINE, House
 
 from ros2_kafka_bridge.errors import RouteError
-from ros2_kafka_bridge.route import obstacle, readiness
+from ros2_kafka_bridge.route import obstacle, publishing, readiness
 from ros2_kafka_bridge.route.pieces import PIECE
 from ros2_kafka_bridge.testing.memory import MemoryMessageSink
 
 pytestmark = pytest.mark.usefixtures('no_settle_time')
+
+ONE_BYTES = 1400  # of a message of 1000 bytes in flight
+
+
+@pytest.fixture(autouse=True)
+def no_time_to_acknowledge(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever does not take at once does not keep up, unless a test has a clock."""
+    monkeypatch.setattr(publishing, '_ACKNOWLEDGED_BY_S', -1.0)
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """Time for readers that keep up, which does not pass by itself."""
+    monkeypatch.setattr(publishing, '_ACKNOWLEDGED_BY_S', 0.2)
+    monkeypatch.setattr(publishing, 'time', clock := Clock())
+    return clock
+
+
+def large(*numbers: int) -> list[bytes]:
+    return [b'%03d' % number + b'x' * 997 for number in numbers]
+
+
+def published(house: House) -> list[int]:
+    return [int(cdr[4:7]) for cdr in house.sink.published]
 
 
 def test_a_full_history_waits_and_the_same_message_goes_next() -> None:
@@ -130,16 +155,74 @@ def test_what_is_delivered_behind_a_letter_that_nobody_takes_has_a_bound() -> No
     assert not house.pipeline._flight.size_bytes
 
 
-def test_drop_oldest_reads_nothing_while_it_could_drop_only_what_it_reads() -> None:
-    house = House(when_full='drop_oldest', max_in_flight_bytes=1000)
-    house.sink.acknowledging = False
-    house.take(b'x' * 900, steps=2)
-    house.take(b'newer', first=1)
-    assert len(house.source.waiting) == 1
-    assert house.pipeline.counters.snapshot(0).dropped == 0
+@pytest.mark.parametrize('most', [5, 500], ids=['messages', 'bytes'])
+def test_drop_oldest_keeps_the_newest_of_large_records_whichever_limit_is_reached_first(
+    most: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    house = House(when_full='drop_oldest', max_in_flight=most, max_in_flight_bytes=5 * ONE_BYTES)
+    house.sink.acknowledging, house.sink.room = False, most
+    house.take(*large(*range(12)), steps=1)
+    assert published(house) == [*range(5)], 'no more than the window holds'
+    for number in range(12, 40):
+        house.take(*large(number), first=number, steps=2)
+    assert not house.source.waiting, 'it reads on'
+    assert house.pipeline._flight.size_bytes <= 2 * 5 * ONE_BYTES
     house.sink.acknowledging = True
     house.steps()
-    assert house.sink.published[-1] == b'cdr:newer'
+    assert published(house) == [*range(5), *range(35, 40)]
+    assert house.pipeline.counters.snapshot(0).dropped == 30
+    assert house.positions() == {0: 40}
+    assert 'drop: 1 that waited, to keep newer ones (when_full)' in caplog.text
+
+
+def test_behind_a_full_window_no_more_than_a_piece_is_read_at_once() -> None:
+    house = House(when_full='drop_oldest', max_in_flight_bytes=5 * ONE_BYTES)
+    house.sink.acknowledging = False
+    house.give(*large(*range(500)))
+    house.steps(1)
+    assert len(house.source.waiting) == 500 - PIECE
+    house.steps(1)
+    assert len(house.source.waiting) == 500 - 2 * PIECE
+
+
+@pytest.mark.parametrize('room', [5, 500], ids=['history', 'window'])
+def test_drop_oldest_drops_nothing_while_readers_keep_up(room: int, clock: Clock) -> None:
+    house = House(when_full='drop_oldest', max_in_flight=5, max_in_flight_bytes=5 * ONE_BYTES)
+    house.sink.acknowledging, house.sink.room = False, room
+    house.give(*large(*range(100)))
+    for got in range(5, 100, 5):
+        clock.now_s += 0.15
+        house.steps(2)
+        house.sink.acknowledge(got)
+    house.steps(2)
+    assert published(house) == [*range(100)]
+    assert house.pipeline.counters.snapshot(0).dropped == 0
+
+
+@pytest.mark.parametrize('room', [5, 500], ids=['history', 'window'])
+def test_drop_oldest_keeps_the_newest_for_a_reader_that_takes_slowly_but_steadily(
+    room: int, clock: Clock
+) -> None:
+    house = House(when_full='drop_oldest', max_in_flight=5, max_in_flight_bytes=5 * ONE_BYTES)
+    house.sink.acknowledging, house.sink.room = False, room
+    for turn in range(100):
+        clock.now_s += 0.15
+        house.take(*large(*range(turn * 5, turn * 5 + 5)), first=turn * 5, steps=2)
+        house.sink.acknowledge(1)
+    assert not house.source.waiting
+    assert published(house)[-1] >= 500 - 4 * 5
+    assert house.pipeline.counters.snapshot(0).dropped > 300
+
+
+def test_drop_oldest_reads_nothing_for_dead_letters_that_fill_the_window() -> None:
+    house = House(when_full='drop_oldest', max_in_flight_bytes=5 * ONE_BYTES)
+    house.letters.answering = False
+    for number in range(40):
+        house.take(b'bad' + b'x' * 997, first=number, steps=1)
+    assert len(house.source.waiting) == 40 - 6
+    house.letters.answering = True
+    house.steps(40)
+    assert len(house.letters.records) == 40
 
 
 def test_drop_oldest_drops_nothing_for_a_record_that_ends_the_route() -> None:

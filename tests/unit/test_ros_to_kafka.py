@@ -90,6 +90,69 @@ def test_drop_oldest_keeps_the_newest_and_counts_the_rest() -> None:
     assert house.count('dropped') == 3
 
 
+@pytest.mark.parametrize('most', [5, 500], ids=['messages', 'bytes'])
+def test_drop_oldest_keeps_the_newest_of_large_messages_whichever_limit_is_reached_first(
+    most: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    house = House(when_full='drop_oldest', max_in_flight=most, max_in_flight_bytes=5 * 1400)
+    house.sink.room, house.sink.answering = 5, False
+    for number in range(40):
+        house.take(b'%02d' % number + b'x' * 998, first=number + 1, steps=1)
+        assert house.pipeline._flight.size_bytes <= 11 * 1400
+    assert not house.source.waiting, 'nobody is held back, or loses upstream'
+    assert house.pipeline._flight.pushes_out, 'as the status says'
+    house.sink.answering = True
+    house.steps()
+    assert [int((value or b'')[:2]) for value in house.values()] == [*range(5), *range(35, 40)]
+    assert house.count('dropped') == 30
+    assert 'drop: 1 that waited, to keep newer ones (when_full)' in caplog.text
+    assert not house.pipeline._flight.pushes_out
+
+
+def test_nothing_is_dropped_that_the_producer_has_just_made_room_for() -> None:
+    house = House(when_full='drop_oldest', max_in_flight=100)
+    house.sink.room, house.sink.answering = 100, False
+    house.take(*[b'%d' % number for number in range(200)], steps=1)
+    house.sink.answering = True
+    house.give(*[b'%d' % number for number in range(200, 300)], first=201)
+    house.pipeline.telling._told_s = -math.inf
+    house.steps(8)
+    assert house.count('dropped') == 0
+    assert len(house.values()) == 300
+
+
+def test_the_newest_waits_also_where_it_is_larger_than_the_window() -> None:
+    house = House(when_full='drop_oldest', max_in_flight_bytes=1000)
+    house.sink.room, house.sink.answering = 1, False
+    for number in range(9):
+        house.take(b'%d' % number + b'x' * 4999, first=number + 1, steps=1)
+    house.sink.answering = True
+    house.steps()
+    assert [(value or b'')[:1] for value in house.values()] == [b'0', b'8']
+
+
+def test_dead_letters_that_wait_take_the_room_of_others_that_do() -> None:
+    house = House(when_full='drop_oldest', max_in_flight_bytes=5 * 1400)
+    house.sink.room, house.sink.answering, house.letters.answering = 5, False, False
+    for kind, many in ((b'sent', 5), (b'bad', 3), (b'new', 10)):
+        house.take(*[kind.ljust(1000)] * many, first=house.count('taken') + 1, steps=2)
+    assert len(house.pipeline._flight.lane.ready) == 2
+    house.sink.answering = house.letters.answering = True
+    house.steps()
+    assert (house.count('dropped'), house.count('dead_lettered')) == (8, 3)
+
+
+def test_drop_oldest_takes_nothing_for_dead_letters_that_fill_the_window() -> None:
+    house = House(when_full='drop_oldest', max_in_flight_bytes=5 * 1400)
+    house.letters.answering = False
+    for number in range(40):
+        house.take(b'bad' + b'x' * 997, first=number + 1, steps=1)
+    assert len(house.source.waiting) == 40 - 6
+    house.letters.answering = True
+    house.steps(40)
+    assert len(house.letters.records) == 40
+
+
 def test_a_batch_that_the_broker_finds_too_large_is_sent_again_one_by_one() -> None:
     house = House()
     batch = [b'a', b'b', b'large', b'd']

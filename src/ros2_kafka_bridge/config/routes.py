@@ -69,7 +69,8 @@ class Route(Settings, ABC):
         'Messages handed to the sink and not yet acknowledged, at most.', default=1
     )
     max_in_flight_bytes: PositiveCount = setting(
-        'Bytes in flight (taken and not ended) at which nothing more is taken.',
+        'Bytes in flight (taken and not ended) at which nothing more is taken. With when_full: '
+        'drop_oldest, so many may be with the sink, and as many more may wait for it.',
         default=16 * 1024 * 1024,
     )
     max_message_bytes: PositiveCount = setting(
@@ -127,6 +128,11 @@ class Route(Settings, ABC):
         return self._ends[1].qos
 
     @property
+    def drops(self) -> bool:
+        """Whether the oldest that wait are dropped where they are too much."""
+        return self.when_full == 'drop_oldest'
+
+    @property
     def has_fixed_history(self) -> bool:
         """Whether the file says how many messages DDS keeps for it, however large they are."""
         return self.qos.depth is not None
@@ -165,7 +171,8 @@ class KafkaToRosRoute(Route):
     sink: ToRos = setting('ROS topic to publish to.', spelled='to')
     max_in_flight: PositiveCount = setting(
         'Maximum number of messages published and not yet acknowledged. Messages '
-        'that were read ahead, or acknowledged less than 0.1 s ago, are in flight, too.',
+        'that were read ahead, or acknowledged less than 0.1 s ago, are in flight, too. With '
+        'when_full: drop_oldest, as many more may wait.',
         default=500,
     )
     min_subscribers: CountOrNone = setting(
@@ -233,7 +240,7 @@ class RosToKafkaRoute(Route):
     sink: ToKafka = setting('Kafka topic to write.', spelled='to')
     max_in_flight: PositiveCount = setting(
         'Maximum number of messages in flight (taken and not ended). With when_full: '
-        'drop_oldest, this many may be with the producer, and this many more may wait for it.',
+        'drop_oldest, so many may be with the producer, and as many more may wait for it.',
         default=2000,
     )
     spool: SpoolSettings | None = setting(

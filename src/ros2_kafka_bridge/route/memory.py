@@ -57,13 +57,20 @@ def _to_ros(route: AnyRoute, largest_bytes: int, prefetch_bytes: int) -> int:
     read_bytes = prefetch_bytes + max(_ANSWER_BYTES, route.max_message_bytes)
     grown_bytes = PIECE * largest_bytes if reads_fields(route) else 0
     behind_bytes = max(read_bytes, grown_bytes)
-    return read_bytes + behind_bytes + route.max_in_flight_bytes + queue_bytes(route)
+    return read_bytes + behind_bytes + _window_bytes(route, largest_bytes) + queue_bytes(route)
 
 
 def _to_kafka(route: AnyRoute, largest_bytes: int, _prefetch_bytes: int) -> int:
     """The window and a take, that take before it is encoded, and what the producer has of all."""
     taken_bytes = take_bytes(route) + max(largest_bytes, route.max_message_bytes)
-    return route.max_in_flight_bytes + 2 * taken_bytes + queue_bytes(route)
+    return _window_bytes(route, largest_bytes) + 2 * taken_bytes + queue_bytes(route)
+
+
+def _window_bytes(route: AnyRoute, largest_bytes: int) -> int:
+    """What is in flight; where the oldest are dropped, as much waits as the sink has."""
+    if not route.drops:
+        return route.max_in_flight_bytes
+    return 2 * max(route.max_in_flight_bytes, route.max_message_bytes, largest_bytes)
 
 
 _IN_FLIGHT: Final = {Direction.KAFKA_TO_ROS: _to_ros, Direction.ROS_TO_KAFKA: _to_kafka}

@@ -1,5 +1,6 @@
 """What waits to be published, what holds it back, and what the readers of a route have got."""
 
+import math
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,10 +13,12 @@ from ros2_kafka_bridge.route.counters import Outcome
 from ros2_kafka_bridge.route.flight.flight import Lane
 from ros2_kafka_bridge.route.flight.records import RecordEntry, RecordFlight
 from ros2_kafka_bridge.route.flight.stage import SENT
-from ros2_kafka_bridge.route.obstacle import HISTORY_FULL, PACED, Cause, Obstacle
+from ros2_kafka_bridge.route.obstacle import HISTORY_FULL, PACED, WINDOW_FULL, Cause, Obstacle
 from ros2_kafka_bridge.route.readiness import SubscriberReadiness
 
 _EXPIRED: Final = Obstacle('the first that waits is too old')
+_ACKNOWLEDGED_BY_S: Final = 0.2
+"""What readers that keep up have got is confirmed by then."""
 
 
 class Pace:
@@ -92,11 +95,16 @@ class Publishing:
         if not lane.ready:
             return None
         held_by: list[Obstacle] = []
-        if self._ages or self._paces:
-            going = self._going(lane.ready, held_by)
+        room_bytes = self._room_bytes
+        if self._ages or self._paces or room_bytes < math.inf:
+            going = self._going(lane.ready, room_bytes, held_by)
         else:
             going = (entry.cdr for entry in lane.ready)
         sent = self._flight.sent(lane, self._writer.publish(going))
+        if self._flight.drops:
+            now_s = time.monotonic()
+            for entry in sent:
+                entry.published_s = now_s
         self._unconfirmed += sent
         published += sent
         if not lane.ready:
@@ -106,16 +114,38 @@ class Publishing:
         self._writer.raise_failure()
         return HISTORY_FULL
 
-    def _going(self, ready: Iterable[RecordEntry], held_by: list[Obstacle]) -> Iterator[bytes]:
+    @property
+    def _room_bytes(self) -> float:
+        """How large what is published may be, where reading goes on though the window is full."""
+        flight = self._flight
+        if not (flight.drops and flight.fills_window):
+            return math.inf
+        return flight.max_bytes - sum(entry.size_bytes for entry in self._unconfirmed)
+
+    def _going(
+        self, ready: Iterable[RecordEntry], room_bytes: float, held_by: list[Obstacle]
+    ) -> Iterator[bytes]:
         """What may be published now; `held_by` is told what holds back the next one."""
         for entry in ready:
+            if room_bytes <= 0:
+                held_by.append(WINDOW_FULL)
+                return
             if self._ages and clock.since_boot_s() > entry.expires_s:
                 held_by.append(_EXPIRED)
                 return
             if self._paces and not self._pace.go():
                 held_by.append(PACED)
                 return
+            room_bytes -= entry.size_bytes
             yield entry.cdr
+
+    def lets_drop(self, obstacle: Obstacle) -> bool:
+        """Whether what waits may be dropped: readers do not take, or cannot."""
+        if obstacle.cause in {Cause.PACE, Cause.CLOCK}:
+            return False
+        if not self._unconfirmed:
+            return True
+        return time.monotonic() - self._unconfirmed[0].published_s > _ACKNOWLEDGED_BY_S
 
     def confirm(self) -> int:
         """End what all readers have got.

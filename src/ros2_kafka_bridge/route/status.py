@@ -6,6 +6,7 @@ from typing import Final
 
 from ros2_kafka_bridge.config.direction import Direction
 from ros2_kafka_bridge.logs.lines import route_log
+from ros2_kafka_bridge.logs.summed import Summed
 from ros2_kafka_bridge.logs.text import clock_time, count
 from ros2_kafka_bridge.route.counters import Counters, Measures, Snapshot, State
 
@@ -94,6 +95,12 @@ def given_up(held: int, *, empty: bool) -> str:
     left += ['what was not taken yet'] * (not empty)
     lost = f'gave up {" and ".join(left)}: lost unless the publisher is TRANSIENT_LOCAL'
     return lost if left else ''
+
+
+def tell_dropped(dropped: int, occasional: Summed) -> None:
+    """Say that messages were dropped for others that came behind them."""
+    if dropped:
+        occasional.warning(f'drop: {dropped} that waited, to keep newer ones (when_full)')
 
 
 def held(names: Sequence[str], for_s: float) -> str:

@@ -19,6 +19,7 @@ from ros2_kafka_bridge.route.flight.messages import MessageEntry, MessageFlight
 from ros2_kafka_bridge.route.flight.stage import REFUSED
 from ros2_kafka_bridge.route.obstacle import KAFKA_IS_SLOW
 from ros2_kafka_bridge.route.produced import Produced
+from ros2_kafka_bridge.route.status import tell_dropped
 from ros2_kafka_bridge.spool.already_sent import AlreadySent
 from ros2_kafka_bridge.spool.backlog import BATCH, Backlog
 from ros2_kafka_bridge.spool.rows import Row, identity_of
@@ -62,7 +63,7 @@ class Spooling:
         self.active = False  # whether new messages go to disk
         self.loaded_bytes = 0  # of values that an earlier life has left and that were loaded
         self._backlog = backlog
-        self._drops = route.when_full == 'drop_oldest'
+        self._drops = route.drops
         self._flight = flight
         self._already_sent = AlreadySent(in_kafka, counters, log)
         self._counters = counters
@@ -353,13 +354,9 @@ class Spooling:
         """Keep the newest of what the disk does not take, where the route asks for it."""
         if not self._drops:
             return
-        flight, tail = self._flight, self._unwritten_tail()
-        excess = len(tail) - flight.max_entries
-        for entry in tail:
-            if excess <= 0 and flight.size_bytes <= flight.max_bytes:
-                return
-            flight.end([entry], Outcome.DROPPED)
-            excess -= 1
+        dropped = self._flight.too_much(self._unwritten_tail(), self._flight.max_bytes)
+        self._flight.end(dropped, Outcome.DROPPED)
+        tell_dropped(len(dropped), self._occasional)
 
 
 def _up_to_failure(entries: Iterable[MessageEntry]) -> Iterator[MessageEntry]:

@@ -85,6 +85,8 @@ def check(flight: Flight[Any]) -> None:
     assert all(entry.outcome is not None for entry in ended)
     assert len(flight) == len(held) + len(ended)
     assert flight.size_bytes == sum(entry.size_bytes for entry in held)
+    letters = [entry for entry in held if entry.lane is flight.letters]
+    assert flight.letter_bytes == sum(entry.size_bytes for entry in letters)
     for lane in (flight.lane, flight.letters):
         assert Counter(lane.ready) == Counter(
             entry for entry in held if entry.stage is READY and entry.lane is lane

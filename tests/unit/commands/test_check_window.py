@@ -19,14 +19,16 @@ ALL = '16,777,216 bytes ... a batch of 500 ...'
 PIECE = '16,777,216 bytes ... a batch of 50 ...'
 SAID = {
     'to ROS': f'ok: {PIECE} 500 messages not acknowledged (max_in_flight) ... waits',
-    'to ROS, drops': f"""
-        note: {PIECE} 500 messages not acknowledged and 500 waiting (max_in_flight)
-        ... oldest ... dropped (when_full)""",
+    'to ROS, drops': """
+        note: 500 messages (max_in_flight) ... 16,777,216 bytes (max_in_flight_bytes) ...
+        not acknowledged ... as many more ... a batch of 50 waiting ... oldest ... dropped
+        (when_full)""",
     'to Kafka': f"""
         ok: 2,000 messages ... (max_in_flight) ... {ALL} (max_in_flight_bytes) ... waits""",
-    'to Kafka, drops': f"""
-        note: 4,000 messages ... 2,000 with the producer and 2,000 waiting (max_in_flight)
-        ... {ALL} (max_in_flight_bytes) ... oldest ... dropped (when_full)""",
+    'to Kafka, drops': """
+        note: 2,000 messages (max_in_flight) ... 16,777,216 bytes (max_in_flight_bytes) ...
+        with the producer ... as many more ... a batch of 500 waiting ... oldest ... dropped
+        (when_full)""",
     'to Kafka, spool': f'ok: 2,000 messages ... (max_in_flight) ... {ALL} on disk (spool)',
     'to Kafka, spool, drops': f"""
         note: 2,000 messages ... (max_in_flight) ... {ALL} on disk (spool)

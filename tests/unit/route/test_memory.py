@@ -196,6 +196,18 @@ def test_what_a_route_takes_at_most_is_all_that_waits() -> None:
     assert most_memory(to_ros(), kept, PREFETCH_BYTES) == waits
 
 
+@pytest.mark.parametrize('make', [from_ros, to_ros])
+def test_where_the_oldest_are_dropped_as_much_waits_as_the_sink_has(make: Any) -> None:
+    kept = Kept(67, 1_000_000)
+
+    def most(**more: Any) -> int:
+        return most_memory(make(**more), kept, PREFETCH_BYTES)
+
+    assert most(when_full='drop_oldest') == most() + 16 * MIB
+    larger = {'max_message_bytes': 60_000_000}  # one that is with the sink, and one that waits
+    assert most(when_full='drop_oldest', **larger) == most(**larger) - 16 * MIB + 2 * 60_000_000
+
+
 def test_a_record_that_becomes_a_larger_message_counts_with_that() -> None:
     kept, read = Kept(500, 800_004), PREFETCH_BYTES + MIB
     waits = 500 * 800_004 + read + 50 * 800_004 + 2 * 16 * MIB

@@ -221,6 +221,30 @@ def test_drop_oldest_keeps_the_newest_of_what_a_full_disk_does_not_take(house: M
     assert h.count('dropped') == 97
 
 
+def test_drop_oldest_keeps_the_newest_of_what_is_too_large_for_memory_and_a_full_disk(
+    house: Make,
+) -> None:
+    h = house(when_full='drop_oldest', max_in_flight=500, max_in_flight_bytes=3 * 410)
+    h.sink.answering = False
+    h.take(1, 2)  # they fill the window with the first one of those that follow
+    fill_while_away(h, *range(3, 101))
+    come_back(h)
+    h.until_all_taken_are_confirmed()
+    assert h.numbers() == [1, 2, 0, 98, 99, 100]
+    assert h.count('dropped') == 95
+
+
+def test_the_newest_stays_also_where_it_alone_is_too_large_for_memory(
+    house: Make, caplog: pytest.LogCaptureFixture
+) -> None:
+    h = house(when_full='drop_oldest', max_in_flight_bytes=300)
+    fill_while_away(h, *range(1, 5))
+    come_back(h)
+    h.until_all_taken_are_confirmed()
+    assert h.numbers() == [0, 4]
+    assert 'drop: 3 that waited, to keep newer ones' in caplog.text
+
+
 def test_a_stop_gives_up_nothing_that_a_full_disk_did_not_take_where_kafka_takes_it(
     house: Make,
 ) -> None:

@@ -245,47 +245,43 @@ def _pace_finding(route: KafkaToRosRoute) -> Finding:
 
 def window_to_ros(route: KafkaToRosRoute) -> Finding:
     """How much may be in flight, as the counters show it, and what happens then."""
-    most, size_bytes, drops = route.max_in_flight, route.max_in_flight_bytes, _drops(route)
-    waiting = f' and {most:,} waiting' if drops else ''
+    if route.drops:
+        return Finding('note', 'window', _dropping(route, 'not acknowledged', PIECE))
     text = (
-        f'at most {size_bytes:,} bytes in flight and a batch of {PIECE} '
-        f'(max_in_flight_bytes), of it at most {most:,} messages not acknowledged{waiting} '
-        f'(max_in_flight), then {_then(drops=drops)}'
+        f'at most {route.max_in_flight_bytes:,} bytes in flight and a batch of {PIECE} '
+        f'(max_in_flight_bytes), of it at most {route.max_in_flight:,} messages not acknowledged '
+        '(max_in_flight), then the route waits'
     )
-    return Finding('note' if drops else 'ok', 'window', text)
+    return Finding('ok', 'window', text)
 
 
 def window_to_kafka(route: RosToKafkaRoute) -> Finding:
     """The same of a route to Kafka, with the disk behind it."""
-    drops, say = _drops(route), _in_memory if route.spool is None else _with_spool
-    return Finding('note' if drops else 'ok', 'window', say(route, drops=drops))
+    if route.spool is not None:
+        return Finding('note' if route.drops else 'ok', 'window', _with_spool(route))
+    if route.drops:
+        return Finding('note', 'window', _dropping(route, 'with the producer', TO_KAFKA_BATCH))
+    text = (
+        f'at most {route.max_in_flight:,} messages in flight (max_in_flight), or '
+        f'{route.max_in_flight_bytes:,} bytes and a batch of {TO_KAFKA_BATCH} '
+        '(max_in_flight_bytes), then the route waits'
+    )
+    return Finding('ok', 'window', text)
 
 
-def _in_memory(route: RosToKafkaRoute, *, drops: bool) -> str:
-    most, size_bytes = route.max_in_flight, route.max_in_flight_bytes
-    messages = f'{most:,} messages in flight'
-    if drops:
-        messages = (
-            f'{2 * most:,} messages in flight, {most:,} with the producer and {most:,} waiting'
-        )
+def _dropping(route: AnyRoute, where: str, batch: int) -> str:
     return (
-        f'at most {messages} (max_in_flight), or {size_bytes:,} bytes and a batch of '
-        f'{TO_KAFKA_BATCH} (max_in_flight_bytes), then {_then(drops=drops)}'
+        f'at most {route.max_in_flight:,} messages (max_in_flight), or '
+        f'{route.max_in_flight_bytes:,} bytes (max_in_flight_bytes), {where}, and as many more '
+        f'and a batch of {batch} waiting, then the oldest that wait are dropped (when_full)'
     )
 
 
-def _with_spool(route: RosToKafkaRoute, *, drops: bool) -> str:
-    dropped = ', and the oldest there are dropped where it is full (when_full)' if drops else ''
+def _with_spool(route: RosToKafkaRoute) -> str:
+    dropped = ', and the oldest there are dropped where it is full (when_full)'
+    then = dropped if route.drops else ''
     return (
         f'at most {route.max_in_flight:,} messages in flight (max_in_flight), or '
         f'{route.max_in_flight_bytes:,} bytes (max_in_flight_bytes), and a batch of '
-        f'{TO_KAFKA_BATCH}, then the rest waits on disk (spool){dropped}'
+        f'{TO_KAFKA_BATCH}, then the rest waits on disk (spool){then}'
     )
-
-
-def _drops(route: AnyRoute) -> bool:
-    return route.when_full == 'drop_oldest'
-
-
-def _then(*, drops: bool) -> str:
-    return 'the oldest that wait are dropped (when_full)' if drops else 'the route waits'

@@ -1,7 +1,8 @@
 """What a route has taken and not ended yet, in the order of taking and in lanes."""
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from itertools import islice
 from typing import Any, Generic, TypeVar, cast
 
 from ros2_kafka_bridge.endpoints import Outgoing
@@ -81,14 +82,18 @@ class Flight(Generic[E]):
     Args:
         max_entries: How many there may be.
         max_bytes: How large all may be together.
+        drops: Whether the oldest that wait are dropped where they are too much. Then so much may
+            be with the sink, and so much more, with what goes to the dead letters, may wait.
     """
 
-    def __init__(self, max_entries: int, max_bytes: int) -> None:
+    def __init__(self, max_entries: int, max_bytes: int, *, drops: bool = False) -> None:
         self.lane: Lane[E] = Lane()
         self.letters: Lane[E] = Lane()  # what goes to the dead letters
         self.size_bytes = 0
+        self.letter_bytes = 0  # of it, what goes to the dead letters
         self.max_entries = max_entries
         self.max_bytes = max_bytes
+        self.drops = drops
         self._rings: dict[int, Ring] = {}
         self._open = 0
         self._ended: list[E] = []
@@ -121,11 +126,14 @@ class Flight(Generic[E]):
 
     def grow(self, entry: E, size_bytes: int) -> None:
         """Count an entry as larger than it was."""
-        self.size_bytes += size_bytes - entry.size_bytes
+        more_bytes = size_bytes - entry.size_bytes
+        self.size_bytes += more_bytes
+        self.letter_bytes += more_bytes if entry.lane is self.letters else 0
         entry.size_bytes = size_bytes
 
     def divert(self, entry: E, letter: Outgoing) -> None:
         """Send an entry to the dead letters instead, once it is ready."""
+        self.letter_bytes += entry.size_bytes if entry.lane is self.lane else 0
         entry.lane, entry.record = self.letters, letter
 
     # From a lane to its sink
@@ -174,19 +182,49 @@ class Flight(Generic[E]):
         ended, self._ended = self._ended, []
         return ended
 
-    def drop_oldest(self) -> list[E]:
-        """Drop what waits for the sink and is too much; returns it.
+    # What is too much
 
-        The newest stays, also where what was sent fills the flight alone.
-        """
-        ready: deque[E] = self.lane.ready
-        dropped: list[E] = []
-        while len(ready) > 1 and (
-            len(ready) > self.max_entries or self.size_bytes > self.max_bytes
-        ):
-            dropped.append(ready.popleft())
-            self.end(dropped[-1:], Outcome.DROPPED)
+    @property
+    def fills_window(self) -> bool:
+        """Whether it is larger than it may be without dropping."""
+        return self.size_bytes > self.max_bytes
+
+    @property
+    def is_full(self) -> bool:
+        """Whether it is too large for one more; dropping makes room, but of no dead letter."""
+        return self.fills_window and not (self.drops and self.letter_bytes <= self.max_bytes)
+
+    def drop_oldest(self) -> list[E]:
+        """Drop what waits for the sink and is too much, all but the newest; returns it."""
+        ready = self.lane.ready
+        if len(ready) <= self.max_entries and not self.fills_window:
+            return []
+        dropped = self.too_much(ready, self.max_bytes - self.letter_bytes)
+        for _ in dropped:
+            ready.popleft()
+        self.end(dropped, Outcome.DROPPED)
         return dropped
+
+    def too_much(self, waiting: Collection[E], most_bytes: int) -> list[E]:
+        """Which of those that wait, the oldest, are too many or too large; never the newest."""
+        excess = len(waiting) - self.max_entries
+        excess_bytes = sum(entry.size_bytes for entry in waiting) - most_bytes
+        found: list[E] = []
+        for entry in islice(waiting, max(0, len(waiting) - 1)):
+            if excess <= len(found) and excess_bytes <= 0:
+                break
+            found.append(entry)
+            excess_bytes -= entry.size_bytes
+        return found
+
+    @property
+    def pushes_out(self) -> bool:
+        """Whether one more like the largest that waits would push out the oldest."""
+        sizes = [entry.size_bytes for entry in self.lane.ready]
+        if not self.drops or not sizes:
+            return False
+        waiting_bytes = self.letter_bytes + sum(sizes) + max(sizes)
+        return len(sizes) >= self.max_entries or waiting_bytes > self.max_bytes
 
     def _leave(self, entries: Sequence[E], stage: Stage | Outcome) -> None:
         """Let go of entries that come again."""
@@ -196,13 +234,15 @@ class Flight(Generic[E]):
             self._keep_ready()
 
     def _unlink(self, entries: Sequence[E], stage: Stage | Outcome) -> None:
-        size_bytes = 0
+        letters, size_bytes = self.letters, 0
         for entry in entries:
             previous, following = entry.previous, entry.next
             previous.next, following.previous = following, previous
             del entry.previous, entry.next  # who keeps it keeps none that came behind it
             entry.stage = stage
             size_bytes += entry.size_bytes
+            if entry.lane is letters:
+                self.letter_bytes -= entry.size_bytes
         self.size_bytes -= size_bytes
         self._open -= len(entries)
 

@@ -52,14 +52,13 @@ class MessageFlight(Flight[MessageEntry]):
     what the producer has already. The route ends once all before it have ended.
 
     Args:
-        max_entries: How many may be in flight.
-        max_bytes: How large they may be together.
-        drops: Whether the oldest that wait are dropped where they are too many.
+        max_entries: As of `Flight`.
+        max_bytes: As of `Flight`.
+        drops: As of `Flight`.
     """
 
     def __init__(self, max_entries: int, max_bytes: int, *, drops: bool = False) -> None:
-        super().__init__(max_entries, max_bytes)
-        self.drops = drops
+        super().__init__(max_entries, max_bytes, drops=drops)
         self.line_ends = False  # whether what ends the route is before all on disk
         self._rings[LINE], self._rings[TAIL] = self._line, self._tail = Ring(), Ring()
         self._failures: dict[MessageEntry, Rejection] = {}  # what ends the route
@@ -77,13 +76,13 @@ class MessageFlight(Flight[MessageEntry]):
     @property
     def fits(self) -> bool:
         """Whether no more is in flight than may be."""
-        return self._open <= self.max_entries and self.size_bytes <= self.max_bytes
+        return self._open <= self.max_entries and not self.fills_window
 
     @property
     def room(self) -> int:
         """How many more may be taken; 0 also where those in flight are too large together."""
         if self.drops:
-            return 0 if self.size_bytes > self.max_bytes else sys.maxsize
+            return 0 if self.is_full else sys.maxsize
         if self.size_bytes >= self.max_bytes:
             return 0
         return max(0, self.max_entries - self._open)

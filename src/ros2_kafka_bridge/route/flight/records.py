@@ -29,8 +29,11 @@ class RecordEntry(Entry):
 
     expires_s: float  # by the clock since boot; only where records age
     made_ms: int  # since 1970, by the record or its publisher; not above 0 where that is unknown
+    published_s: float  # by the monotonic clock; only where the oldest are dropped
 
-    __slots__ = ('cdr', 'expires_s', 'made_ms', 'offset', 'partition', 'value_bytes')
+    __slots__ = (
+        'cdr', 'expires_s', 'made_ms', 'offset', 'partition', 'published_s', 'value_bytes',
+    )  # fmt: skip
 
     def __init__(self, record: Record, taken_s: float) -> None:
         value = record.value()
@@ -48,10 +51,15 @@ class RecordFlight(Flight[RecordEntry]):
 
     An entry that must end the route lets neither itself nor one behind it go on to ROS: they are
     read again. The route ends once all before it have ended.
+
+    Args:
+        max_entries: As of `Flight`.
+        max_bytes: As of `Flight`.
+        drops: As of `Flight`.
     """
 
-    def __init__(self, max_entries: int, max_bytes: int) -> None:
-        super().__init__(max_entries, max_bytes)
+    def __init__(self, max_entries: int, max_bytes: int, *, drops: bool = False) -> None:
+        super().__init__(max_entries, max_bytes, drops=drops)
         self.failure: RouteError | None = None  # what ends the route
         self._refused = 0
         self._detached: list[Ring] = []  # of topics that are gone: there is no position to tell
@@ -69,11 +77,6 @@ class RecordFlight(Flight[RecordEntry]):
         return chain(super().__iter__(), self._of(self._detached))
 
     @property
-    def is_full(self) -> bool:
-        """Whether no more is to be read."""
-        return self.size_bytes > self.max_bytes
-
-    @property
     def value_bytes(self) -> int:
         """How large the values of its records were."""
         return sum(entry.value_bytes for entry in self)
@@ -83,17 +86,18 @@ class RecordFlight(Flight[RecordEntry]):
     def end(self, entries: Sequence[RecordEntry], outcome: Outcome) -> None:
         """End entries that wait in no lane."""
         comes_again = outcome not in _PASSED_OVER
-        size_bytes = 0
+        letters, size_bytes = self.letters, 0
         for entry in entries:
             previous, following = entry.previous, entry.next
             previous.end = entry.end
             previous.next, following.previous = following, previous
             del entry.previous, entry.next  # who keeps it keeps none that came behind it
             entry.stage = outcome
+            if entry.lane is letters:
+                self.letter_bytes -= entry.size_bytes
+            size_bytes += entry.size_bytes
             if comes_again and isinstance(previous, RecordEntry):
-                previous.size_bytes += entry.size_bytes
-            else:
-                size_bytes += entry.size_bytes
+                self.grow(previous, previous.size_bytes + entry.size_bytes)
         self.size_bytes -= size_bytes
         self._open -= len(entries)
         self._ended += entries
