@@ -11,13 +11,18 @@ from support.worlds.pipeline_with_spool import House, Make
 
 
 @pytest.fixture
-def house(tmp_path: Path) -> Make:
-    """Makes lives, all with the same spool."""
+def house(tmp_path: Path) -> Iterator[Make]:
+    """Makes lives, all with the same spool; none is left open for the garbage collector."""
+    made: list[House] = []
 
     def make(spool: dict[str, Any] | None = None, **more: Any) -> House:
-        return House(tmp_path, spool, **more)
+        made.append(House(tmp_path, spool, **more))
+        return made[-1]
 
-    return make
+    yield make
+    for one in made:
+        if one.spool.is_open:
+            one.crash()
 
 
 @pytest.fixture(scope='module')
