@@ -85,12 +85,12 @@ def routes(watch: Watch) -> list[Json]:
     """All routes, as their workers told them last."""
     report = watch.report()
     paused = frozenset(report.paused if report else ())
-    directions = {route.name: route.direction for route in watch.routes}
+    configured = {route.name: route for route in watch.routes}
     return [
         {
             **_route(told, watch.history.recent(told.snapshot.route)),
             'paused': told.snapshot.route in paused,
-            'advice': advice(told.snapshot, directions.get(told.snapshot.route)),
+            'advice': advice(told.snapshot, configured.get(told.snapshot.route)),
         }
         for told in (report.routes if report else ())
     ]

@@ -3,11 +3,16 @@
 from typing import Final
 
 from ros2_kafka_bridge.config.direction import Direction
+from ros2_kafka_bridge.config.routes import AnyRoute
 from ros2_kafka_bridge.route.counters import Snapshot, State
 
 _AGAIN: Final = 'It is tried again by itself; mend what the reason names.'
 _AWAITED: Final = 'It begins once what the reason names is there.'
 _FINAL: Final = 'It is not tried again: mend what the reason names, then reload the configuration.'
+_DROPS: Final = (
+    'It goes on by itself once that has ended. Where too much waits meanwhile, the oldest is '
+    'dropped (when_full), and counted.'
+)
 _ADVICE: Final = {
     State.STARTING: 'Wait: it begins once Kafka and ROS have answered.',
     State.RUNNING: '',
@@ -41,16 +46,19 @@ ERROR_ADVICE: Final = {
 """What to do about an error whose text does not say it, by its class."""
 
 
-def advice(snapshot: Snapshot, direction: Direction | None) -> str:
+def advice(snapshot: Snapshot, route: AnyRoute | None) -> str:
     """What to do about the state of a route; empty where it is well.
 
     Args:
         snapshot: Of the route.
-        direction: Of the route; None where the configuration has it no more: then what costs
-            most is said.
+        route: Its settings; None where the configuration has it no more: then what costs most is
+            said.
     """
     if snapshot.state is State.FAILED:
         return _FINAL if snapshot.final else _AGAIN
     if snapshot.state is State.STARTING and snapshot.reason:
         return _AWAITED
-    return (_ADVICE | _HELD_BACK[direction or Direction.ROS_TO_KAFKA])[snapshot.state]
+    if snapshot.state is State.WAITING and route is not None and route.drops:
+        return _DROPS
+    direction = Direction.ROS_TO_KAFKA if route is None else route.direction
+    return (_ADVICE | _HELD_BACK[direction])[snapshot.state]

@@ -293,7 +293,7 @@ def _of_state(route: AnyRoute, told: RouteReport) -> Diagnosis:
         return Diagnosis(
             Level.STALE, f'silent: its thread has told nothing for {told.age_s:.0f} s'
         )
-    todo = advice(now, route.direction)
+    todo = advice(now, route)
     text = '. '.join(part for part in (_how_it_is(now), todo) if part)
     return Diagnosis(_LEVELS[now.state], text)
 
