@@ -354,7 +354,7 @@ class Spooling:
         """Keep the newest of what the disk does not take, where the route asks for it."""
         if not self._drops:
             return
-        dropped = self._flight.too_much(self._unwritten_tail(), self._flight.max_bytes)
+        dropped = self._flight.excess(self._unwritten_tail(), self._flight.max_bytes)
         self._flight.end(dropped, Outcome.DROPPED)
         tell_dropped(len(dropped), self._occasional)
 

@@ -129,8 +129,7 @@ class House(flights.Driven):
         assert route.spool is not None
         self.sink.room = route.max_in_flight  # as that of the real producer
         self.spool = Spool(file_of(place, 'test', route.name), sync=False, log=LOG)
-        drops = route.when_full == 'drop_oldest'
-        self.backlog = Backlog(self.spool, route.spool, LOG, drops=drops)
+        self.backlog = Backlog(self.spool, route.spool, LOG, drops=route.drops)
         self.pipeline: RosToKafka = RosToKafka(
             route,
             self.source,

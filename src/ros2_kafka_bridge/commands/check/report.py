@@ -245,36 +245,35 @@ def _pace_finding(route: KafkaToRosRoute) -> Finding:
 
 def window_to_ros(route: KafkaToRosRoute) -> Finding:
     """How much may be in flight, as the counters show it, and what happens then."""
-    if route.drops:
-        return Finding('note', 'window', _dropping(route, 'not acknowledged', PIECE))
-    text = (
+    waits = (
         f'at most {route.max_in_flight_bytes:,} bytes in flight and a batch of {PIECE} '
         f'(max_in_flight_bytes), of it at most {route.max_in_flight:,} messages not acknowledged '
         '(max_in_flight), then the route waits'
     )
-    return Finding('ok', 'window', text)
+    return _in_memory(route, waits, 'not acknowledged', PIECE)
 
 
 def window_to_kafka(route: RosToKafkaRoute) -> Finding:
     """The same of a route to Kafka, with the disk behind it."""
     if route.spool is not None:
         return Finding('note' if route.drops else 'ok', 'window', _with_spool(route))
-    if route.drops:
-        return Finding('note', 'window', _dropping(route, 'with the producer', TO_KAFKA_BATCH))
-    text = (
+    waits = (
         f'at most {route.max_in_flight:,} messages in flight (max_in_flight), or '
         f'{route.max_in_flight_bytes:,} bytes and a batch of {TO_KAFKA_BATCH} '
         '(max_in_flight_bytes), then the route waits'
     )
-    return Finding('ok', 'window', text)
+    return _in_memory(route, waits, 'with the producer', TO_KAFKA_BATCH)
 
 
-def _dropping(route: AnyRoute, where: str, batch: int) -> str:
-    return (
+def _in_memory(route: AnyRoute, waits: str, where: str, batch: int) -> Finding:
+    if not route.drops:
+        return Finding('ok', 'window', waits)
+    text = (
         f'at most {route.max_in_flight:,} messages (max_in_flight), or '
         f'{route.max_in_flight_bytes:,} bytes (max_in_flight_bytes), {where}, and as many more '
         f'and a batch of {batch} waiting, then the oldest that wait are dropped (when_full)'
     )
+    return Finding('note', 'window', text)
 
 
 def _with_spool(route: RosToKafkaRoute) -> str:

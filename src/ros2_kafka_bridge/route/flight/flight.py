@@ -199,19 +199,19 @@ class Flight(Generic[E]):
         ready = self.lane.ready
         if len(ready) <= self.max_entries and not self.fills_window:
             return []
-        dropped = self.too_much(ready, self.max_bytes - self.letter_bytes)
+        dropped = self.excess(ready, self.max_bytes - self.letter_bytes)
         for _ in dropped:
             ready.popleft()
         self.end(dropped, Outcome.DROPPED)
         return dropped
 
-    def too_much(self, waiting: Collection[E], most_bytes: int) -> list[E]:
+    def excess(self, waiting: Collection[E], most_bytes: int) -> list[E]:
         """Which of those that wait, the oldest, are too many or too large; never the newest."""
-        excess = len(waiting) - self.max_entries
+        too_many = len(waiting) - self.max_entries
         excess_bytes = sum(entry.size_bytes for entry in waiting) - most_bytes
         found: list[E] = []
         for entry in islice(waiting, max(0, len(waiting) - 1)):
-            if excess <= len(found) and excess_bytes <= 0:
+            if too_many <= len(found) and excess_bytes <= 0:
                 break
             found.append(entry)
             excess_bytes -= entry.size_bytes
