@@ -7,10 +7,12 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 _LEAST_POINTS = 3
 _ARENA_BYTES: Final = 64 << 20
+
+_Seen = TypeVar('_Seen')
 
 
 class Vitals(NamedTuple):
@@ -79,17 +81,24 @@ def _kind(start: int, name: Sequence[str]) -> str:
 @contextmanager
 def watched(pid: Callable[[], int], every_s: float = 1.0) -> Iterator[list[Vitals]]:
     """Look at a process again and again, in a thread, as long as it is there."""
-    seen = [vitals(pid())]
+    with sampled(lambda: vitals(pid()), every_s) as seen:
+        yield seen
+
+
+@contextmanager
+def sampled(look: Callable[[], _Seen], every_s: float) -> Iterator[list[_Seen]]:
+    """Look again and again, in a thread, until a process that is looked at has ended."""
+    seen = [look()]
     end = threading.Event()
 
-    def look() -> None:
+    def go_on() -> None:
         while not end.wait(every_s):
             try:
-                seen.append(vitals(pid()))
+                seen.append(look())
             except ProcessLookupError:
                 return
 
-    thread = threading.Thread(target=look, daemon=True)
+    thread = threading.Thread(target=go_on, daemon=True)
     thread.start()
     try:
         yield seen

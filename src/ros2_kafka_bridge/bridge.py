@@ -15,6 +15,7 @@ from ros2_kafka_bridge.exclusive.term import HANDOVER_S
 from ros2_kafka_bridge.kafka.lock import GroupLock
 from ros2_kafka_bridge.logs.lines import RouteLog, route_log
 from ros2_kafka_bridge.logs.text import count
+from ros2_kafka_bridge.outside.malloc import find_trim
 from ros2_kafka_bridge.protocol.worker import Begun, Event, Loaded, RouteFailed, RoutesEnded
 from ros2_kafka_bridge.ros.message_sizes import histories_of, message_sizes
 from ros2_kafka_bridge.ros.node import RosNode, middleware, open_node, worker_name
@@ -240,11 +241,12 @@ class Bridge:
             self.stop.wakeup.ring()  # whoever watches looks which routes run
 
     def _watch(self, tell: Tell) -> None:
-        status = StatusLog(self.snapshots)
+        status, trim = StatusLog(self.snapshots), find_trim()
         while not self.stop.asked and self.runs:
             self._forget_ended(tell)
             for log in self._logs():
                 log.tick()
+            trim()  # what a stall has filled is given back when it is over
             self.stop.wait_for_any(_BEGIN_S if self._ending else _WATCH_S)
             if not self._worker and not self.stop.asked:
                 status.say()

@@ -3,6 +3,8 @@
 import os
 import re
 import signal
+import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -10,10 +12,12 @@ from support.processes.harness import Bench, Process, eventually
 from support.ros.cameras import IMAGE, camera, from_camera
 from support.ros.robots import installed, robot
 
-from benchmarks.vitals import vitals, watched
+from benchmarks.vitals import Vitals, vitals, watched
+from rig.patience import patient
 from ros2_kafka_bridge.testing.local_kafka import LocalKafka
 
 MIB = 1 << 20
+GIVEN_BACK_S = 1.5  # each second, and a machine may be slow
 KEPT = 'DDS keeps 67 messages (max_cache_bytes) of up to 1,000,000 bytes'
 
 
@@ -47,12 +51,24 @@ def test_a_camera_takes_no_more_memory_than_is_told_while_kafka_is_away_and_when
                     is_full = 40 * MIB  # the cache, the window and what the producer has
                     eventually(lambda: anon_bytes(bridge) - before_bytes > is_full, 60)
                     bridge.wait_for('waiting', 60)
+                    time.sleep(patient(2 * GIVEN_BACK_S))
                 finally:
                     os.kill(own_kafka.pid, signal.SIGCONT)
                 held = own_bench.end_offset(own_topic)
-                eventually(lambda: own_bench.end_offset(own_topic) > held + 100, 60)
-            taken_bytes = 1024 * max(it.anon_kib for it in seen) - before_bytes
-            assert taken_bytes <= most_bytes(bridge)
+                eventually(lambda: own_bench.end_offset(own_topic) > held + 200, 60)
+        assert most_that_lasted(seen) - before_bytes <= most_bytes(bridge)
+        is_rest = 30 * MIB  # of the cache, which DDS keeps
+        eventually(lambda: anon_bytes(bridge) - before_bytes < is_rest, 60, bridge.output)
+
+
+def most_that_lasted(seen: Sequence[Vitals]) -> int:
+    """What was there at most, in bytes, without what is freed and about to be given back."""
+    begins = [it for it in seen if it.at_s + GIVEN_BACK_S <= seen[-1].at_s]
+    return 1024 * max(min(lasting(seen, begin.at_s)) for begin in begins)
+
+
+def lasting(seen: Sequence[Vitals], begin_s: float) -> list[int]:
+    return [it.anon_kib for it in seen if 0 <= it.at_s - begin_s <= GIVEN_BACK_S]
 
 
 def test_a_type_that_the_file_does_not_name_is_looked_up_before_the_bridge_joins_the_graph(
